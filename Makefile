@@ -10,7 +10,7 @@ BIN := $(ENVIRONMENT)/bin
 READY := $(ENVIRONMENT)/.ready
 DEMO := $(ENVIRONMENT)/.demo
 
-.PHONY: environment demo test test-fast test-newest wheel-test chaos lint types docs bench clean
+.PHONY: environment demo test sentences test-fast test-newest wheel-test chaos lint types docs bench clean
 
 # The virtual environment: with all that a contributor needs, or at first with what the demo needs alone.
 $(BIN)/python:
@@ -39,6 +39,13 @@ demo: $(DEMO)
 test test-fast: export PYTHONDONTWRITEBYTECODE :=
 test: $(READY)
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal
+
+# The sentences of errors that tests are told, written anew: read the change of the files. For some tests alone:
+# make sentences TESTS=tests/config
+TESTS ?= tests
+sentences: export PYTHONDONTWRITEBYTECODE :=
+sentences: $(READY)
+	MDM_SENTENCES=write $(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal $(TESTS)
 
 # What another interpreter is most likely to change, in little time: what the event loop, threads and actors are made of.
 FAST := tests/actors/actions tests/actors/test_ensemble.py tests/logic tests/runtime

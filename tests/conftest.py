@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+import sentences
 from hypothesis import HealthCheck, settings
 from places import CORPUS
 
@@ -31,6 +32,19 @@ def pytest_configure() -> None:
     for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, lambda *_: None)):
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, handler)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Compare the sentences of errors that a test is told."""
+    with sentences.of(item.nodeid):
+        yield
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Write the sentences of errors anew, where that is asked for."""
+    if sentences.WRITING in os.environ and hasattr(session, "items"):
+        sentences.write_all(item.nodeid for item in session.items)
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from places import EXAMPLES
 from random_models import flat_models
+from sentences import refused
 from trackers import Halving
 
 import mdm
@@ -255,7 +256,7 @@ def test_names_and_components_for_plans_and_trackers_of_one_s_own():
     own.observe("hear-left")
     np.testing.assert_allclose(own.belief, [0.75, 0.25])
     for wrong in (-1, "bogus", 2, True, 0.0):
-        with pytest.raises(mdm.ModelError, match="symbol"):
+        with refused(mdm.ModelError):
             own.observe(wrong)
 
 
@@ -300,9 +301,9 @@ def test_a_start_that_is_refused_changes_nothing():
 
 def test_a_state_that_is_not_seen_again_stays():
     controller = Controller([0, 1, 1], horizon=2)
-    with pytest.raises(mdm.ModelError, match="has seen no state yet"):
+    with refused(mdm.ModelError):
         controller.observe()
-    with pytest.raises(mdm.ModelError, match="there is no state 7"):
+    with refused(mdm.ModelError):
         controller.advance(7)
     assert [controller.see(1).action, controller.observe().action, controller.observe().epoch] == [1, 1, 0]
 
@@ -316,9 +317,9 @@ class Minus(StatePolicy):
 
 def test_no_action_that_is_none_is_decided():
     controller = Controller(Minus())
-    with pytest.raises(mdm.ModelError, match="chose action -1, but its actions are 0 to 2"):
+    with refused(mdm.ModelError):
         controller.see(0)
-    with pytest.raises(mdm.ModelError, match="chose 1.5, but an action's index is needed"):
+    with refused(mdm.ModelError):
         controller.see(1)
 
 

@@ -6,6 +6,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from sentences import refused
 
 import mdm
 from mdm.controller import Controller, horizon_of, reward_rows, seeded, with_false_negatives
@@ -17,7 +18,7 @@ from mdm.symbols import Symbols
 def test_a_horizon_is_at_most_the_policy_s_stages():
     information = StagedPolicy(np.zeros((3, 2, 3))).information(tiger())
     assert [horizon_of(information, given) for given in (None, 1, 3)] == [3, 1, 3]
-    with pytest.raises(mdm.ConfigError, match="at most 3 decisions, not of 4"):
+    with refused(mdm.ConfigError):
         horizon_of(information, 4)
 
 
@@ -51,7 +52,7 @@ def test_false_negatives_are_the_model_s():
     assert model is not None
     assert Controller(mdm.policies.AlphaVectors([[0.0, 0.0]], [0], 3), model).belief is not None
     for wrong in (None, mdm.models.MDP([[[1.0]]], [[0.0]], discount=0.9)):
-        with pytest.raises(mdm.ConfigError, match="false negatives need a POMDP"):
+        with refused(mdm.ConfigError):
             with_false_negatives(wrong, "hear-left")
 
 

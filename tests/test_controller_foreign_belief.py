@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from places import EXAMPLES
+from sentences import refused
 from trackers import Halving
 
 import mdm
@@ -21,7 +22,7 @@ class Broken(Halving):
 def test_no_belief_that_is_none_is_acted_on():
     controller = Controller(EXAMPLES / "tiger.vf", tiger(), tracker=Broken())
     controller.start()
-    with pytest.raises(mdm.ModelError, match="the tracker's belief is not a distribution"):
+    with refused(mdm.ModelError):
         controller.observe(0)
 
 
@@ -39,7 +40,7 @@ def test_a_tracker_that_changes_its_array_in_place_changes_nothing_that_was_told
     told, decided_by = controller.belief, controller.decided_by
     controller.observe(0)
     np.testing.assert_array_equal([told, decided_by, controller.belief], [[0.5, 0.5], [0.5, 0.5], [0.25, 0.75]])
-    with pytest.raises(ValueError, match="read-only"):
+    with refused(ValueError):
         controller.belief[0] = 1.0
 
 

@@ -89,6 +89,7 @@ ACROSS = {
     "test_documentation.py": "pages",
     "test_docstrings.py": "docstrings",
     "test_public.py": "the public names",
+    "test_sentences.py": "the golden files of sentences",
     "test_mirror.py": "this",
     "test_wheel.py": "how wheels are built",
 }

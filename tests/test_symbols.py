@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sentences import refused
 
 from mdm import ConfigError, ModelError
 from mdm.policies import AlphaVectors, DeterministicPolicy, FiniteStateController, JointController
@@ -18,12 +19,12 @@ def test_states_go_by_index_or_name():
     named, bare = Symbols(VECTORS, tiger(), None), Symbols(VECTORS, None, None)
     assert [named.state_index(state) for state in (1, "tiger-right", np.int64(1))] == [1, 1, 1]
     assert bare.state_index(1) == 1
-    with pytest.raises(ModelError, match="give the index of 'left'"):
+    with refused(ModelError):
         bare.state_index("left")
     for wrong in (2, -1):
-        with pytest.raises(ModelError, match=f"no state {wrong}"):
+        with refused(ModelError):
             bare.state_index(wrong)
-    with pytest.raises(ModelError, match="did you mean"):
+    with refused(ModelError):
         named.state_index("tiger-rigt")
 
 
@@ -33,7 +34,7 @@ def test_observations_go_by_index_name_or_components_some_of_which_may_be_missin
     assert symbols.observed(2) == (2, (1, 0))
     assert symbols.observed([right, left]) == (2, (1, 0))
     assert symbols.observed([None, right]) == (None, (None, 1))
-    with pytest.raises(ModelError, match="an observation has 2 components, not 1"):
+    with refused(ModelError):
         symbols.observed([None])
     assert symbols.observation_name(2) == repr(dec_tiger().observation_space.names[2])
     assert symbols.observation_name((None, 1)) == "(None, 1)"
@@ -41,7 +42,7 @@ def test_observations_go_by_index_name_or_components_some_of_which_may_be_missin
 
 
 def test_without_observations_there_are_none_to_name():
-    with pytest.raises(ModelError, match="observations"):
+    with refused(ModelError):
         Symbols(VECTORS, None, None).observed(0)
 
 
@@ -50,7 +51,7 @@ def test_a_state_s_name_is_certainty_of_it():
     assert symbols.belief_of("tiger-right").tolist() == [0, 1]
     assert symbols.belief_of(0).tolist() == [1, 0]
     assert symbols.belief_of([0.25, 0.75]).tolist() == [0.25, 0.75]
-    with pytest.raises(ModelError, match="no values: give no belief"):
+    with refused(ModelError):
         Symbols(PLANS.controllers[0], None, None).belief_of(0)
 
 
@@ -84,7 +85,7 @@ def test_what_is_no_agent_s_part_is_refused(policy, agent, words):
 
 def test_agents_go_by_index_or_name():
     assert [agent_index(agent, ["a", "b"], 2) for agent in (0, 1, "b")] == [0, 1, 1]
-    with pytest.raises(ConfigError, match="no agent 'a'.*without a model"):
+    with refused(ConfigError):
         agent_index("a", [], 2)
-    with pytest.raises(ConfigError, match="there is no agent -1"):
+    with refused(ConfigError):
         agent_index(-1, ["a", "b"], 2)

@@ -12,6 +12,7 @@ import smach
 from action_lives import robot
 from errands import ADAPTERS, TREES
 from py_trees.common import Status
+from sentences import refused
 from statemachine import State, StateMachine
 from statemachine.statemachine import StateChart
 from transitions.extensions.asyncio import AsyncMachine
@@ -94,7 +95,7 @@ def test_an_error_of_one_leaf_ends_those_beside_it(library):
         log.append("leave begins")
 
     async def main():
-        with pytest.raises(LookupError, match="lost sight"):
+        with refused(LookupError):
             await watched(library, {"Stay": stay, "Watch": watch, "Leave": leave})()
         assert asyncio.all_tasks() == {asyncio.current_task()}
 
@@ -162,7 +163,7 @@ def test_an_error_of_work_that_was_halted_is_not_lost(library):
         await asyncio.sleep(5)
 
     async def main():
-        with pytest.raises(LookupError, match="the brakes are worn"):
+        with refused(LookupError):
             await watched(library, {"Stay": stay, "Watch": watch, "Leave": leave})()
         assert asyncio.get_running_loop().time() == 6.0
 
@@ -261,9 +262,9 @@ def test_the_leaves_that_failed_last_are_named():
 
     tree = """<Sequence><RetryUntilSuccessful num_attempts="2"><Try name="try"/></RetryUntilSuccessful>
       <Fail name="fail"/></Sequence>"""
-    with pytest.raises(RuntimeError, match="the tree failed; leaves that did: fail$"):
+    with refused(RuntimeError):
         run(in_cpp(tree, Try=attempt, Fail=fail), virtual=True)
-    with pytest.raises(RuntimeError, match="the tree failed; leaves that did: none with work$"):
+    with refused(RuntimeError):
         run(in_cpp("<AlwaysFailure/>"), virtual=True)
 
 
@@ -271,7 +272,7 @@ def test_an_error_is_raised_though_the_tree_makes_good_for_it():
     async def fail():
         raise LookupError("lost sight")
 
-    with pytest.raises(LookupError, match="lost sight"):
+    with refused(LookupError):
         run(in_cpp("""<Fallback><Fail name="fail"/><AlwaysSuccess/></Fallback>""", Fail=fail), virtual=True)
 
 
@@ -322,7 +323,7 @@ SLEEP = """<root BTCPP_format="4"><BehaviorTree ID="tree"><Sleep msec="{}"/></Be
 def test_a_tree_that_would_wait_for_ever_says_so():
     for library, tree in (("py_trees", lambda: Counting("count")), ("behaviortree_cpp", SLEEP.format(3600000))):
         arguments = (tree, {}) if library == "behaviortree_cpp" else (tree,)
-        with pytest.raises(RuntimeError, match="none of its leaves waits for work: give it a period"):
+        with refused(RuntimeError):
             asyncio.run(ADAPTERS[library].tree_action(*arguments)())
 
 
@@ -368,7 +369,7 @@ def test_work_is_repeated_as_soon_as_it_has_ended(library):
 @pytest.mark.parametrize("period", [0, -1.0, float("nan")])
 def test_a_period_of_no_time_is_refused(period):
     action = ADAPTERS["py_trees"].tree_action(lambda: Counting("count"), period=period)
-    with pytest.raises(ValueError, match="period is a number of seconds above 0, not"):
+    with refused(ValueError):
         run(action, virtual=True)
 
 
@@ -378,7 +379,7 @@ def test_a_machine_that_keeps_its_errors_is_refused():
         two = State(final=True)
         go = one.to(two)
 
-    with pytest.raises(TypeError, match="keeps errors to itself: it needs catch_errors_as_events = False"):
+    with refused(TypeError):
         asyncio.run(ADAPTERS["statemachine"].machine_action(Chart)())
 
 
@@ -388,7 +389,7 @@ def test_a_machine_without_async_callbacks_is_refused():
         on = State(final=True)
         turn = off.to(on)
 
-    with pytest.raises(TypeError, match="Switch waits for nothing: one of its callbacks at least is an async function"):
+    with refused(TypeError):
         asyncio.run(ADAPTERS["statemachine"].machine_action(Switch)())
 
 
@@ -399,7 +400,7 @@ def test_a_machine_of_transitions_that_does_not_begin_fails(queued):
         machine.add_transition("begin", "ready", "busy", conditions=lambda: False)
         return machine
 
-    with pytest.raises(RuntimeError, match="AsyncMachine stays in ready: nothing lets it begin"):
+    with refused(RuntimeError):
         run(ADAPTERS["transitions"].machine_action(make), virtual=True)
 
 
@@ -597,6 +598,6 @@ def test_a_state_of_smach_that_does_not_look_is_abandoned():
 def test_a_machine_of_smach_that_is_not_consistent_fails(caplog):
     state = smach.State(outcomes=["succeeded"])
     action = ADAPTERS["smach"].machine_action(lambda: smach_machine(state, {"succeeded": "nowhere"}))
-    with pytest.raises(RuntimeError, match="the machine ended with None"):
+    with refused(RuntimeError):
         asyncio.run(action())
     assert "consistency check failed" in caplog.text

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 from levels import forever, leaf
+from sentences import refused
 
 from mdm import (
     Actor,
@@ -202,9 +203,9 @@ def test_statistics_of_the_whole_tree():
 
 
 def test_factors_without_a_predicate_manager_are_refused():
-    with pytest.raises(ConfigError, match="has states, but no predicate manager"):
+    with refused(ConfigError):
         leaf("leaf", states=[StateFactor("a", ["A"])])
-    with pytest.raises(ConfigError, match="has observations, but no predicate manager"):
+    with refused(ConfigError):
         leaf("leaf", observations=[ObservationFactor("a", ["A", "B"])])
 
 
@@ -213,7 +214,7 @@ def test_state_factors_must_make_the_policy_s_states():
         manager = PredicateManager()
         for name in "AB":
             manager.sensor(name)
-        with pytest.raises(ConfigError, match="make 4 states, but the policy is for 2"):
+        with refused(ConfigError):
             await runtime.start(
                 leaf("leaf", predicates=manager, states=[StateFactor("a", ["A"]), StateFactor("b", ["B"])])
             )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from levels import above, forever, leaf
+from sentences import refused
 
 from mdm import (
     ActorFailure,
@@ -150,7 +151,7 @@ def test_escalation_runs_the_safe_action_of_every_ensemble_then_ends(layer):
         crash(getattr(child, layer), Error("broken"))
         await asyncio.sleep(1e6)
 
-    with pytest.raises(ActorFailure, match=f"'top/child/{layer}' failed: broken"):
+    with refused(ActorFailure):
         run_virtual(main)
     assert sorted(log) == ["child is safe", "top is safe"]
 
@@ -158,7 +159,7 @@ def test_escalation_runs_the_safe_action_of_every_ensemble_then_ends(layer):
 def test_an_ensemble_below_two_parents_is_refused():
     child = leaf("child")
     above("one", child)
-    with pytest.raises(Error, match="'child' is already a child of 'one'"):
+    with refused(Error):
         above("two", child)
 
 
@@ -166,7 +167,7 @@ def test_a_hierarchy_of_too_many_levels_is_refused():
     top = leaf("e")
     for level in range(99):
         top = above(f"e{level}", top)
-    with pytest.raises(ConfigError, match="ensembles.top.actions: .* more than 100 levels"):
+    with refused(ConfigError):
         above("top", top)
 
 

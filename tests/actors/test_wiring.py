@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 
 from mdm import (
     ConfigError,
@@ -219,7 +220,7 @@ def test_without_a_model_the_order_of_a_mapping_counts():
     ],
 )
 def test_what_is_no_wiring(make):
-    with pytest.raises(ConfigError, match="factor 'f'"):
+    with refused(ConfigError):
         make()
 
 
@@ -245,12 +246,12 @@ def test_the_wiring_is_told():
     [{7: "X", 0: "Y"}, {1: "X", 2: "Y"}, {0: "X", -1: "Y"}, {False: "X", True: "Y"}, {0: "X", "one": "Y"}],
 )
 def test_what_is_no_index_is_refused(kind, wires):
-    with pytest.raises(ConfigError, match="factor 'a' (has the indices 0 to 1, each of them once|needs a list)"):
+    with refused(ConfigError):
         kind("a", wires)
 
 
 @pytest.mark.parametrize("kind", [StateFactor, ObservationFactor])
 @pytest.mark.parametrize("name", [5, None, "", True])
 def test_factors_are_called_by_a_text(kind, name):
-    with pytest.raises(ConfigError, match="the name of an? (state|observation) factor is a text, not"):
+    with refused(ConfigError):
         kind(name, ["Up", "Down"])

@@ -6,6 +6,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from sentences import refused
 
 import mdm
 from mdm import Controller
@@ -114,7 +115,7 @@ def test_what_helps_depends_on_the_model(model, limit, helps, monkeypatch):
 
 @pytest.mark.parametrize("memory", [0, -1, "1", True, float("nan")])
 def test_memory_is_a_number_of_megabytes(memory):
-    with pytest.raises(ConfigError, match="megabytes"):
+    with refused(ConfigError):
         Controller(constant(mdm.problems.tiger()), mdm.problems.tiger(), memory=memory)
 
 
@@ -123,5 +124,5 @@ def test_a_machine_that_does_not_say_what_is_free_refuses_nothing(monkeypatch, t
     check_memory(mdm.problems.tiger(), None, beliefs=True)
     (tmp_path / "some").write_text("MemTotal: 2 kB\nMemAvailable: 0 kB\n")
     monkeypatch.setattr(choice, "_MEMORY", str(tmp_path / "some"))
-    with pytest.raises(ConfigError, match="free"):
+    with refused(ConfigError):
         check_memory(mdm.problems.tiger(), None, beliefs=True)

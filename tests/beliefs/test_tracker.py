@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, strategies as st
 from random_models import dense, flat_models, without_detection
+from sentences import refused
 
 from mdm import load_model
 from mdm.beliefs import BeliefTracker, Support, dense as belief_dense, tracker as belief_tracker
@@ -165,7 +166,7 @@ def test_a_belief_that_was_handed_out_never_changes():
     copy = handed.copy()
     tracker.update(0, 1)
     np.testing.assert_array_equal(handed, copy)
-    with pytest.raises(ValueError, match="read-only"):
+    with refused(ValueError):
         handed[0] = 1
 
 
@@ -175,7 +176,7 @@ def test_the_support_says_what_the_belief_does():
     states, probabilities = tracker.support
     assert (states.tolist(), probabilities.tolist()) == ([1], [1.0])
     np.testing.assert_array_equal(tracker.support.dense(2), tracker.belief)
-    with pytest.raises(ValueError, match="read-only"):
+    with refused(ValueError):
         tracker.support.dense(2)[0] = 1
     assert not tracker.is_sparse
 
@@ -215,7 +216,7 @@ def test_a_support_that_is_none_is_refused_and_changes_nothing(states, probabili
 def test_what_is_no_symbol_is_taken_for_none(step):
     tracker = BeliefTracker(tiger())
     before = tracker.belief
-    with pytest.raises(ModelError, match="there is no (action|observation)"):
+    with refused(ModelError):
         tracker.update(*step)
     assert tracker.belief is before
 
@@ -244,7 +245,7 @@ def test_several_steps_of_which_one_is_none_change_nothing():
     tracker = BeliefTracker(tiger())
     tracker.update(0, 0)
     before = tracker.belief
-    with pytest.raises(ModelError, match="no observation 5"):
+    with refused(ModelError):
         tracker.update_all([(0, 0), (0, 5)])
     assert tracker.belief is before
     assert tracker.update(0, 0) == pytest.approx(0.85**2 + 0.15**2)
@@ -256,7 +257,7 @@ def test_a_state_that_is_certain_goes_by_name_or_index():
         tracker.reset(state)
         assert tracker.belief.tolist() == belief
     for wrong in ("tiger-lft", 2, True):
-        with pytest.raises(ModelError, match="symbol"):
+        with refused(ModelError):
             tracker.reset(wrong)
     assert tracker.belief.tolist() == [1, 0]
 
@@ -274,7 +275,7 @@ def test_what_is_no_distribution_is_refused_and_changes_nothing(belief):
     tracker = BeliefTracker(tiger())
     tracker.update(0, 0)
     before = tracker.belief
-    with pytest.raises(ModelError, match="the belief"):
+    with refused(ModelError):
         tracker.reset(belief)
     assert tracker.belief is before
 

@@ -9,6 +9,7 @@ import pytest
 import team_file as team
 from building_file import write_building
 from loading import written
+from sentences import refused
 
 from mdm import ConfigError, Error, load_system
 from mdm.config.builder import look_over
@@ -159,7 +160,7 @@ def test_without_a_navigator_there_are_places_alone(tmp_path):
 def test_a_file_is_checked_without_its_code(tmp_path, look):
     system = look_over(file(tmp_path)) if look else load_system(file(tmp_path), callbacks=False)
     assert system.predicates.declared.knows("InHall.arrived") == "event"
-    with pytest.raises(Error, match="has not been started"):
+    with refused(Error):
         system.places.see(Pose(1, 1))
 
 
@@ -241,7 +242,7 @@ def test_in_a_team_s_file_each_agent_may_have_a_navigator_of_its_own(tmp_path):
     path = of_a_team(tmp_path)
     go = load_system(path, agent="a").ensembles["joint"].action.bindings[1]
     assert go.target.__qualname__ == "Navigation.go_to('Kitchen')"
-    with pytest.raises(ConfigError, match="'wheels:Broken' cannot be made: OSError: no wheels"):
+    with refused(ConfigError):
         load_system(path, agent="b")
 
 

@@ -9,6 +9,7 @@ import msgspec
 import pytest
 from loading import written
 from robot_file import GOOD
+from sentences import refused
 
 from mdm import (
     ConfigError,
@@ -65,7 +66,7 @@ def test_one_error_holds_all_problems(problems):
     problems.add("first", "a")
     problems.add("second", None)
     assert told(problems) == [("a", "first"), (None, "second")]
-    with pytest.raises(ConfigError, match=r"^robot\.toml: a: first\nrobot\.toml: second$"):
+    with refused(ConfigError):
         problems.raise_all()
 
 

@@ -6,6 +6,7 @@ import asyncio
 import sys
 
 import pytest
+from sentences import refused
 from team_file import running, write
 
 import mdm
@@ -144,19 +145,19 @@ def test_what_is_wrong_in_a_team_s_file_is_told_with_its_key(tmp_path, old, new,
 
 def test_an_agent_is_to_be_named(tmp_path):
     path = write(tmp_path)
-    with pytest.raises(ConfigError, match="this file describes a team: say which agent's part: a, b"):
+    with refused(ConfigError):
         load_system(path)
-    with pytest.raises(ConfigError, match="team 'rooms' has no agent 'c'"):
+    with refused(ConfigError):
         load_system(path, agent="c")
 
 
 def test_keys_of_teams_need_a_team(tmp_path):
     start = '[team]\nname = "rooms"\nagents = ["a", "b"]\nport = 7600\n'
     path = write(tmp_path, (start, ""), ('"rooms.npz"', '"rooms.npz"\nagents = ["a"]'))
-    with pytest.raises(ConfigError, match="'agents' is for a team's file"):
+    with refused(ConfigError):
         load_system(path)
     path = write(tmp_path, (start, ""))
-    with pytest.raises(ConfigError, match="an owner is for factors of what a team decides together"):
+    with refused(ConfigError):
         load_system(path)
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 
-import pytest
 from loading import written
 from robot_file import CALLBACKS, GOOD
+from sentences import refused
 
 from mdm import (
     ActorFailure,
@@ -22,7 +22,7 @@ def test_a_task_that_fails_is_named(folder):
         await runtime.wait()
 
     (folder / "robot_code.py").write_text(CALLBACKS.replace('system.predicates.sense("A", True)', "1 / 0"))
-    with pytest.raises(ActorFailure, match=r"task 'sense' failed: ZeroDivisionError: division by zero \(at .*:4\)"):
+    with refused(ActorFailure):
         run_virtual(main)
 
 
@@ -68,7 +68,7 @@ def test_a_hierarchy_of_a_hundred_levels_runs_and_deeper_ones_are_refused(folder
 
     run_virtual(main)
     for levels in (101, 121, 1200):
-        with pytest.raises(ConfigError, match="are nested more than 100 deep"):
+        with refused(ConfigError):
             load_system(written(folder, chain(levels), "robot.toml"))
 
 

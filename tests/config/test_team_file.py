@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from sentences import refused
 from team_file import write
 
 from mdm import ConfigError
@@ -28,7 +29,7 @@ def test_certificates_are_in_a_folder_beside_the_file(tmp_path):
     assert (access.authority, access.certificate, access.key) == tuple(
         str(tmp_path / "keys" / name) for name in ("authority.pem", "b.pem", "b.key.pem")
     )
-    with pytest.raises(ConfigError, match=r"cannot read .*authority.pem"):
+    with refused(ConfigError):
         load_system(tmp_path / "team.toml", agent="b")
 
 
@@ -49,7 +50,7 @@ def test_the_memory_of_a_team_is_that_of_its_ensembles(tmp_path):
     assert load_system(path, agent="a").ensembles["joint"].controller.model.is_sparing
     path = write(tmp_path, ("port = 7600", "port = 7600\nmemory = 0.0001"))
     assert load_team_file(path).team.memory == 0.0001
-    with pytest.raises(ConfigError, match=r"(?s)ensembles.joint.*states.*at most 0.1 kB are allowed \(memory\)"):
+    with refused(ConfigError):
         load_system(path, agent="a")
     with_own = ('model = "rooms.npz"', 'model = "rooms.npz"\nmemory = 200')
     load_system(write(tmp_path, ("port = 7600", "port = 7600\nmemory = 0.0001"), with_own), agent="a")

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 from hypothesis import given, strategies as st
 from loading import written
 from random_policies import floats
+from sentences import refused
 
 from mdm import FormatError
 from mdm.formats import mdm1 as ublas, policies
@@ -40,7 +40,7 @@ def test_any_text_gives_an_array_or_a_format_error(tmp_path_factory, text):
 
 
 def test_ublas_has_no_more_than_two_dimensions(tmp_path):
-    with pytest.raises(ValueError, match="3 dimensions"):
+    with refused(ValueError):
         ublas.write(np.zeros((1, 1, 1)), Path(tmp_path / "x"))
 
 

@@ -9,6 +9,7 @@ import pytest
 from loading import assert_refused_where_it_breaks, load, written
 from places import CORPUS, each
 from random_models import dense
+from sentences import refused
 
 from mdm import FormatError, load_model, load_policy, save_model
 from mdm.errors import ModelError
@@ -86,11 +87,11 @@ def test_broken_files_are_refused_where_they_break(corpus, file):
 def test_a_file_of_ensembles_is_no_model(tmp_path):
     path = written(tmp_path, "[ensembles.robot]\n", "robot.toml")
     for read in (load_model, load_policy):
-        with pytest.raises(FormatError, match="robot.toml: this is a TOML file of ensembles; a (model|policy) was"):
+        with refused(FormatError):
             read(path)
 
 
 def test_what_is_no_model_is_not_written(tmp_path):
-    with pytest.raises(ModelError, match=r"a model is an MDP or a POMDP, not QTable: save_policy\(\) writes policies"):
+    with refused(ModelError):
         save_model(QTable([[0, 1]]), tmp_path / "model.npz")
     assert not list(tmp_path.iterdir())

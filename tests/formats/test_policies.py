@@ -19,6 +19,7 @@ from random_policies import (
     q_values,
     stochastic,
 )
+from sentences import refused
 
 from mdm import FormatError, ModelError, load_policy
 from mdm.formats import policies
@@ -98,9 +99,9 @@ def test_wrong_policies_are_refused(tmp_path, text, words):
 
 def test_an_index_that_no_array_holds_is_refused(tmp_path):
     for action in ("99999999999", "9" * 100):
-        with pytest.raises(FormatError, match="is not an action's index"):
+        with refused(FormatError):
             load_policy(written(tmp_path, f"{action} -1\n1 2\n", "v.vf"))
-        with pytest.raises(FormatError, match="state 0 is"):
+        with refused(FormatError):
             load_policy(written(tmp_path, f"[1]({action})"))
 
 
@@ -115,7 +116,7 @@ def test_any_text_gives_a_policy_or_a_format_error(tmp_path_factory, text):
 
 @pytest.mark.parametrize("name", ["tiger.alpha", "tiger.pg", "mixed.policy", "masked.policy", "team.policy"])
 def test_a_kind_of_table_is_asked_of_tables_only(name):
-    with pytest.raises(FormatError, match="is for tables"):
+    with refused(FormatError):
         policies.load_policy(POLICIES / name, kind="q")
 
 
@@ -175,7 +176,7 @@ def test_an_archive_is_told_by_its_content(tmp_path):
 def test_a_kind_of_table_may_be_asked_of_an_archive(tmp_path):
     policies.save_policy(QTable([[1, 0]]), tmp_path / "x.npz")
     assert isinstance(policies.load_policy(tmp_path / "x.npz", kind="q"), QTable)
-    with pytest.raises(FormatError, match="the archive holds a QTable, not kind='stochastic'"):
+    with refused(FormatError):
         policies.load_policy(tmp_path / "x.npz", kind="stochastic")
 
 
@@ -201,5 +202,5 @@ def test_a_form_that_cannot_hold_a_policy_is_refused(tmp_path, policy, name, wor
 
 @pytest.mark.parametrize("name", ["x.npz", "x.policy"])
 def test_where_nothing_can_be_written_is_said(tmp_path, name):
-    with pytest.raises(FormatError, match="the file cannot be written: No such file"):
+    with refused(FormatError):
         policies.save_policy(POLICY, tmp_path / "none" / name)

@@ -6,6 +6,7 @@ import gzip
 
 import pytest
 from places import DATA, EXAMPLES
+from sentences import refused
 
 from mdm import FormatError, load_model, load_policy
 from mdm.formats.recognition import beginning, holds_policy
@@ -18,7 +19,7 @@ POLICIES = sorted((DATA / "policies").iterdir())
 def test_a_model_under_the_name_of_a_policy(tmp_path, path):
     for name, data in (("x.vf", path.read_bytes()), ("x.policy", gzip.compress(path.read_bytes()))):
         (tmp_path / name).write_bytes(data)
-        with pytest.raises(FormatError, match=rf"{name}: the file holds a model; a policy was expected"):
+        with refused(FormatError):
             load_policy(tmp_path / name)
 
 
@@ -26,7 +27,7 @@ def test_a_model_under_the_name_of_a_policy(tmp_path, path):
 def test_a_policy_under_the_name_of_a_model(tmp_path, path):
     for name, data in (("x.pomdp", path.read_bytes()), ("x.pgmx", gzip.compress(path.read_bytes()))):
         (tmp_path / name).write_bytes(data)
-        with pytest.raises(FormatError, match=rf"{name}: the file holds a policy; a model was expected"):
+        with refused(FormatError):
             load_model(tmp_path / name)
 
 

@@ -7,6 +7,7 @@ import os
 
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 
 from mdm import FormatError, load_model, load_policy
 from mdm.formats.source import Source, Words, number, suffixes
@@ -93,7 +94,7 @@ def _before(text, error, word):
 
 def test_an_error_past_the_end_is_at_the_last_word(tmp_path):
     words = Words(source_of(tmp_path, "states: 2\nactions:\n"))
-    with pytest.raises(FormatError, match="more was expected") as caught:
+    with refused(FormatError) as caught:
         words.fail(99, "more was expected")
     assert (caught.value.line, caught.value.column) == (2, 8)
 
@@ -116,12 +117,12 @@ def test_a_compressed_file_is_read_up_to_a_limit(tmp_path, monkeypatch):
     monkeypatch.setattr("mdm.formats.source._LARGEST", 1_000_000)
     path = tmp_path / "bomb.pomdp.gz"
     path.write_bytes(gzip.compress(b" " * 1_000_001))
-    with pytest.raises(FormatError, match=r"bomb.pomdp.gz: the compressed file holds more than 1 MB"):
+    with refused(FormatError):
         load_model(path)
 
 
 def test_a_pipe_is_not_waited_on(tmp_path):
     for name in ("model.pomdp", "model.npz", "policy.vf"):
         os.mkfifo(tmp_path / name)
-        with pytest.raises(FormatError, match=f"{name}: this is a pipe or a device"):
+        with refused(FormatError):
             load_policy(tmp_path / name) if name.endswith("vf") else load_model(tmp_path / name)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import resource
 import stat
+import sys
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+from sentences import refused
 
 from mdm import FormatError, save_model, save_policy
 from mdm.formats.madp import q_table
@@ -52,13 +54,15 @@ WRITERS = [
 
 @contextmanager
 def disk_of(size):
-    """Let no file grow beyond a size, as on a full disk."""
+    """Let no file grow beyond a size, as on a full disk; but for compiled modules, which Python would leave cut off."""
     before, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    writing, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, most))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (before, most))
+        sys.dont_write_bytecode = writing
 
 
 @pytest.mark.parametrize(("name", "write"), WRITERS, ids=[name for name, _ in WRITERS])
@@ -67,7 +71,7 @@ def test_a_disk_that_fills_up_leaves_what_was_there(tmp_path, name, write):
     path.write_text("what was there")
     beside = path.with_suffix(".alpha")
     beside.write_text("and beside it")
-    with disk_of(200), pytest.raises(FormatError, match="cannot be written: File too large"):
+    with disk_of(200), refused(FormatError):
         write(path)
     before = {path.name: "what was there", beside.name: "and beside it"}
     if path == beside:
@@ -112,7 +116,7 @@ def test_a_protected_file_is_not_replaced(tmp_path):
     path = tmp_path / "x"
     path.write_text("old")
     path.chmod(0o444)
-    with pytest.raises(FormatError, match="Permission denied"):
+    with refused(FormatError):
         write_text(path, "new")
     assert path.read_text() == "old"
 
@@ -146,9 +150,9 @@ def test_a_pipe_is_written_as_it_stands(tmp_path):
 
 def test_a_folder_is_no_place_for_a_file(tmp_path):
     for refuse in (check_place, lambda path: write_text(path, "")):
-        with pytest.raises(FormatError, match="this is a folder"):
+        with refused(FormatError):
             refuse(tmp_path)
-    with pytest.raises(FormatError, match="No such file or directory"):
+    with refused(FormatError):
         check_place(tmp_path / "nowhere" / "x")
     assert not list(tmp_path.iterdir())
 
@@ -158,7 +162,7 @@ def test_a_file_that_is_read_is_no_place_for_another(tmp_path):
     source.write_text("x")
     other.symlink_to(source)
     for place in (source, other):
-        with pytest.raises(FormatError, match="is an input and would be overwritten"):
+        with refused(FormatError):
             check_place(place, None, source)
     check_place(tmp_path / "z", source, other)
     check_place("/dev/null", "/dev/null")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from sentences import refused
 
 from mdm.errors import Error, FormatError
 from mdm.logic import Network
@@ -36,7 +37,7 @@ def test_wrong_declarations_are_refused(declare, message):
 
 
 def test_a_formula_s_error_tells_whose_it_is_and_where():
-    with pytest.raises(FormatError, match="in the formula of 'b'") as caught:
+    with refused(FormatError) as caught:
         Network().define("b", "a and and c")
     assert caught.value.column == 7
 

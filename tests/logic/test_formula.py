@@ -8,6 +8,7 @@ from itertools import product
 import pytest
 from hypothesis import given
 from random_formulas import VALUES, formulas
+from sentences import refused
 
 from mdm import Error
 from mdm.logic import Formula, Network, P, parse
@@ -59,19 +60,19 @@ def test_python_operators_take_plain_booleans():
 
 
 def test_truth_value_is_refused():
-    with pytest.raises(TypeError, match="combine formulas with &"):
+    with refused(TypeError):
         bool(P("a") and P("b"))
 
 
 def test_other_operands_are_refused():
-    with pytest.raises(TypeError, match="'b'"):
+    with refused(TypeError):
         P("a") & "b"
 
 
 @pytest.mark.parametrize("connect", [operator.and_, operator.or_, operator.xor, operator.rshift])
 def test_deep_formulas_work_or_are_refused_where_they_are_made(connect):
     formula, depth = P("a"), 1
-    with pytest.raises(Error, match="nests at most 270 deep: define a part"):
+    with refused(Error):
         while True:
             formula = connect(formula, P("b"))
             depth += 1

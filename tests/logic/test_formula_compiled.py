@@ -7,6 +7,7 @@ from itertools import product
 import pytest
 from hypothesis import given, strategies as st
 from random_formulas import VALUES, formulas
+from sentences import refused
 
 from mdm.logic import P
 from mdm.logic.formula import CODES, FALSE, TRUE, UNKNOWN, compile_formula, compile_hold, compile_latch
@@ -27,7 +28,7 @@ def test_a_compiled_formula_is_the_formula(formula, data):
 def test_it_looks_at_its_own_places_alone():
     compiled = compile_formula(P("a") & ~P("b"), {"b": 1, "a": 4, "other": 0})
     assert compiled([FALSE, FALSE, FALSE, FALSE, TRUE]) == TRUE
-    with pytest.raises(KeyError, match="c"):
+    with refused(KeyError):
         compile_formula(P("c"), {"a": 0})
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sentences import refused
 
 from mdm.errors import Error
 from mdm.logic.declarations import Declarations
@@ -48,7 +49,7 @@ def test_what_recurs_is_remembered_and_what_is_long_or_wrong_is_not(inputs):
 
 @pytest.mark.parametrize("value", ["yes", 2, [], np.array([True, False])])
 def test_what_is_no_truth_value_is_refused(inputs, value):
-    with pytest.raises(Error, match=r"'a' is True, False or None \(unknown\), not"):
+    with refused(Error):
         inputs.read((("a", value),))
 
 
@@ -63,5 +64,5 @@ def test_what_is_no_input_is_refused(inputs, name, text):
 
 @pytest.mark.parametrize("name", ["a", "not_a", "g"])
 def test_what_is_no_event_is_not_raised(inputs, name):
-    with pytest.raises(Error, match=r"cannot be|no predicate or event"):
+    with refused(Error):
         inputs.raised(("e", name))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 
 from mdm.errors import FormatError
 from mdm.logic import Formula, P, parse
@@ -68,5 +69,5 @@ def test_any_text_gives_a_formula_or_a_format_error(text: str):
 
 @pytest.mark.parametrize("text", ["(" * 5000 + "a", "not " * 5000 + "a", " and ".join("a" * 5000), "a->" * 5000 + "a"])
 def test_deep_formulas_are_refused_with_a_way_out(text: str):
-    with pytest.raises(FormatError, match="define a part of"):
+    with refused(FormatError):
         parse(text)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from sentences import refused
 
 from mdm.errors import MapError
 from mdm.maps import Frame, Graph, Grid, Labels, Map, Node, Pose
@@ -18,14 +18,14 @@ def graph(*names):
 
 def test_the_names_of_labels_and_graph_are_the_same():
     assert Map(LABELS, graph("b", "a")).graph.names == ("b", "a")
-    with pytest.raises(MapError, match="'b': not in the graph, which has a"):
+    with refused(MapError):
         Map(LABELS, graph("a"))
-    with pytest.raises(MapError, match="'c': not in the labels, which has a, b"):
+    with refused(MapError):
         Map(LABELS, graph("a", "b", "c"))
 
 
 def test_the_grid_lies_as_the_labels_do():
     free = np.ones((1, 2), dtype=bool)
     assert Map(LABELS, graph("a", "b"), Grid(FRAME, free, ~free)).grid is not None
-    with pytest.raises(MapError, match="the labels lie as"):
+    with refused(MapError):
         Map(LABELS, graph("a", "b"), Grid(Frame(1, 2, 0.5), free, ~free))

@@ -8,6 +8,7 @@ import warnings
 import numpy as np
 import pytest
 from maps.floors import FURNITURE, flat, offices
+from sentences import refused
 
 import mdm
 from mdm.errors import MapError
@@ -143,7 +144,7 @@ def test_what_fits_by_the_check_has_paths(tmp_path):
     assert check(floor, radius=0.2, margin=0.1) == ()
     assert np.isfinite(arrivals(floor, speed=1.0, radius=0.2)).all()
     assert len(check(floor, radius=0.21, margin=0.1)) == 1
-    with pytest.raises(MapError, match="there is no path"):
+    with refused(MapError):
         arrivals(floor, speed=1.0, radius=0.21)
 
 

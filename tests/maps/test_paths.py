@@ -9,6 +9,7 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 
 from mdm.errors import MapError
 from mdm.maps import Frame
@@ -96,11 +97,11 @@ def test_points_outside_and_in_walls_are_told():
     free = np.array([[True, False]])
     paths = Paths(Frame(1, 2, 1.0), free)
     assert paths.cell(0.5, 0.5) == (0, 0)
-    with pytest.raises(MapError, match="the point 2.5, 0 lies outside the map"):
+    with refused(MapError):
         paths.cell(2.5, 0)
-    with pytest.raises(MapError, match="the point 1.5, 0.5 lies in a wall"):
+    with refused(MapError):
         paths.cell(1.5, 0.5)
-    with pytest.raises(MapError, match=r"cell \(0, 1\) is not open"):
+    with refused(MapError):
         paths.distances([(0, 1)])
 
 
@@ -123,5 +124,5 @@ def test_a_route_runs_straight_over_open_cells_from_turn_to_turn(rows, columns, 
 def test_from_where_there_is_no_way_there_is_no_route():
     paths = Paths(Frame(1, 3, 1.0), np.array([[True, False, True]]))
     distances, _ = paths.distances([(0, 0)])
-    with pytest.raises(MapError, match="no way from cell"):
+    with refused(MapError):
         paths.route(distances, (0, 2))

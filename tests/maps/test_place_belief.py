@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from rows_of_rooms import row_of_rooms
+from sentences import refused
 
 import mdm
 from mdm.errors import ConfigError, Error
@@ -119,24 +120,24 @@ ENSEMBLE = robot(Factor("position", ["A", "B", "C"]))
 
 def test_what_does_not_fit_is_refused():
     table = mdm.Ensemble("table", policy=[0, 0, 0], actions={"Look": print})
-    with pytest.raises(ConfigError, match="ensemble 'table' takes no beliefs: its policy is over states"):
+    with refused(ConfigError):
         PlaceBelief(THREE, table)
     two = robot(Factor("room", ["A", "B", "C"]), Factor("fire", ["no", "yes"]))
-    with pytest.raises(ConfigError, match="the model has no factor 'position'; its factors are room, fire"):
+    with refused(ConfigError):
         PlaceBelief(THREE, two)
     assert PlaceBelief(THREE, two, "room").unplaced == 0
-    with pytest.raises(ConfigError, match="'C': no place of the model, which has A, B"):
+    with refused(ConfigError):
         PlaceBelief(THREE, robot(Factor("position", ["A", "B"])))
-    with pytest.raises(ConfigError, match="'D': no place of the map, which has A, B, C"):
+    with refused(ConfigError):
         PlaceBelief(THREE, robot(Factor("position", ["A", "B", "C", "D"])))
-    with pytest.raises(Error, match="particles are arrays of the same length"):
+    with refused(Error):
         believe(robot(Factor("position", ["A", "B", "C"])), [1, 2], [1])
-    with pytest.raises(Error, match="particles are arrays of the same length"):
+    with refused(Error):
         believe(robot(Factor("position", ["A", "B", "C"])), [[1]], [[1]])
-    with pytest.raises(Error, match="particles are arrays of numbers"):
+    with refused(Error):
         believe(robot(Factor("position", ["A", "B", "C"])), ["one"], [1])
 
 
 def test_particles_are_of_one_floor():
-    with pytest.raises(ConfigError, match="a PlaceBelief is of one floor"):
+    with refused(ConfigError):
         PlaceBelief(Floors({"ground": THREE}), robot(Factor("position", ["A", "B", "C"])))

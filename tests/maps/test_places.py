@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from rows_of_rooms import row_of_rooms
+from sentences import refused
 
 import mdm
 from mdm.errors import ConfigError, Error, MapError
@@ -172,7 +173,7 @@ def test_the_age_of_a_pose_is_that_of_its_stamp():
         assert watched.values["Hall"] is True
         assert watched.places.late == 2
         for stamp in ("now", math.nan, math.inf):
-            with pytest.raises(Error, match=f"a stamp is a time in seconds of the runtime's clock, not {stamp!r}"):
+            with refused(Error):
                 watched.see(1, stamp=stamp)
 
     watch(script)
@@ -209,7 +210,7 @@ def test_a_pose_far_away_is_outside_of_all_places(far):
 @pytest.mark.parametrize("pose", [None, (1.0, 2.0), Pose("here", 2.0), Pose(1.0, None), Pose(10**400, 0.0)])
 def test_a_pose_that_is_none_is_refused(pose):
     async def script(watched):
-        with pytest.raises(Error, match="a Pose of x, y and yaw was expected, not "):
+        with refused(Error):
             watched.places.see(pose)
 
     watch(script)
@@ -355,24 +356,24 @@ def test_names_stand_in_formulas():
     ("name", "words"), [("up/down", "another agent's predicate"), ("Up.failed", "the end of an action")]
 )
 def test_a_name_that_reads_as_something_else_is_refused(name, words):
-    with pytest.raises(ConfigError, match=f"the place '{name}' reads as {words}: give it another name"):
+    with refused(ConfigError):
         Places(row_of_rooms(name, "Hall"), mdm.PredicateManager())
 
 
 def test_a_name_that_is_taken_is_refused():
     predicates = mdm.PredicateManager()
     predicates.sensor("Hall")
-    with pytest.raises(ConfigError, match="'Hall' is declared twice"):
+    with refused(ConfigError):
         Places(TWO, predicates)
 
 
 def test_a_place_that_could_not_be_entered_is_refused():
     floor = row_of_rooms("Hall", "Closet", "Kitchen", width=0.5)
-    with pytest.raises(MapError, match=r"'Closet' could not be entered: its deepest cell is 0.225 m .* 0.3 m"):
+    with refused(MapError):
         Places(floor, mdm.PredicateManager())
     assert Places(floor, mdm.PredicateManager(), margin=0.2).labels is floor.labels
     frame = Frame(1, 1, 1.0)
-    with pytest.raises(MapError, match="the place 'b' has no cells"):
+    with refused(MapError):
         Places(Labels(frame, np.array([[1]], dtype=np.uint16), ("a", "b")), mdm.PredicateManager())
 
 
@@ -431,7 +432,7 @@ def test_of_a_flood_of_poses_the_newest_counts_and_none_is_lost_that_does():
 
 
 def test_a_pose_before_the_start_is_refused():
-    with pytest.raises(Error, match="actor 'places' has not been started"):
+    with refused(Error):
         Places(TWO, mdm.PredicateManager()).see(Pose(1, 1))
 
 
@@ -701,5 +702,5 @@ def test_the_nearest_goal_is_one_of_the_floor():
 
 def test_a_place_too_shallow_is_told_of_its_floor():
     shallow = {"ground": TWO, "upper": row_of_rooms("Hall", "Slot", "Loft", width=0.4)}
-    with pytest.raises(MapError, match=r"the place 'upper.Hall' could not be entered|the place 'upper.Slot' could not"):
+    with refused(MapError):
         Places(Floors(shallow), mdm.PredicateManager())

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 
 from mdm.errors import MapError
 from mdm.maps import Frame, Labels
@@ -45,7 +46,7 @@ def test_colours_become_places_and_others_are_counted():
     assert labels.name(2.5, 1.5) is None
     assert labels.name(5, 5) is None
     assert labels.cells("hall").tolist() == [[True, True, False], [False, False, False]]
-    with pytest.raises(MapError, match="no place 'hal'; there are kitchen, hall"):
+    with refused(MapError):
         labels.cells("hal")
 
 
@@ -59,13 +60,13 @@ def test_strays_are_fewer_than_any_place_and_than_a_hundredth():
 
 def test_what_is_ambiguous_is_refused():
     frame, raster = Frame(1, 2, 1.0), np.array([[1, 2]], dtype=np.uint16)
-    with pytest.raises(MapError, match="'a' and 'b' have the same colour, 0x0000ff"):
+    with refused(MapError):
         Labels.from_colours(frame, raster, {"a": 255, "b": 255})
-    with pytest.raises(MapError, match="two places are called 'a'"):
+    with refused(MapError):
         Labels(frame, raster, ("a", "a"))
-    with pytest.raises(MapError, match="1 names, and a label 2"):
+    with refused(MapError):
         Labels(frame, raster, ("a",))
-    with pytest.raises(MapError, match="shape"):
+    with refused(MapError):
         Labels(Frame(2, 1, 1.0), raster, ("a", "b"))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from random_models import random_mdp
+from sentences import refused
 
 import mdm
 from mdm.errors import ModelError
@@ -78,19 +79,19 @@ def test_vectors_of_a_model_with_observations_are_those_of_its_own_states():
 
 def test_what_cannot_be_is_refused():
     model = mdm.problems.forest()
-    with pytest.raises(ModelError, match="a duration is -1: give seconds above 0"):
+    with refused(ModelError):
         Durations([1.0, -1.0])
-    with pytest.raises(ModelError, match="a duration is nan"):
+    with refused(ModelError):
         Durations(math.nan)
-    with pytest.raises(ModelError, match=r"the shape \(3,\), their stages \(2,\): they do not go together"):
+    with refused(ModelError):
         Durations([1.0] * 3, stages=[1, 2])
-    with pytest.raises(ModelError, match="there are none"):
+    with refused(ModelError):
         Durations(np.ones((0, 2)))
-    with pytest.raises(ModelError, match="whole numbers from 1"):
+    with refused(ModelError):
         Durations(1.0, stages=1.5)
-    with pytest.raises(ModelError, match=r"the shape \(5,\); the model has 3 states and 2 actions"):
+    with refused(ModelError):
         in_time(model, Durations([1.0] * 5))
-    with pytest.raises(ModelError, match="time costs nothing"):
+    with refused(ModelError):
         in_time(model.with_discount(1.0), Durations(1.0))
-    with pytest.raises(ModelError, match="cannot be cut to 2 states"):
+    with refused(ModelError):
         mdm.solve(mdm.problems.dec_tiger(discount=0.9), "jesp", horizon=2, durations=Durations(1.0))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from random_models import dense, distributions
+from sentences import refused
 
 from mdm import BeliefTracker, ModelError, load_model, save_model
 from mdm.errors import ModelWarning
@@ -150,17 +151,17 @@ def test_states_from_which_nothing_is_detected_add_nothing():
 
 def test_what_cannot_be_is_refused():
     transitions, half = [np.eye(2)], np.full((1, 2, 2, 2), 0.5)
-    with pytest.raises(ModelError, match="more than 1"):
+    with refused(ModelError):
         POMDP(transitions, half * 1.5, np.zeros((2, 1)), discount=0.9, event_observations=True)
-    with pytest.raises(ModelError, match="not a probability"):
+    with refused(ModelError):
         POMDP(transitions, -half, np.zeros((2, 1)), discount=0.9, event_observations=True)
-    with pytest.raises(ModelError, match="2 x 2 matrix for every observation"):
+    with refused(ModelError):
         POMDP(transitions, half[..., :1], np.zeros((2, 1)), discount=0.9, event_observations=True)
     with pytest.warns(ModelWarning, match="as little as 0.5"):
         model = POMDP(transitions, half / 2, np.zeros((2, 1)), discount=0.9, event_observations=True)
-    with pytest.raises(ModelError, match="ask for event_matrix"):
+    with refused(ModelError):
         model.observation_matrix(0)
-    with pytest.raises(ModelError, match="name the state before"):
+    with refused(ModelError):
         model.observation(0, 0)
 
 
@@ -249,7 +250,7 @@ def test_what_rows_lack_by_rounding_alone_is_no_rest():
             [np.full((2, 2), 0.5)], told, [[0.0], [0.0]], discount=0.9, event_observations=True, sparse=sparse
         )
         assert not model.waits
-        with pytest.raises(ModelError, match="the model has no false negatives"):
+        with refused(ModelError):
             model.resolvent(0)
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from scipy import sparse
+from sentences import refused
 
 from mdm import problems
 from mdm.errors import ModelError, ModelWarning
@@ -52,7 +53,7 @@ def test_rows_that_are_almost_right_are_normalised_with_a_warning():
 def test_arrays_cannot_be_changed():
     model = MDP(IDENTITY, REWARDS, discount=0.9)
     for array in (model.rewards, model.transition_matrix(0), model.initial_belief):
-        with pytest.raises(ValueError, match="read-only"):
+        with refused(ValueError):
             array[0] = 0
 
 
@@ -84,7 +85,7 @@ def test_wrong_models_are_refused_with_the_culprit(change, message):
 def test_another_discount_leaves_the_model_as_it_was():
     model = MDP(IDENTITY, REWARDS, discount=0.9)
     assert (model.with_discount(0.5).discount, model.discount) == (0.5, 0.9)
-    with pytest.raises(ModelError, match="discount"):
+    with refused(ModelError):
         model.with_discount(2)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from random_models import dense, flat_models
+from sentences import refused
 
 from mdm.errors import ModelError
 from mdm.models import POMDP
@@ -15,7 +16,7 @@ REWARDS = np.zeros((2, 2))
 
 
 def test_pomdp_checks_its_observations():
-    with pytest.raises(ModelError, match="O of action '1': the row of '1' sums to 0.5"):
+    with refused(ModelError):
         POMDP(IDENTITY, [np.eye(2), [[1, 0], [0, 0.5]]], REWARDS, discount=0.9)
     model = POMDP(IDENTITY, [np.eye(2)] * 2, REWARDS, discount=0.9, observation_names=["dark", "bright"])
     assert model.kind == "POMDP"
@@ -45,11 +46,11 @@ def test_what_is_observed_is_the_same_by_matrix_row_and_joint_probability(model)
 def test_each_kind_of_observations_says_how_it_is_asked():
     events = POMDP(IDENTITY, np.full((2, 2, 2, 2), 0.5), REWARDS, discount=0.9, event_observations=True)
     plain = POMDP(IDENTITY, [np.eye(2)] * 2, REWARDS, discount=0.9)
-    with pytest.raises(ModelError, match=r"are events.*: ask for event_matrix\(a, o\)"):
+    with refused(ModelError):
         events.observation_matrix(0)
-    with pytest.raises(ModelError, match=r"are events: name the state before, too \(state=\)"):
+    with refused(ModelError):
         events.observation(0, 0)
-    with pytest.raises(ModelError, match=r"are of states.*: ask for observation_matrix\(a\)"):
+    with refused(ModelError):
         plain.event_matrix(0, 0)
     assert (plain.events, plain.event_observations, events.event_observations) == (None, False, True)
 

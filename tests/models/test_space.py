@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 
 from mdm.errors import ModelError
 from mdm.models import Factor, Space
@@ -57,13 +58,13 @@ def test_wrong_symbols_are_named(call, message):
 
 
 def test_names_must_differ():
-    with pytest.raises(ModelError, match="two symbols 'a'"):
+    with refused(ModelError):
         Factor("agent", ["a", "b", "a"])
 
 
 @pytest.mark.parametrize("names", [[2, 1, 0], ["a", None], [b"a", "b"]])
 def test_names_are_texts(names):
-    with pytest.raises(ModelError, match=r"the symbols of 'state' have names, which are texts, not"):
+    with refused(ModelError):
         Factor("state", names)
     assert Factor("state", np.array(["a", "b"])).index("b") == 1
 
@@ -75,7 +76,7 @@ def test_an_index_may_stand_for_a_name():
 def test_an_index_may_be_a_number_of_numpy():
     index = Space.single("state", ["left", "right"]).index(np.int64(1))
     assert (index, type(index)) == (1, int)
-    with pytest.raises(ModelError, match="no symbol 2"):
+    with refused(ModelError):
         Space.single("state", ["left", "right"]).index(np.int64(2))
 
 

@@ -4,6 +4,7 @@ import figures
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 
 from mdm.beliefs import Support
 from mdm.compilation import can_compile, sparing
@@ -109,17 +110,17 @@ def test_wrong_vectors_are_refused(arguments, message):
 def test_a_belief_over_other_states_is_refused():
     policy = AlphaVectors([[1.0, 2.0]], [0])
     for method in (policy.action, policy.value, policy.q_values):
-        with pytest.raises(ModelError, match=r"beliefs of 2 numbers, not of shape \(3,\)"):
+        with refused(ModelError):
             method(np.full(3, 1 / 3))
-        with pytest.raises(ModelError, match=r"beliefs over 2 states: a state"):
+        with refused(ModelError):
             method(Support(np.array([1, 2]), np.array([0.5, 0.5])))
     large = AlphaVectors(np.ones((10_000, 2)), [0] * 10_000)
     for method in (policy.value, large.action, large.value, large.q_values):
         for states, weights in (([1, 2], [0.5, 0.5]), ([-1], [1.0]), ([0, 1], [1.0])):
-            with pytest.raises(ModelError, match=r"beliefs over 2 states: a state"):
+            with refused(ModelError):
                 method(Support(np.array(states), np.array(weights)))
     for method in (large.action, large.value, large.q_values):
-        with pytest.raises(ModelError, match=r"beliefs of 2 numbers, not of shape \(3,\)"):
+        with refused(ModelError):
             method(np.full(3, 1 / 3))
 
 

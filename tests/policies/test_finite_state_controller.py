@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sentences import refused
 
 from mdm import ModelError
 from mdm.policies import FiniteStateController
@@ -69,7 +70,7 @@ def test_where_any_node_may_be_the_first_every_way_counts():
 def test_a_node_that_nothing_follows_is_the_last():
     graph = FiniteStateController([0, 0], [[1, None], [None, None]])
     assert [graph.is_last(node) for node in range(2)] == [False, True]
-    with pytest.raises(ModelError, match="no node 2"):
+    with refused(ModelError):
         graph.is_last(2)
 
 

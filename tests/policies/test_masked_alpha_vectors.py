@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 
 from mdm import ModelError
 from mdm.policies import AlphaVectors, MaskedAlphaVectors
@@ -37,7 +38,7 @@ def test_a_value_of_zero_is_a_value():
 def test_a_belief_that_no_vector_covers():
     policy = MaskedAlphaVectors([{0: 1.0}], [0], 2)
     assert policy.value(np.array([0.5, 0.5])) == -np.inf
-    with pytest.raises(ModelError, match="is defined on all of the belief.s support"):
+    with refused(ModelError):
         policy.action(np.array([0.5, 0.5]))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 
 from mdm import ModelError
 from mdm.beliefs import Support
@@ -42,7 +43,7 @@ def test_an_observed_value_without_vectors():
     assert policy.action(np.array([0.4, 0.1, 0.5, 0, 0, 0])) == 0
     assert policy.value(np.array([0.5, 0, 0.5, 0, 0, 0])) == -np.inf
     assert policy.q_values(np.array([0.5, 0, 0.5, 0, 0, 0])).tolist() == [-np.inf]
-    with pytest.raises(ModelError, match="no alpha vectors for the observed values of the belief"):
+    with refused(ModelError):
         policy.action(np.array([1.0, 0, 0, 0, 0, 0]))
 
 
@@ -105,5 +106,5 @@ def test_the_support_of_a_belief_says_as_much_as_the_belief(seed, num_observed, 
 
 def test_a_support_among_other_states_is_refused():
     for states in ([6], [-1]):
-        with pytest.raises(ModelError, match="beliefs over 6 states: a state"):
+        with refused(ModelError):
             POLICY.action(Support(np.array(states), np.ones(1)))

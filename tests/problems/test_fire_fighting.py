@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sentences import refused
 
 from mdm import solve
 from mdm.errors import ModelError
@@ -94,7 +95,7 @@ def test_one_agent_between_two_houses():
 
 
 def test_refused():
-    with pytest.raises(ModelError, match="at least a house, an agent and 2 levels of fire, not 3, 0 and 3"):
+    with refused(ModelError):
         fire_fighting(3, 0)
-    with pytest.raises(ModelError, match="not 4, 3 and 1"):
+    with refused(ModelError):
         fire_fighting_graph(3, 1)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import pytest
+from sentences import refused
 
 from mdm import ModelError
 from mdm.problems.grid import Grid
@@ -25,5 +26,5 @@ def test_rows_on_one_line():
 
 @pytest.mark.parametrize("text", ["", "###", " / "])
 def test_no_cell(text):
-    with pytest.raises(ModelError, match="no cell"):
+    with refused(ModelError):
         Grid(text)

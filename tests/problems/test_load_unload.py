@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import pytest
+from sentences import refused
 
 from mdm import ModelError, solve
 from mdm.problems import load_unload
@@ -30,5 +31,5 @@ def test_the_value_is_that_of_going_to_and_fro(positions, discount):
 
 
 def test_a_track_has_two_ends():
-    with pytest.raises(ModelError, match="two ends"):
+    with refused(ModelError):
         load_unload(1)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sentences import refused
 
 from mdm import ModelError, solve
 from mdm.problems import river_swim
@@ -28,5 +29,5 @@ def test_swimming_on_is_best():
 
 
 def test_a_river_has_three_places():
-    with pytest.raises(ModelError, match="three states"):
+    with refused(ModelError):
         river_swim(2)

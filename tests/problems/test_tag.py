@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from sentences import refused
 
 from mdm import ModelError
 from mdm.problems import tag
@@ -47,5 +47,5 @@ def test_catching():
 def test_other_fields():
     model = tag("..\n..")
     assert model.state_space.shape == (4, 5)
-    with pytest.raises(ModelError, match="single cell"):
+    with refused(ModelError):
         tag(".")

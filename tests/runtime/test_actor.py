@@ -8,6 +8,7 @@ import itertools
 import pytest
 from hypothesis import given, strategies as st
 from recorded import Recorded, tell
+from sentences import refused
 
 from mdm import Actor, ActorFailure, Error, Restart, Runtime, VirtualClock, run
 from mdm.messages import State
@@ -71,13 +72,13 @@ def test_timers_and_subscriptions_end_with_the_actor():
 def test_wrong_trees_are_refused():
     parent, child = Actor("parent"), Actor("child")
     parent.add(child)
-    with pytest.raises(Error, match="already a child of 'parent'"):
+    with refused(Error):
         Actor("other").add(child)
-    with pytest.raises(Error, match="two children named 'child'"):
+    with refused(Error):
         parent.add(Actor("child"))
-    with pytest.raises(Error, match="no '/'"):
+    with refused(Error):
         Actor("a/b")
-    with pytest.raises(Error, match="has not been started"):
+    with refused(Error):
         parent.runtime  # noqa: B018
 
 
@@ -133,14 +134,14 @@ FREE = {*HOOKS, "on_stopping", "patience", "statistics"}
 @pytest.mark.parametrize("name", [*sorted(set(PUBLIC) - FREE), "name", "supervision", "grace"])
 @pytest.mark.parametrize("value", [7, lambda self: None], ids=["value", "method"])
 def test_a_subclass_that_hides_what_an_actor_has_is_refused(name, value):
-    with pytest.raises(Error, match=rf"Robot\.{name} would hide what every actor has"):
+    with refused(Error):
         type("Robot", (Actor,), {name: value})
 
     class Mixin:
         pass
 
     setattr(Mixin, name, value)
-    with pytest.raises(Error, match=rf"Robot\.{name} would hide"):
+    with refused(Error):
         type("Robot", (Mixin, Actor), {})
 
 
@@ -154,7 +155,7 @@ def test_an_attribute_that_hides_what_an_actor_has_is_refused(name, early):
             super().__init__("robot")
             setattr(self, name, "mine")
 
-    with pytest.raises(Error, match=rf"Robot\.{name} would hide what every actor has"):
+    with refused(Error):
         Actor("parent").add(Robot())
 
 
@@ -220,7 +221,7 @@ def test_a_deep_path_costs_as_much_as_it_is_long():
 
 @pytest.mark.parametrize("name", [None, 5])
 def test_a_name_is_a_text(name):
-    with pytest.raises(Error, match="an actor's name is a text, not"):
+    with refused(Error):
         Actor(name)
 
 
@@ -232,28 +233,28 @@ def test_only_an_actor_is_started_added_and_stopped(thing, words):
     async def program():
         async with Runtime(log=None) as runtime:
             for use in (runtime.start, runtime.stop):
-                with pytest.raises(Error, match=f"an actor was expected, such as an ensemble or a system, not {words}"):
+                with refused(Error):
                     await use(thing)
-            with pytest.raises(Error, match=f"an actor was expected.*, not {words}"):
+            with refused(Error):
                 runtime.root.add(thing)
 
     run(program)
 
 
 def test_a_child_has_a_name():
-    with pytest.raises(Error, match="a child of actor 'a' needs a name"):
+    with refused(Error):
         Actor("a").add(Actor(""))
 
 
 @pytest.mark.parametrize("supervision", ["nonsense", None, 5, Restart])
 def test_what_is_no_supervision_is_refused(supervision):
-    with pytest.raises(Error, match=r"supervision is 'stop', 'escalate' or Restart\(\.\.\.\), not"):
+    with refused(Error):
         Actor("a", supervision=supervision)
 
 
 @pytest.mark.parametrize("grace", [0, "x", True, None])
 def test_grace_is_a_number_of_seconds(grace):
-    with pytest.raises(Error, match="grace is a number of seconds above 0"):
+    with refused(Error):
         Actor("a", grace=grace)
 
 

@@ -9,6 +9,7 @@ from functools import partial
 
 import pytest
 from recorded import state
+from sentences import refused
 
 from mdm import Actor, Channel, Error, Restart, VirtualClock
 from mdm.messages import Fault, State, Tick
@@ -98,14 +99,14 @@ def test_a_costly_message_is_made_for_those_who_come():
 
 def test_a_channel_takes_one_type_only():
     async def main(runtime):
-        with pytest.raises(TypeError, match="'x' carries State messages, not Tick"):
+        with refused(TypeError):
             runtime.channel("x", State).publish(Tick(0, 0, 0, 0))
-        with pytest.raises(Error, match="'x' carries State messages, not Tick"):
+        with refused(Error):
             runtime.channel("x", Tick)
         for name, kind in (("x", "State"), (1, State)):
-            with pytest.raises(Error, match="a channel has a name and carries messages of a class"):
+            with refused(Error):
                 runtime.channel(name, kind)
-        with pytest.raises(Error, match=r"are several texts, not one: \['Up'\]"):
+        with refused(Error):
             runtime.channel("x", State).subscribe(str, topics="Up")
 
     run_virtual(main)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from places import EXAMPLES
 from random_models import random_mdp
+from sentences import refused
 
 from mdm import (
     ConfigError,
@@ -58,12 +59,12 @@ def test_steps_and_mistakes():
     assert 0.95 ** steps_for(0.95) <= 1e-4 < 0.95 ** (steps_for(0.95) - 1)
     model, actions = random_mdp(0)
     policy = DeterministicPolicy(actions, 2)
-    with pytest.raises(ConfigError, match="needs an end"):
+    with refused(ConfigError):
         simulate(model.with_discount(1), policy, episodes=1)
     assert simulate(model.with_discount(1), policy, episodes=2, steps=3, seed=0).steps == 3
-    with pytest.raises(ConfigError, match="at least 1 episode"):
+    with refused(ConfigError):
         simulate(model, policy, episodes=0)
-    with pytest.raises(ConfigError, match="has none"):
+    with refused(ConfigError):
         World(Ensemble("robot", policy=policy, actions={0: print, 1: print}))
 
 
@@ -104,7 +105,7 @@ def test_a_part_of_a_team_is_no_worlds_whole():
     model = dec_tiger()
     team = JointController([FiniteStateController([0], [[0, 0]], 3)] * 2)
     robot = Ensemble("robot", policy=team, model=model, local=True, actions=dict.fromkeys(range(3), print))
-    with pytest.raises(ConfigError, match="has 3 actions, but its world 9: a world needs the joint actions"):
+    with refused(ConfigError):
         World(robot)
 
 

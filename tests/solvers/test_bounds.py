@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from random_models import dense, flat_models
+from sentences import refused
 
 from mdm.compilation import can_compile
 from mdm.errors import ModelError
@@ -121,7 +122,7 @@ def test_rewards_that_add_up_to_no_number_are_refused():
     assert for_ever(-2, 0.75) == -8
     dynamics = Dynamics(MDP([np.eye(2)], [[1e308], [0]], discount=0.9))
     for bound in (blind_values, known_state_values):
-        with pytest.raises(ModelError, match="too much for numbers"):
+        with refused(ModelError):
             bound(dynamics)
 
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from places import EXAMPLES
 from random_models import dense, distributions, flat_models
+from sentences import refused
 
 from mdm import ModelError, ModelWarning, evaluate, load_model
 from mdm.models import MDP, POMDP, Factor, Space
@@ -180,10 +181,10 @@ def test_what_has_no_exact_value_or_no_bound():
     forever = model.with_discount(1)
     assert exact_values(model, listening) == pytest.approx([-20, -20])
     assert exact_values(forever, tree) == pytest.approx([-2, -2])
-    with pytest.raises(ModelError, match="goes on for ever"):
+    with refused(ModelError):
         exact_values(forever, listening)
     assert exact_values(forever, listening, steps=5) == pytest.approx([-5, -5])
-    with pytest.raises(ModelError, match="for 3 states"):
+    with refused(ModelError):
         state_values(model, DeterministicPolicy([0, 0, 0], 3))
-    with pytest.raises(ModelError, match="5 observations"):
+    with refused(ModelError):
         controller_values(model, FiniteStateController([0], [[0] * 5], 3))

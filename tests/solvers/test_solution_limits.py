@@ -6,6 +6,7 @@ import signal
 import threading
 
 import pytest
+from sentences import refused
 
 from mdm import ConfigError, ModelError
 from mdm.solvers import Limits
@@ -127,11 +128,11 @@ def test_in_another_thread_signals_are_left_alone():
 
 
 def test_limits_below_zero_and_bounds_that_are_no_numbers_are_refused():
-    with pytest.raises(ConfigError, match="time is a number from 0 on, not -1"):
+    with refused(ConfigError):
         Limits(time=-1)
-    with pytest.raises(ConfigError, match="gap"):
+    with refused(ConfigError):
         Limits(gap=float("nan"))
-    with pytest.raises(ModelError, match="no number"):
+    with refused(ModelError):
         Limits().ends(float("nan"), 1, iterations=1, size=1)
 
 

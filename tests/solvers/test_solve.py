@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from places import ROOT
+from sentences import refused
 
 import mdm
 from mdm.problems import dec_tiger, rock_sample, tiger
@@ -43,7 +44,7 @@ def test_options_choose_a_solver_that_takes_them():
     assert mdm.solve(CHAIN, horizon=1).solver == "value-iteration"
     assert mdm.solve(tiger(), horizon=2).solver == "perseus"
     assert mdm.solve(tiger(), whole=True, iterations=1).solver == "sarsop"
-    with pytest.raises(mdm.ConfigError, match="sarsop takes no 'nonsense'"):
+    with refused(mdm.ConfigError):
         mdm.solve(tiger(), nonsense=1)
 
 
@@ -71,13 +72,13 @@ def test_what_is_refused(model, solver, options, message):
 
 
 def test_a_file_that_is_not_there():
-    with pytest.raises(mdm.FormatError, match="nowhere.pomdp"):
+    with refused(mdm.FormatError):
         mdm.solve("nowhere.pomdp")
 
 
 def test_every_solver_is_there():
     for name in SOLVERS:
-        with pytest.raises(mdm.ConfigError, match=f"{name} takes no 'nonsense'|{name} solves"):
+        with refused(mdm.ConfigError):
             mdm.solve(tiger(), name, nonsense=1)
 
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from random_models import factored_models, flat_models
+from sentences import refused
 
 from mdm.errors import ModelError
 from mdm.models import MDP, POMDP
@@ -63,5 +64,5 @@ def test_without_a_discount_it_is_exact_or_no_bound():
     np.testing.assert_allclose(found.policy.vectors, [[-4, -6, 0], [-2, -1, 0]])
     assert (found.lower, found.upper, found.reason) == (-np.inf, -2, "exact")
     assert qmdp(model, limits=Limits(iterations=1)).upper in {-2, np.inf}
-    with pytest.raises(ModelError, match="discount is 1"):
+    with refused(ModelError):
         qmdp(POMDP([np.eye(1)], np.ones((1, 1, 1)), [[1.0]], discount=1))

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
+from sentences import refused
 from team_robots import over_beliefs, over_states
 
 import mdm
@@ -85,7 +86,7 @@ def test_two_copies_with_the_same_steps_are_the_same_and_one_can_become_the_othe
         assert one.digest() != two.digest()
         two.restore(one.snapshot())
         assert one.digest() == two.digest()
-        with pytest.raises(mdm.ModelError, match="not a copy"):
+        with refused(mdm.ModelError):
             two.restore(b"garbage")
         assert one.digest() == two.digest()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-import pytest
+from sentences import refused
 from team_robots import over_beliefs, over_states
 
 import mdm
@@ -48,11 +48,11 @@ def test_a_placement_gives_factors_to_an_agent_that_nobody_else_owns():
 
 
 def test_factors_of_nobody_are_refused():
-    with pytest.raises(mdm.ConfigError, match="no agent .* tells the observation factor 'agent0': give it an owner"):
+    with refused(mdm.ConfigError):
         Ownership(Team("t", ["a", "b", "c"]), joint())
-    with pytest.raises(mdm.ConfigError, match="has no agent 'a'"):
+    with refused(mdm.ConfigError):
         Ownership(tigers(), states())
-    with pytest.raises(mdm.ConfigError, match="declare them"):
+    with refused(mdm.ConfigError):
         Ownership(tigers(), mdm.Ensemble("e", policy=[0, 1], actions={0: print, 1: print}))
 
 
@@ -65,14 +65,14 @@ def test_components_are_carried_out_by_name_or_in_order():
     assert acting(tigers(), joint()) == ("left", "right")
     assert acting(Team("t", ["agent1", "agent0"]), joint()) == ("agent0", "agent1")
     assert acting(tigers(), joint(), Placement(actions={"agent0": "right", "agent1": "left"})) == ("right", "left")
-    with pytest.raises(mdm.ConfigError, match="has 2 agents .* has 3"):
+    with refused(mdm.ConfigError):
         acting(Team("t", ["a", "b", "c"]), joint())
-    with pytest.raises(mdm.ConfigError, match="placement of actions names 'agent0'"):
+    with refused(mdm.ConfigError):
         acting(tigers(), joint(), Placement(actions="left"))
 
 
 def test_agents_that_the_model_and_the_team_have_only_in_part_in_common_are_refused():
-    with pytest.raises(mdm.ConfigError, match="has an agent 'agent1', as team 'tigers' has, and 'agent0', which"):
+    with refused(mdm.ConfigError):
         acting(Team("tigers", ["left", "agent1"]), joint())
     placement = Placement(actions={"agent0": "left", "agent1": "agent1"})
     assert acting(Team("tigers", ["left", "agent1"]), joint(), placement) == ("left", "agent1")

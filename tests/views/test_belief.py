@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from places import DATA, TIGER, TIGER_VECTORS
+from sentences import refused
 
 from mdm import BeliefTracker, Error, ModelError, load_model, load_policy
 from mdm.models import POMDP
@@ -43,10 +44,10 @@ def test_two_states_are_named_or_told_apart_by_nothing():
     policy = load_policy(TIGER_VECTORS, model)
     axes = two_state_figure(model, policy, ["tiger-right", "tiger-left"], 0).axes[0]
     assert axes.get_xlabel() == "belief in 'tiger-left', the rest in 'tiger-right'"
-    with pytest.raises(ModelError, match="two states are needed, not 'tiger-left' twice"):
+    with refused(ModelError):
         two_state_figure(model, policy, ["tiger-left", "tiger-left"], 0)
     seen = POMDP([np.eye(2)], [np.eye(2)], [[1.0], [0]], discount=0.5, initial_belief=[1, 0])
-    with pytest.raises(Error, match="state is always certain: name two states"):
+    with refused(Error):
         two_state_figure(seen, AlphaVectors([[2.0, 0]], [0], 1), None, 0)
 
 
@@ -58,7 +59,7 @@ def test_states_are_found_where_nothing_can_be_earned():
 
 def test_one_state_makes_no_picture():
     alone = POMDP([np.eye(1)], [np.eye(1)], [[1.0]], discount=0.5)
-    with pytest.raises(Error, match="needs two states, and the model has one"):
+    with refused(Error):
         two_state_figure(alone, AlphaVectors([[2.0]], [0], 1), None, 0)
 
 

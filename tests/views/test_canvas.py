@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 import pytest
+from sentences import refused
 
 from mdm import Error, FormatError
 from mdm.views.canvas import check_picture, keep, pyplot
@@ -23,22 +24,22 @@ def test_a_suffix_says_of_which_kind_a_picture_is_and_figures_are_closed(tmp_pat
     keep(figure, str(path))
     assert path.read_bytes().startswith(BEGINNINGS[suffix])
     figure, _ = plt.subplots()
-    with pytest.raises(FormatError, match="cannot be written"):
+    with refused(FormatError):
         keep(figure, str(tmp_path / "none" / "a.png"))
     assert plt.get_fignums() == before
 
 
 def test_a_place_is_refused_before_there_is_something_to_draw(tmp_path):
     (tmp_path / "read.png").write_bytes(b"")
-    with pytest.raises(Error, match=r"a\.txt: the picture cannot be written: its file ends in \.png, \.svg, \.pdf"):
+    with refused(Error):
         check_picture(str(tmp_path / "a.txt"))
-    with pytest.raises(Error, match="No such file or directory"):
+    with refused(Error):
         check_picture(str(tmp_path / "none" / "a.png"))
-    with pytest.raises(Error, match="this file is an input"):
+    with refused(Error):
         check_picture(str(tmp_path / "read.png"), str(tmp_path / "read.png"))
 
 
 def test_without_matplotlib_it_is_said_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(Error, match=r"pip install 'markov-decision-making\[plot\]'"):
+    with refused(Error):
         pyplot()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from sentences import refused
 
 from mdm import ConfigError, StateFactor
 
@@ -27,7 +28,7 @@ def test_indices_are_indices_without_a_model():
 
 
 def test_one_predicate_has_the_index_0_or_1():
-    with pytest.raises(ConfigError, match="'a' has the indices 0 to 1"):
+    with refused(ConfigError):
         StateFactor("a", {7: "X"})
-    with pytest.raises(ConfigError, match="by name or by index"):
+    with refused(ConfigError):
         StateFactor("a", {True: "X"})

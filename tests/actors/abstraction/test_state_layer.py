@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 
 from mdm import (
     ActorFailure,
@@ -106,7 +107,7 @@ def test_a_violation_may_be_an_error(what):
         manager.sense("F0_1" if what == "none" else "F0_2", what == "both")
         await runtime.clock.sleep(60)
 
-    with pytest.raises(ActorFailure, match="though exactly one should be"):
+    with refused(ActorFailure):
         run_virtual(main)
 
 

@@ -8,6 +8,7 @@ from collections import Counter
 import pytest
 from action_lives import Body, lives_of, robot, told
 from hypothesis import given, strategies as st
+from sentences import refused
 
 from mdm import (
     ConfigError,
@@ -134,10 +135,10 @@ def test_an_action_whose_last_step_brings_about_another_one_has_succeeded():
 @pytest.mark.parametrize("option", ["timeout", "grace"])
 @pytest.mark.parametrize("seconds", [0, -1, float("inf"), float("nan"), "5", True])
 def test_times_that_make_no_sense_are_refused(option, seconds):
-    with pytest.raises(ConfigError, match=f"{option} is a number of seconds above 0 and at most 10.9, not {seconds!r}"):
+    with refused(ConfigError):
         bind(lambda: None, **{option: seconds})
     if option == "grace":
-        with pytest.raises(ConfigError, match="grace is a number of seconds"):
+        with refused(ConfigError):
             bind(lambda: None, grace=None)
 
 

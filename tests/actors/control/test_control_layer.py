@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from decided import be, decided, ensemble, nothing, see
 from hypothesis import given, settings, strategies as st
+from sentences import refused
 
 import mdm
 from mdm import BeliefTracker, ConfigError, Ensemble, FixedRate, ObservationFactor, StateFactor
@@ -150,7 +151,7 @@ def test_each_epoch_has_its_stage_of_a_staged_policy():
     assert [(d.epoch, d.action) for d in decisions] == [(0, 1), (1, 0), (2, 1), (0, 0), (0, 0)]
     decisions, _, _ = decided([be(0), 3.5], drive=FixedRate(1), horizon=2, **options)
     assert [(d.epoch, d.action) for d in decisions] == [(0, 1), (1, 0), (0, 1), (1, 0)]
-    with pytest.raises(ConfigError, match="horizon: the policy is for episodes of at most 3 decisions, not of 4"):
+    with refused(ConfigError):
         ensemble(horizon=4, **options)
 
 
@@ -212,7 +213,7 @@ def test_a_state_beyond_the_policy_is_reported_and_runs_the_safe_action(drive):
     options = {"model": None, "policy": DeterministicPolicy([1, 0]), "actions": dict.fromkeys(range(2), nothing)}
 
     def beyond(robot):
-        with pytest.raises(mdm.ModelError, match="there is no state 7"):
+        with refused(mdm.ModelError):
             robot.publish_state(7)
         robot.channel("state", State, retain=True).publish(State(0, 7, (7,)))
 
@@ -281,9 +282,9 @@ def test_impossible_observations(option, after):
 
 def test_unknown_observations_are_reported():
     def unknown(robot):
-        with pytest.raises(mdm.ModelError, match="there is no symbol 7"):
+        with refused(mdm.ModelError):
             robot.publish_observation(7)
-        with pytest.raises(mdm.ModelError, match="did you mean 'hear-left'"):
+        with refused(mdm.ModelError):
             robot.publish_observation("hear-lfet")
         robot.channel("observation", Observation).publish(Observation(0, 7, (7,), (True,)))
 
@@ -357,18 +358,18 @@ def test_wrong_options_are_refused_with_the_key(options, message):
     with pytest.raises(Error, match=message):
         ensemble(**{key: value() if key == "drive" else value for key, value in options.items()})
     if "drive" not in options and "initial_belief" not in options:
-        with pytest.raises(ConfigError, match="ensembles.robot"):
+        with refused(ConfigError):
             ensemble(**options)
 
 
 @pytest.mark.parametrize("name", ["", None, 5])
 def test_an_ensemble_is_called_by_a_text(name):
-    with pytest.raises(ConfigError, match="the name of an ensemble is a text, not"):
+    with refused(ConfigError):
         Ensemble(name, policy=[0, 0], actions={0: nothing})
 
 
 def test_a_wrong_rate_is_told_with_its_key():
-    with pytest.raises(ConfigError, match=r"^ensembles\.robot\.drive: a rate is at least"):
+    with refused(ConfigError):
         ensemble(drive=-1)
 
 

@@ -6,6 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from sentences import refused
 
 from mdm import ConfigError, Error, FixedRate, OnEvent
 from mdm.actors.control.drive import drive_of, unobserved
@@ -36,7 +37,7 @@ def test_other_drives_are_refused(given):
 
 @pytest.mark.parametrize("rate", [0, -1.0, float("nan"), float("inf"), 1e9])
 def test_a_rate_that_no_clock_can_keep_is_refused(rate):
-    with pytest.raises(Error, match="rate"):
+    with refused(Error):
         FixedRate(rate)
 
 
@@ -49,7 +50,7 @@ def test_numbers_of_any_kind_are_rates(given):
 
 @pytest.mark.parametrize("rate", [True, np.True_, "3", None])
 def test_what_is_no_number_is_no_rate(rate):
-    with pytest.raises(ConfigError, match=r"^drive: a rate is at least 0\.000001"):
+    with refused(ConfigError):
         FixedRate(rate)
 
 

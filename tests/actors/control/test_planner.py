@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from places import EXAMPLES
 from programs import python
+from sentences import refused
 
 import mdm
 from mdm.actors import ControlLayer
@@ -248,7 +249,7 @@ def test_a_process_that_cannot_live(tiger, fallback, monkeypatch):
         return faults, one.controller.epoch
 
     if fallback is None:
-        with pytest.raises(mdm.ActorFailure, match="ends again and again, and there is no fallback"):
+        with refused(mdm.ActorFailure):
             live(main)
         return
     faults, epoch = live(main)
@@ -383,13 +384,13 @@ def test_in_virtual_time_the_search_runs_in_the_turn(tiger):
 
 
 def test_what_is_refused(tiger):
-    with pytest.raises(mdm.ConfigError, match="in virtual time a tree search ends after a number of expansions"):
+    with refused(mdm.ConfigError):
         run_virtual(lambda runtime: runtime.start(ensemble(tiger, seconds=0.1)))
-    with pytest.raises(mdm.ConfigError, match="the search takes 0.5 s, but a decision is due every 0.1 s"):
+    with refused(mdm.ConfigError):
         ensemble(tiger, seconds=0.5, drive=mdm.FixedRate(10.0))
-    with pytest.raises(mdm.ConfigError, match="differ in the false negative"):
+    with refused(mdm.ConfigError):
         ControlLayer(mdm.solvers.TreeSearch(tiger.with_false_negatives(0), expansions=1), tiger)
-    with pytest.raises(mdm.ModelError, match="the fallback of a tree search is to decide at once"):
+    with refused(mdm.ModelError):
         mdm.solvers.TreeSearch(tiger, expansions=1, fallback=mdm.solvers.TreeSearch(tiger, expansions=1))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from safe_robots import Log, robot
+from sentences import refused
 
 from mdm import problems
 from mdm.actors.control.source import OwnChannels
@@ -127,7 +128,7 @@ def test_a_copy_goes_on_from_a_snapshot_of_another():
         processes[1].restore(processes[0].snapshot())
         assert processes[1].snapshot() == processes[0].snapshot() != before
         assert (one.control.belief == other.control.belief).all()
-        with pytest.raises(ModelError, match="not a snapshot"):
+        with refused(ModelError):
             processes[0].restore(processes[0].snapshot()[:-1])
 
     run_virtual(main)

@@ -6,6 +6,7 @@ import threading
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 
 from mdm import ConfigError, Error, ObservationFactor, ObservationLayer, P, PredicateManager, Restart, Runtime, run
 from mdm.messages import EventUpdate, Observation, PredicateUpdate, SensorUpdate, State, Tick
@@ -44,7 +45,7 @@ def test_sensors_formulas_latches_and_events():
         ]
         assert [update.counter for update in updates] == [2, 3, 4, 5]
         assert [update.events for update in events] == [("Bump",), ("Arrived",)]
-        with pytest.raises(Error, match="'South' is True, False or None"):
+        with refused(Error):
             south.set(1)
 
     run_virtual(main)
@@ -228,7 +229,7 @@ def test_declarations_after_the_start_are_too_late():
         early.set(True)
         await runtime.start(manager)
         assert manager.value("A") is True
-        with pytest.raises(Error, match="came too late"):
+        with refused(Error):
             manager.sensor("B")
 
     run_virtual(main)
@@ -358,7 +359,7 @@ def test_a_message_with_no_truth_value_is_reported_and_changes_nothing(value):
 
 
 def test_a_wrong_initial_value_is_refused():
-    with pytest.raises(Error, match="predicate 'A' is True, False or None"):
+    with refused(Error):
         PredicateManager().sensor("A", initial="no")
 
 

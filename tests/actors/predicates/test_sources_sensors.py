@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sentences import refused
 
 from mdm import Error, PredicateManager
 from mdm.actors.predicates.sources import truth
@@ -19,7 +20,7 @@ def test_truth_values(value, found):
 
 @pytest.mark.parametrize("value", [1, 0, "yes", "", [], 1.0, np.int64(1), np.array([True])])
 def test_others_are_refused_by_name(value):
-    with pytest.raises(Error, match="predicate 'A' is True, False or None"):
+    with refused(Error):
         truth("A", value)
 
 
@@ -36,7 +37,7 @@ def test_values_are_seen_at_once():
             door.set(value)
             assert door.value is (None if value is None else bool(value))
         assert manager.value("Rang") is False
-        with pytest.raises(Error, match="'DoorIsOpen' is True, False or None"):
+        with refused(Error):
             door.set("open")
         assert door.value is None
 

@@ -9,6 +9,7 @@ import math
 import numpy as np
 import pytest
 from action_lives import Body, robot
+from sentences import refused
 from team_robots import decider, started
 
 from mdm import ConfigError, Ensemble, FixedRate, PredicateManager, StateFactor, bind
@@ -474,7 +475,7 @@ def test_a_decision_that_cannot_be_made_is_idleness_that_is_told():
 
 @pytest.mark.parametrize("after", [0, -1, "soon", True])
 def test_wrong_idle_after(after):
-    with pytest.raises(ConfigError, match="idle_after is a number of seconds above 0"):
+    with refused(ConfigError):
         robot({"A": Drive()}, idle_after=after)
 
 

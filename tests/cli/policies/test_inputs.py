@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-import pytest
 from places import TIGER, TIGER_VECTORS
+from sentences import refused
 
 from mdm import FormatError, load_model, load_policy, save_policy
 from mdm.cli.policies.inputs import load, load_for, revealed, visibility
@@ -44,6 +44,6 @@ def test_a_policy_is_loaded_for_what_it_was_made_for(tmp_path):
         save_policy(FiniteStateController([0], [[0] * width], actions), tmp_path / "x.npz")
         _, world = load_for(whole, str(tmp_path / "x.npz"), ARGUMENTS)
         assert type(world) is type(expected)
-    with pytest.raises(FormatError, match="but the model has"):
+    with refused(FormatError):
         save_policy(load_policy(TIGER_VECTORS), tmp_path / "x.npz")
         load_for(whole, str(tmp_path / "x.npz"), ARGUMENTS)

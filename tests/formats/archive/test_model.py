@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, strategies as st
 from random_models import NAMES, assert_same, dense, flat_models
 from scipy import sparse
+from sentences import refused
 
 from mdm import FormatError, ModelError, load_model, load_policy
 from mdm.errors import ModelWarning
@@ -86,9 +87,9 @@ def test_policies_and_models_are_told_apart(tmp_path):
     archive.write(large(), tmp_path / "model.npz")
     save_policy(AlphaVectors([[1.0, 2.0]], [0], 1), tmp_path / "policy.npz")
     assert [npz.kind(tmp_path / f"{held}.npz") for held in ("model", "policy")] == ["model", "policy"]
-    with pytest.raises(FormatError, match="the archive does not hold a model: it is a policy"):
+    with refused(FormatError):
         load_model(tmp_path / "policy.npz")
-    with pytest.raises(FormatError, match="does not hold a policy: it is a model"):
+    with refused(FormatError):
         load_policy(tmp_path / "model.npz")
 
 
@@ -153,6 +154,6 @@ def test_the_false_negative_is_kept(tmp_path):
     model = POMDP([np.eye(2)], [np.eye(2)], np.eye(2)[:, :1], discount=0.5).with_false_negatives(1)
     archive.write(model, tmp_path / "m.npz")
     assert load_model(tmp_path / "m.npz").false_negative == 1
-    with pytest.raises(ModelError, match=r"\.pomdp files cannot mark an observation as a false negative"):
+    with refused(ModelError):
         save_model(model, tmp_path / "m.pomdp")
     save_model(model.with_false_negatives(None), tmp_path / "m.pomdp")

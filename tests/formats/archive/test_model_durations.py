@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
+from sentences import refused
 
 import mdm
 from mdm import FormatError
@@ -34,7 +35,7 @@ def test_equal_durations_give_equal_bytes_which_damage_changes(tmp_path):
     assert path.read_bytes() == content
     place = content.index(np.float64(2.0).tobytes())
     path.write_bytes(content[:place] + np.float64(3.0).tobytes() + content[place + 8 :])
-    with pytest.raises(FormatError, match="the digest that was written with them"):
+    with refused(FormatError):
         load_durations(path)
 
 

@@ -8,6 +8,7 @@ import zipfile
 import numpy as np
 import pytest
 from random_models import assert_same
+from sentences import refused
 
 from mdm import FormatError, load_model, save_model
 from mdm.formats import policies
@@ -20,10 +21,10 @@ def test_what_is_no_archive(tmp_path):
         (tmp_path / name).write_bytes(data)
         with pytest.raises(FormatError, match=name):
             policies.load_policy(tmp_path / name)
-    with pytest.raises(FormatError, match="no such file"):
+    with refused(FormatError):
         policies.load_policy(tmp_path / "none.npz")
     (tmp_path / "folder.npz").mkdir()
-    with pytest.raises(FormatError, match="a folder"):
+    with refused(FormatError):
         policies.load_policy(tmp_path / "folder.npz")
 
 
@@ -52,13 +53,13 @@ def test_what_an_array_claims_is_not_believed(tmp_path, head, words):
 
 def test_compressed_and_pickled_archives_are_refused(tmp_path):
     np.savez_compressed(tmp_path / "c.npz", header=np.zeros(3))
-    with pytest.raises(FormatError, match="compressed"):
+    with refused(FormatError):
         load_model(tmp_path / "c.npz")
     np.savez(tmp_path / "p.npz", header=np.array([{}], dtype=object), allow_pickle=True)
-    with pytest.raises(FormatError, match="damaged|none of"):
+    with refused(FormatError):
         load_model(tmp_path / "p.npz")
     np.savez(tmp_path / "n.npz", numbers=np.zeros(3))
-    with pytest.raises(FormatError, match="no header"):
+    with refused(FormatError):
         load_model(tmp_path / "n.npz")
 
 
@@ -91,5 +92,5 @@ def test_an_archive_without_a_digest_has_checksums(tmp_path):
     data = bytearray(path.read_bytes())
     data[data.index(np.float64(2).tobytes())] ^= 1
     path.write_bytes(data)
-    with pytest.raises(FormatError, match="a checksum is wrong"):
+    with refused(FormatError):
         load_model(path)

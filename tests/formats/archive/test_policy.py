@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from random_policies import assert_same
+from sentences import refused
 
 from mdm import FormatError, ModelError
 from mdm.formats import policies
@@ -51,7 +52,7 @@ def test_an_archive_knows_the_names_of_its_model(tmp_path):
 def test_an_archive_without_names_is_checked_by_size(tmp_path):
     policies.save_policy(POLICY, tmp_path / "x.npz")
     assert_same(policies.load_policy(tmp_path / "x.npz", model()), POLICY)
-    with pytest.raises(FormatError, match="for 2 states, but the model has 3"):
+    with refused(FormatError):
         policies.load_policy(tmp_path / "x.npz", model(states=3 * ("x",) and ("a", "b", "c")))
 
 
@@ -59,23 +60,23 @@ def test_joint_names_may_be_factored_otherwise(tmp_path):
     space = Space([Factor("first", ["a", "b"]), Factor("second", ["c"])])
     policies.save_policy(POLICY, tmp_path / "x.npz", model(states=space))
     assert_same(policies.load_policy(tmp_path / "x.npz", model(states=["a c", "b c"])), POLICY)
-    with pytest.raises(FormatError, match="state 1 is 'b c' in the policy's model, but 'b d' in this one"):
+    with refused(FormatError):
         policies.load_policy(tmp_path / "x.npz", model(states=["a c", "b d"]))
 
 
 def test_other_archives_of_numpy_are_refused(tmp_path):
     path = tmp_path / "x.npz"
     np.savez(path, a=np.ones(3))
-    with pytest.raises(FormatError, match="it has no header"):
+    with refused(FormatError):
         policies.load_policy(path)
     np.savez_compressed(path, header=np.zeros(10**6))
-    with pytest.raises(FormatError, match="compressed"):
+    with refused(FormatError):
         policies.load_policy(path)
     np.savez(path, header=np.array([{"a": 1}], dtype=object))
-    with pytest.raises(FormatError, match="not one of integers or floats"):
+    with refused(FormatError):
         policies.load_policy(path)
     np.savez(path, header=np.frombuffer(b'{"kind": "alpha"}', np.uint8))
-    with pytest.raises(FormatError, match="sizes"):
+    with refused(FormatError):
         policies.load_policy(path)
     for text, words in [
         (b'{"kind": "magic", "sizes": {}}', "the kind of policy 'magic' is unknown"),
@@ -99,6 +100,6 @@ def test_numpy_reads_an_archive_without_pickle(tmp_path):
 
 def test_a_policy_of_other_sizes_is_not_written(tmp_path):
     for write in (policies.save_policy, policy_archive.write):
-        with pytest.raises(ModelError, match="for 2 states, but the model has 3"):
+        with refused(ModelError):
             write(POLICY, tmp_path / "x.npz", model(states=("a", "b", "c")))
     assert not (tmp_path / "x.npz").exists()

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sentences import refused
 
 from mdm.errors import ModelWarning
 from mdm.formats.archive import store as stores
@@ -129,7 +130,7 @@ def test_a_pipe_is_not_waited_for(folder):
 def test_a_folder_where_others_may_write_is_not_used(folder, mode):
     path = filled(folder)
     folder.chmod(mode)
-    with pytest.raises(StoreError, match=f"mdm: it can be written by others .mode {mode:04o}"):
+    with refused(StoreError):
         Store(folder).obtain("one", never)
     folder.chmod(0o700)
     assert path.exists()
@@ -139,16 +140,16 @@ def test_a_folder_of_another_user_is_not_used(folder, monkeypatch):
     filled(folder)
     own = os.geteuid()
     monkeypatch.setattr(stores.os, "geteuid", lambda: own + 1)
-    with pytest.raises(StoreError, match=f"belongs to another user .{own}."):
+    with refused(StoreError):
         Store(folder).obtain("one", never)
 
 
 def test_a_folder_that_cannot_be_made_or_written_is_told(tmp_path, folder, monkeypatch):
     (tmp_path / "file").write_text("")
-    with pytest.raises(StoreError, match="file/mdm: Not a directory"):
+    with refused(StoreError):
         Store(tmp_path / "file" / "mdm").obtain("one", never)
     (tmp_path / "plain").write_text("")
-    with pytest.raises(StoreError, match="plain: File exists"):
+    with refused(StoreError):
         Store(tmp_path / "plain").obtain("one", never)
 
     def full(*_, **__):
@@ -156,7 +157,7 @@ def test_a_folder_that_cannot_be_made_or_written_is_told(tmp_path, folder, monke
 
     monkeypatch.setattr("tempfile.mkstemp", full)
     make = Maker()
-    with pytest.raises(StoreError, match=r"one\.npz: the file cannot be written: No space left on device"):
+    with refused(StoreError):
         Store(folder).obtain("one", make)
     assert make.count == 1
     assert not list(folder.iterdir())
@@ -219,7 +220,7 @@ def test_the_lock_of_a_process_that_dies_is_no_hindrance(folder, holder, monkeyp
 
 def test_who_waits_too_long_goes_on_without(folder, holder):
     make = Maker()
-    with pytest.raises(StoreError, match=r"another process has been making one\.npz for more than 0 s"):
+    with refused(StoreError):
         Store(folder, patience=0).obtain("one", make)
     assert make.count == 0
     assert holder.poll() is None
@@ -253,10 +254,10 @@ def test_two_processes_may_make_room_at_once(folder, monkeypatch):
 
 def test_what_is_too_large_is_not_kept(folder, monkeypatch):
     make = Maker()
-    with pytest.raises(StoreError, match="the file would have 0 MB, and the folder may hold 0"):
+    with refused(StoreError):
         Store(folder, most=1000).obtain("one", make)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1000))
-    with pytest.raises(StoreError, match="and the disk has 0 MB free"):
+    with refused(StoreError):
         Store(folder).obtain("one", make)
     assert make.count == 2
     assert not list(folder.iterdir())

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from places import CORPUS, each
 from random_models import NAMES, assert_same, dense, factored_models, flat_models
+from sentences import refused
 
 from mdm import FormatError, ModelError, load_model
 from mdm.errors import ModelWarning
@@ -119,13 +120,13 @@ def test_what_the_formats_do_not_have_is_refused(tmp_path):
     told = np.full((1, 2, 2, 2), 0.5)
     events = POMDP([np.eye(2)], told, np.zeros((2, 1)), discount=0.9, event_observations=True)
     for module, suffix in ((cassandra, "pomdp"), (dpomdp, "dpomdp")):
-        with pytest.raises(ModelError, match="observations of events.* write .pgmx"):
+        with refused(ModelError):
             module.write(events, tmp_path / f"m.{suffix}")
-    with pytest.raises(ModelError, match="needs observations"):
+    with refused(ModelError):
         dpomdp.write(MDP([np.eye(2)], np.zeros((2, 1)), discount=0.9), tmp_path / "m.dpomdp")
-    with pytest.raises(FormatError, match="cannot be written"):
+    with refused(FormatError):
         cassandra.write(MDP([np.eye(2)], np.zeros((2, 1)), discount=0.9), tmp_path / "missing" / "m.mdp")
-    with pytest.raises(FormatError, match="a folder"):
+    with refused(FormatError):
         cassandra.write(MDP([np.eye(2)], np.zeros((2, 1)), discount=0.9), tmp_path)
     assert list(tmp_path.iterdir()) == []
 
@@ -147,7 +148,7 @@ def test_what_was_there_stays_when_writing_fails(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("pathlib.Path.replace", fail)
-    with pytest.raises(FormatError, match="No space left"):
+    with refused(FormatError):
         cassandra.write(MDP([np.eye(2)], np.zeros((2, 1)), discount=0.9), path)
     assert [file.name for file in tmp_path.iterdir()] == ["m.mdp"]
     assert path.read_text() == "precious"

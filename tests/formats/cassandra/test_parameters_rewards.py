@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from scipy import sparse
+from sentences import refused
 
 from mdm import ModelError
 from mdm.formats.cassandra import parameters as rewards_module
@@ -106,5 +107,5 @@ def test_a_reward_that_depends_on_the_observation_needs_one():
     rewards.add(0, 0, None, 1, 5.0)
     assert rewards.at(0, 0, 0, 1) == 5
     assert rewards.at(0, 0, 0, 0) == 1
-    with pytest.raises(ModelError, match="depends on the observation: name one"):
+    with refused(ModelError):
         rewards.at(0, 0, 0, None)

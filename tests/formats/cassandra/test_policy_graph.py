@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from places import POLICIES
 from policy_files import assert_refused, model_of
+from sentences import refused
 
 from mdm import FormatError
 from mdm.formats import policies
@@ -33,7 +34,7 @@ def test_a_graph_of_observations_that_cannot_occur(tmp_path):
 def test_a_graph_beside_vectors_of_another_is_refused(tmp_path):
     (tmp_path / "tiger.pg").write_text((POLICIES / "tiger.pg").read_text())
     (tmp_path / "tiger.alpha").write_text("0\n1 2\n")
-    with pytest.raises(FormatError, match=r"tiger\.pg: the graph's 3 nodes do not match the 1 vectors of tiger\.alpha"):
+    with refused(FormatError):
         policies.load_policy(tmp_path / "tiger.pg")
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from scipy import sparse
+from sentences import refused
 
 from mdm import FormatError, load_model
 from mdm.formats.cassandra import model as cassandra
@@ -239,7 +240,7 @@ def test_names_are_told_from_words_that_stand_for_numbers(tmp_path):
 
 def test_no_observations_may_be_said_of_an_mdp():
     words = SimpleNamespace(words=["O", ":", "0", "uniform"], fail=lambda at, message: pytest.fail(message))
-    with pytest.raises(pytest.fail.Exception, match="declares no observations"):
+    with refused(pytest.fail.Exception):
         Statements(
             words,
             states=Space.single("state", 2),

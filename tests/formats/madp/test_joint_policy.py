@@ -6,6 +6,7 @@ import numpy as np
 import places
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 
 from mdm import FormatError, ModelError
 from mdm.formats import policies
@@ -96,9 +97,9 @@ def test_observations_that_are_not_one_for_each_agent(tmp_path):
         actions=TEAM.action_space,
         observation_names=SOUNDS,
     )
-    with pytest.raises(FormatError, match="one observation factor for each of its 2 agents"):
+    with refused(FormatError):
         policies.load_policy(DATA / "team.policy", model)
-    with pytest.raises(ModelError, match="need a factor for each of its 2 agents"):
+    with refused(ModelError):
         policies.save_policy(policies.load_policy(DATA / "team.policy", TEAM), tmp_path / "x.npz", model)
 
 
@@ -134,7 +135,7 @@ def test_what_is_wrong_is_said_with_its_line(tmp_path, text, line, words):
 def test_without_names_there_is_no_telling():
     mdp = MDP([np.eye(2)], np.zeros((2, 1)), discount=0.9)
     for model in (None, mdp):
-        with pytest.raises(FormatError, match="actions and observations by name"):
+        with refused(FormatError):
             policies.load_policy(DATA / "team.policy", model)
 
 
@@ -142,13 +143,13 @@ def test_what_cannot_be_written(tmp_path):
     leaf = FiniteStateController([0], [[None, None]], 3)
     loop = FiniteStateController([0], [[0, 0]], 3)
     small = FiniteStateController([0], [[None]], 3)
-    with pytest.raises(ModelError, match=r"give its POMDP \(--model\)"):
+    with refused(ModelError):
         policies.save_policy(JointController([leaf, leaf]), tmp_path / "x")
-    with pytest.raises(ModelError, match="'a,b' cannot be written"):
+    with refused(ModelError):
         policies.save_policy(JointController([leaf]), tmp_path / "x", single(["a,b", "b", "c"]))
-    with pytest.raises(ModelError, match="the controller of agent 1 is not a tree"):
+    with refused(ModelError):
         policies.save_policy(JointController([leaf, loop]), tmp_path / "x", TEAM)
-    with pytest.raises(ModelError, match="agent 0: the policy is for 1 observations, but the model has 2"):
+    with refused(ModelError):
         policies.save_policy(JointController([small, leaf]), tmp_path / "x", TEAM)
-    with pytest.raises(ModelError, match="for 1 agents, but the model has 2"):
+    with refused(ModelError):
         policies.save_policy(JointController([leaf]), tmp_path / "x", TEAM)

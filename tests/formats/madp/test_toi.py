@@ -7,6 +7,7 @@ import warnings
 import numpy as np
 import pytest
 from random_models import dense
+from sentences import refused
 
 from mdm import FormatError, load_model
 
@@ -90,13 +91,13 @@ def test_a_file_for_a_team_is_none_of_one_agent(team):
         text = text.replace(f" {action} :", f" {action} stay :")
     text = text.replace(": o0", ": o0 o0").replace(": o1", ": o1 o0")
     team.with_suffix(".agent0").write_text(text)
-    with pytest.raises(FormatError, match="agent0: a file of one agent was expected, but this has 2"):
+    with refused(FormatError):
         load_model(team)
 
 
 def test_a_set_is_read_by_its_base_alone(team):
     assert load_model(team.with_suffix("")).num_agents == 2
-    with pytest.raises(FormatError, match="part of a set: read the set by its .base file"):
+    with refused(FormatError):
         load_model(team.with_suffix(".rewards"))
     assert load_model(team.with_suffix(".agent0")).num_agents == 1
 

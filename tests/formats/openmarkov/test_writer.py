@@ -11,6 +11,7 @@ from hypothesis import given
 from loading import load
 from places import each
 from random_models import NAMES, assert_same, factored_models, flat_models
+from sentences import refused
 from strict import pgmx as strict
 from strict.numbers import assert_same_numbers
 
@@ -60,7 +61,7 @@ def test_odd_names_are_written_so_that_they_can_be_read(model, tmp_path_factory)
 
 def test_a_factor_of_one_value_has_no_place_in_it(tmp_path):
     model = MDP([np.eye(1)], [[1.0]], discount=0.9)
-    with pytest.raises(ModelError, match="'state' has one value.* write .pomdpx"):
+    with refused(ModelError):
         pgmx.write(model, tmp_path / "m.pgmx")
     assert list(tmp_path.iterdir()) == []
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import places
 import pytest
+from sentences import refused
 
 from mdm import FormatError
 from mdm.formats import policies
@@ -168,5 +169,5 @@ def test_what_is_wrong_is_said(tmp_path, text, words):
 def test_a_small_file_cannot_ask_for_much_memory(tmp_path):
     path = tmp_path / "x.policy"
     path.write_text(BODY.format(9_999_999, 1, '<SparseVector action="0"/>' * 9))
-    with pytest.raises(FormatError, match="too many sparse vectors of 9999999 numbers"):
+    with refused(FormatError):
         policies.load_policy(path)

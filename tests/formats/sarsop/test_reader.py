@@ -13,6 +13,7 @@ from loading import assert_refused_where_it_breaks, load
 from mutation import mutated
 from places import CORPUS, DATA, each
 from random_models import dense
+from sentences import refused
 
 from mdm import FormatError, load_model
 from mdm.errors import ModelWarning
@@ -191,5 +192,5 @@ def test_a_function_of_rewards_is_refused_elsewhere(tmp_path, section):
     place = f"</{section}>" if section else "<InitialStateBelief>"
     assert DIAGRAM.count(place) == 1
     (tmp_path / "d.pomdpx").write_text(DIAGRAM.replace(place, f"{REWARD}{place}"))
-    with pytest.raises(FormatError, match=rf"d\.pomdpx:\d+:\d+: <Func> is not allowed in <{section or 'pomdpx'}>"):
+    with refused(FormatError):
         load_model(tmp_path / "d.pomdpx")

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from loading import load
 from random_models import NAMES, assert_same, factored_models, flat_models
+from sentences import refused
 
 from mdm import ModelError
 from mdm.errors import ModelWarning
@@ -66,7 +67,7 @@ def test_changed_names_are_told(tmp_path):
 def test_events_have_no_place_in_it(tmp_path):
     told = np.full((1, 2, 2, 2), 0.5)
     model = POMDP([np.eye(2)], told, np.zeros((2, 1)), discount=0.9, event_observations=True)
-    with pytest.raises(ModelError, match="cannot hold observations of events"):
+    with refused(ModelError):
         pomdpx.write(model, tmp_path / "m.pomdpx")
     assert list(tmp_path.iterdir()) == []
 

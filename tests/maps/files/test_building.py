@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from building_file import BUILDING, write_building
 from floor_file import GRAPH
+from sentences import refused
 
 from mdm.errors import FormatError, MapError
 from mdm.maps import Lift, Pose, load_floors
@@ -59,13 +60,13 @@ def test_wrong_files_are_told_with_their_line(tmp_path, before, after, words):
 
 def test_what_stands_in_a_line_of_its_own_or_not_has_a_line(tmp_path):
     text = BUILDING[: BUILDING.index("[lifts")] + '[lifts]\n"a b" = { stops = ["ground.hall"], seconds = 1 }\n'
-    with pytest.raises(FormatError, match=r"building.toml:15: 'a b' leads nowhere"):
+    with refused(FormatError):
         load_floors(write_building(tmp_path, text))
 
 
 def test_files_of_a_floor_that_do_not_fit_are_told_with_the_floor(tmp_path):
     graph = GRAPH.replace('"office"', '"attic"').replace(">office<", ">attic<").replace("0.0 5.0", "0.0 -50.0")
     path = write_building(tmp_path, graphs={"upper": graph})
-    with pytest.raises(MapError, match="floor 'upper': "):
+    with refused(MapError):
         load_floors(path)
     assert load_building(path).floors["upper"].problems

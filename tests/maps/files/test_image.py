@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from PIL import Image as Pillow
+from sentences import refused
 
 from mdm.errors import FormatError, MapError
 from mdm.maps.files.image import read_image
@@ -85,7 +86,7 @@ def test_grey_gives_the_number_itself_whatever_its_depth(tmp_path, bits):
 @pytest.mark.parametrize(("kind", "channels"), [(2, 3), (4, 2), (6, 4)])
 def test_sixteen_bits_per_colour_are_refused(tmp_path, kind, channels):
     path = png(tmp_path / "image.png", 16, kind, [b"\1\2" * channels * 2], columns=2)
-    with pytest.raises(FormatError, match="16 bits per colour channel: save the image with 8"):
+    with refused(FormatError):
         read_image(path)
 
 
@@ -138,10 +139,10 @@ def test_damaged_images_are_told(tmp_path, content, message):
 def test_a_cut_png_is_damaged_and_an_enormous_one_refused(tmp_path):
     path = saved(tmp_path, PIXELS, "RGB")
     path.write_bytes(path.read_bytes()[:60])
-    with pytest.raises(FormatError, match="damaged"):
+    with refused(FormatError):
         read_image(path)
     png(path, 8, 0, [b""], columns=2_000_000_000)
-    with pytest.raises(FormatError, match="damaged|more than 100,000,000"):
+    with refused(FormatError):
         read_image(path)
 
 
@@ -150,5 +151,5 @@ def test_without_pillow_greymaps_are_read_and_pngs_told(tmp_path, monkeypatch):
     saved(tmp_path, PIXELS[:, :, 0], "L", "image.pgm")
     monkeypatch.setitem(sys.modules, "PIL", None)
     assert read_image(tmp_path / "image.pgm").numbers.tolist() == PIXELS[:, :, 0].tolist()
-    with pytest.raises(MapError, match=r"need Pillow: pip install 'markov-decision-making\[maps\]'"):
+    with refused(MapError):
         read_image(path)

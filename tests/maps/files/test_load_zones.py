@@ -8,6 +8,7 @@ import warnings
 import numpy as np
 import pytest
 from hypothesis import assume, given, strategies as st
+from sentences import refused
 
 from mdm.errors import MapError, MapWarning
 from mdm.maps import Frame, Graph, Node, Pose
@@ -92,16 +93,16 @@ def test_a_place_without_zone_reaches_around_its_goal():
             else:
                 want = None if min(a, b) > 1.4 else "a" if a <= b else "b"
             assert labels.name(x, y) == want, (x, y)
-    with pytest.raises(MapError, match="'a' has no zone: give an image with labels, or how far"):
+    with refused(MapError):
         labels_of(some, frame, None)
 
 
 def test_a_place_without_a_cell_is_refused():
     frame = Frame(4, 4, 1.0)
     for zone in (square(50, 50, 1), square(1, 1, 0.1)):
-        with pytest.raises(MapError, match="no cell of the map belongs to a"):
+        with refused(MapError):
             labels_of(graph(("a", (1, 1), zone)), frame, None)
-    with pytest.raises(MapError, match="no cell of the map belongs to b"):
+    with refused(MapError):
         labels_of(graph(("a", (1, 1), square(2, 2, 2)), ("b", (50, 50), None)), frame, 1.0)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
+from sentences import refused
 
 from mdm.errors import FormatError, MapWarning
 from mdm.maps import Edge, Pose, load_graph
@@ -113,5 +114,5 @@ def test_what_is_wrong_is_told_with_its_feature(tmp_path, features, message):
 @pytest.mark.parametrize("content", ['{"features": [', "{" * 10_000, '{"features":' + "[" * 100_000])
 def test_damaged_texts(tmp_path, content):
     (tmp_path / "graph.geojson").write_text(content)
-    with pytest.raises(FormatError, match="no route graph|nested too deep"):
+    with refused(FormatError):
         load_graph(tmp_path / "graph.geojson")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from floor_file import GRAPH
+from sentences import refused
 
 from mdm.errors import FormatError
 from mdm.maps import Edge, Graph, Node, Pose, load_graph, save_graph
@@ -26,7 +27,7 @@ def test_places_goals_and_ways(tmp_path):
 def test_other_nestings_and_a_goal_without_yaw(tmp_path):
     text = '<?xml version="1.0"?><TopologicalMap><!-- x --><Nodes><Node name="a"><Goal> 1 -2e0 </Goal>'
     text += '<Connection label="On"> b </Connection></Node></Nodes><Node name="b"><Goal>0 0 3</Goal></Node>'
-    with pytest.raises(FormatError, match="<Node> was expected, not <Nodes>"):
+    with refused(FormatError):
         load(tmp_path, text + "</TopologicalMap>")
     graph = load(tmp_path, text.replace("<Nodes>", "").replace("</Nodes>", "") + "</TopologicalMap>")
     assert graph.node("a").goal == Pose(1, -2, 0)
@@ -66,12 +67,12 @@ def test_a_graph_that_is_written_is_read_as_it_was(tmp_path):
     graph = Graph(nodes, (Edge(names[0], names[1], "to <it>"), Edge(names[2], names[0], "Up & down")))
     save_graph(graph, tmp_path / "graph.xml")
     assert load_graph(tmp_path / "graph.xml") == graph
-    with pytest.raises(FormatError, match="cannot be written|No such|no such"):
+    with refused(FormatError):
         save_graph(graph, tmp_path / "nowhere" / "graph.xml")
 
 
 def test_a_map_without_places(tmp_path):
-    with pytest.raises(FormatError, match="no places"):
+    with refused(FormatError):
         load(tmp_path, "<TopologicalMap></TopologicalMap>")
 
 

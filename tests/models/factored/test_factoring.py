@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from random_models import assert_same, factored_models, flat_models
+from sentences import refused
 
 from mdm import ModelError
 from mdm.errors import ModelWarning
@@ -57,7 +58,7 @@ def test_what_would_be_too_large_is_refused_at_once():
     from scipy.sparse import eye_array
 
     large = MDP([eye_array(size, format="csr")], np.zeros((size, 1)), discount=0.9)
-    with pytest.raises(ModelError, match=r"25000000 entries, too many .* \(at most 20000000\); write an archive"):
+    with refused(ModelError):
         as_network(large)
 
 
@@ -73,5 +74,5 @@ def test_how_large_counts_the_state_before_only_where_observations_are_events(mo
         event_observations=True,
         **options,
     )
-    with pytest.raises(ModelError, match="90 entries"):
+    with refused(ModelError):
         as_network(events)

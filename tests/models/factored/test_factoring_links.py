@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given
 from random_models import assert_same, factored_models
+from sentences import refused
 
 from mdm.errors import ModelError
 from mdm.models import POMDP, Factor, FactoredMDP, FactoredPOMDP, Space
@@ -68,5 +68,5 @@ def test_a_joined_network_is_the_same_model(model):
 def test_tables_too_large_to_join_are_refused(monkeypatch):
     network = team(np.outer([0.25, 0.75], [0.5, 0.5, 0]))
     monkeypatch.setattr("mdm.models.factored.factoring._LARGEST", 4)
-    with pytest.raises(ModelError, match="joint table has 6 entries .at most 4.: write an archive"):
+    with refused(ModelError):
         unlinked(network, "observation")

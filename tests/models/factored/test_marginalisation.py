@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from random_models import dense, distributions
+from sentences import refused
 
 from mdm import ModelError, load_model
 from mdm.errors import ModelWarning
@@ -80,16 +81,16 @@ def test_what_others_depend_on_is_kept():
     copies = np.zeros((1, 4, 4))
     for x, f in np.ndindex(2, 2):
         copies[0, 2 * x + f, 2 * f + f] = 1  # here' is what lamp was
-    with pytest.raises(ModelError, match="transitions of the other factors depend on 'lamp'"):
+    with refused(ModelError):
         MDP(copies, np.zeros((4, 1)), discount=0.9, states=states).marginalize("lamp")
     paid = np.array([[0.0], [1.0], [0.0], [1.0]])
-    with pytest.raises(ModelError, match="rewards depend on 'lamp'"):
+    with refused(ModelError):
         MDP([np.eye(4)], paid, discount=0.9, states=states).marginalize("lamp")
     small = MDP([np.eye(4)], paid, discount=0.9, states=states).marginalize("here")
     assert small.state_space.factors[0].names == ("off", "on")
-    with pytest.raises(ModelError, match="no state factor 'nope'; there are here, lamp"):
+    with refused(ModelError):
         MDP([np.eye(4)], paid, discount=0.9, states=states).marginalize("nope")
-    with pytest.raises(ModelError, match="only state factor"):
+    with refused(ModelError):
         small.marginalize("lamp")
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from random_models import distributions
+from sentences import refused
 
 from mdm import ModelError
 from mdm.beliefs import BeliefTracker
@@ -88,19 +89,19 @@ def test_the_first_belief_is_that_of_who_sees_the_first_state(given_):
 
 def test_what_goes_wrong_is_told():
     model = model_of(1, [2, 2])
-    with pytest.raises(ModelError, match=r"observed factors \[2\] are not among the 2"):
+    with refused(ModelError):
         MixedPOMDP(model, [2])
-    with pytest.raises(ModelError, match=r"observed factors \[1, 0, 1\] contain a duplicate"):
+    with refused(ModelError):
         MixedPOMDP(model, [1, 0, 1])
-    with pytest.raises(ModelError, match="there is no symbol -1"):
+    with refused(ModelError):
         MixedPOMDP(model, [0]).belief_at_start(-1)
     never = np.flatnonzero(MixedPOMDP(model, [0, 1]).initial_belief == 0)
     for s in never:
-        with pytest.raises(ModelError, match="cannot begin in state"):
+        with refused(ModelError):
             MixedPOMDP(model, [0, 1]).belief_at_start(s)
     flat = POMDP(np.full((1, 2, 2), 0.5), np.ones((1, 1, 2, 2)), np.ones((2, 1)), discount=0.5, event_observations=True)
     events = FactoredPOMDP(as_network(flat), discount=0.5)
-    with pytest.raises(ModelError, match="event observations cannot have observed factors"):
+    with refused(ModelError):
         MixedPOMDP(events, [0])
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from random_models import dense, distributions, factored_models
+from sentences import refused
 
 from mdm import ModelError
 from mdm.models import Factor, FactoredMDP, FactoredPOMDP, Node, Space, Table, TwoSliceNetwork
@@ -62,9 +63,9 @@ def test_events_are_asked_for_with_the_state_before(sparse):
     assert model.observation("Open", "LRM open", state="LRM open").tolist() == [1, 0]
     assert dense(model.event_matrix("Open", "click"))[0].tolist() == [0, 0.875, 0, 0 if sparse else 0.875]
     assert dense(model.joint_matrix("Open", "click"))[0].tolist() == [0, 0.75 * 0.875, 0, 0]
-    with pytest.raises(ModelError, match=r"name the state before, too \(state=\)"):
+    with refused(ModelError):
         model.observation("Open", "LRM open")
-    with pytest.raises(ModelError, match="ask for event_matrix"):
+    with refused(ModelError):
         model.observation_matrix("Open")
 
 
@@ -72,7 +73,7 @@ def test_rewards_of_what_is_observed():
     model = FactoredPOMDP(door(events=True, paid_by_observation=True), discount=0.9)
     assert model.reward("Open", "LRM shut") == pytest.approx(-1 + 0.75 * (10 + 0.875 * 2))
     assert model.reward("Open", "LRM shut", "LRM open", "click") == 11
-    with pytest.raises(ModelError, match="depends on the observation: name one"):
+    with refused(ModelError):
         model.reward("Open", "LRM shut", "LRM open")
 
 
@@ -110,7 +111,7 @@ def test_matrices_are_made_once_when_they_are_asked_for():
     assert other.flatten().discount == 0.5
     assert other.rewards is flat.rewards
     for array in (model.rewards, model.initial_belief, model.transition_matrix(0)):
-        with pytest.raises(ValueError, match="read-only"):
+        with refused(ValueError):
             array[0] = 0
 
 
@@ -232,7 +233,7 @@ def test_a_factor_that_tells_of_its_past_cannot_be_dropped():
         transitions=[Table([Node("next_state", 0)], [0.5, 0.5]), Table(lamp, np.eye(2))],
         observation=[Table([lamp[1], Node("observation", 0)], np.eye(2))],
     )
-    with pytest.raises(ModelError, match="the observations of the other factors depend on 'lamp'"):
+    with refused(ModelError):
         FactoredPOMDP(network, discount=0.9).marginalize("lamp")
 
 

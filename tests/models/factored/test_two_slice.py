@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from random_models import networks
+from sentences import refused
 
 from mdm import ModelError
 from mdm.models import Factor, FactoredMDP, FactoredPOMDP, Node, Space, Table, Tree, TwoSliceNetwork
@@ -110,7 +111,7 @@ def test_a_branch_that_nothing_leads_to_is_not_looked_at():
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -0.5])
 def test_what_is_no_probability_is_told(bad):
-    with pytest.raises(PotentialError, match=f"of 'x0': {bad:g} is not a probability"):
+    with refused(PotentialError):
         binary(1, initial=[Table([now(0)], [1.5, bad])])
 
 
@@ -122,7 +123,7 @@ def test_all_problems_are_collected():
         ("the probabilities of 'x0': they sum to 0.75, not to 1", True),
         ("the probabilities of 'x1': -1 is not a probability", False),
     ]
-    with collect_problems(sums_only=True) as problems, pytest.raises(ModelError, match="-1 is not a probability"):
+    with collect_problems(sums_only=True) as problems, refused(ModelError):
         binary(2, initial=wrong)
     assert len(problems) == 1
 
@@ -142,7 +143,7 @@ def test_a_distribution_given_too_many_variables_at_once_is_refused_without_a_ta
         top = Tree(now(place), [0, 0], [top])
     over = Tree(later(0), [0, 0], [top])  # the child on top: every combination below would have to be looked at
     transitions = [over, *(copies(now(place), later(place)) for place in range(1, 26))]
-    with pytest.raises(ModelError, match=r"\"x0'\" has 26 parents with 67108864 combinations"):
+    with refused(ModelError):
         binary(26, transitions=transitions)
 
 
@@ -158,5 +159,5 @@ def test_what_events_say_counts_only_where_their_transition_is_possible():
     told[1, 1] = 0.75
     options["observation"] = [Table([now(0), later(0), seen], told)]
     wrong = FactoredPOMDP(binary(1, **options), discount=0.9)
-    with pytest.raises(ModelError, match="from 'on' to 'on' sum to 1.5, more than 1"):
+    with refused(ModelError):
         wrong.flatten()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 
 from mdm import ModelError
 from mdm.models import Node, Table, Tree
@@ -71,7 +72,7 @@ def test_tables_are_copies_that_cannot_be_changed():
     table = Table([PARENTS[0]], given_)
     given_[0] = 7
     assert table.values.tolist() == [1, 2]
-    with pytest.raises(ValueError, match="read-only"):
+    with refused(ValueError):
         table.values[0] = 7
 
 

@@ -6,6 +6,7 @@ import asyncio
 import threading
 
 import pytest
+from sentences import refused
 
 from mdm import Error, Runtime, run
 from mdm.runtime.process.emergency import Emergency
@@ -103,7 +104,7 @@ def test_emergencies_that_are_added_are_called_too_each_once():
             runtime.add_emergency(second)
         runtime.emergency("the hand")
         await asyncio.sleep(0)
-        with pytest.raises(Error, match="`emergency` must be a plain function"):
+        with refused(Error):
             runtime.add_emergency(asyncio.sleep)
         return [fault.detail for fault in faults]
 

@@ -7,6 +7,7 @@ import time
 
 import anyio
 import pytest
+from sentences import refused
 
 from mdm import Actor, DeadlockError, Error, Runtime, VirtualClock, run
 from mdm.testing import run_virtual
@@ -35,7 +36,7 @@ def test_a_deadlock_is_found():
     async def main(runtime):
         await asyncio.Event().wait()
 
-    with pytest.raises(DeadlockError, match="virtual time stands still"):
+    with refused(DeadlockError):
         run_virtual(main)
 
 
@@ -51,7 +52,7 @@ def test_a_virtual_clock_needs_a_virtual_loop():
         async with Runtime(clock=VirtualClock(), log=None):
             pass
 
-    with pytest.raises(Error, match=r"mdm\.run\(main, virtual=True\)"):
+    with refused(Error):
         run(main)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from maps.floors import FURNITURE, offices
 from passage import PASSAGE
+from sentences import refused
 
 import mdm
 from mdm.errors import ConfigError, Error, MapError
@@ -190,19 +191,19 @@ def test_places_are_told_what_is_told_on_the_channel():
 
 def test_what_does_not_fit_is_refused():
     floor = offices().map()
-    with pytest.raises(MapError, match="of several floors make a Tower"):
+    with refused(MapError):
         Building(Floors({"ground": floor}))
-    with pytest.raises(MapError, match="needs a map with a grid"):
+    with refused(MapError):
         Building(Map(floor.labels, floor.graph))
     building = Building(floor)
     building.robot("ada", at="hall")
-    with pytest.raises(ConfigError, match="two robots are called 'ada'"):
+    with refused(ConfigError):
         building.robot("ada", at="lab")
-    with pytest.raises(MapError, match="'bob' does not fit at -1.9, 6: it would stand in a wall"):
+    with refused(MapError):
         building.robot("bob", at=Pose(-1.9, 6.0))
-    with pytest.raises(MapError, match="no place 'attic'"):
+    with refused(MapError):
         building.robot("bob", at="attic")
-    with pytest.raises(MapError, match="'bob' does not fit at 9.3, 7.25: robot 'ada' is there"):
+    with refused(MapError):
         building.robot("bob", at=Pose(9.3, 7.25))
 
 
@@ -252,7 +253,7 @@ def test_drives_fail_when_the_building_stops():
             drive = asyncio.create_task(robot.go(floor.graph.node("lab").goal))
             await runtime.clock.sleep(1.0)
             await runtime.stop(building)
-            with pytest.raises(DriveError, match="'ada' cannot go on: the building has stopped"):
+            with refused(DriveError):
                 await drive
 
     mdm.run(main, virtual=True)
@@ -267,7 +268,7 @@ def test_without_navground_there_is_one_sentence(monkeypatch):
         return real(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(Error, match="simulated buildings need navground: pip install"):
+    with refused(Error):
         Building(offices().map())
 
 

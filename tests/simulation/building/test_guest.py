@@ -7,6 +7,7 @@ import math
 
 import pytest
 from passage import MIDDLE, PASSAGE, Scripted
+from sentences import refused
 
 import mdm
 from mdm.errors import ConfigError, Error, MapError
@@ -91,7 +92,7 @@ def test_a_robot_tells_where_it_is_and_drives():
 def test_what_is_not_finite_is_refused(place):
     guest = Building(PASSAGE.map()).guest("bob")
     numbers = [math.nan if index == place else 1.0 for index in range(5)]
-    with pytest.raises(Error, match="guest 'bob' cannot be where it is told to be, which is not finite"):
+    with refused(Error):
         guest.take(Whereabouts(0, *numbers[:3], (numbers[3], 0.0), numbers[4], ()))
 
 
@@ -100,11 +101,11 @@ def test_a_guest_that_no_robot_could_be_is_refused():
     building.robot("ada", at="west")
     building.guest("bob")
     for name in ("ada", "bob"):
-        with pytest.raises(ConfigError, match=f"two robots are called '{name}'"):
+        with refused(ConfigError):
             building.guest(name)
-    with pytest.raises(ConfigError, match="two robots are called 'bob'"):
+    with refused(ConfigError):
         building.robot("bob", at="east")
-    with pytest.raises(ConfigError, match="the radius of robot 'eve' is a number above 0, not 0"):
+    with refused(ConfigError):
         building.guest("eve", radius=0)
 
 
@@ -114,7 +115,7 @@ def test_a_robot_cannot_be_put_where_a_guest_is():
     building.robot("ada", at="west")
     guest.take(Whereabouts(0, 15.0, MIDDLE, 0.0, (0.0, 0.0), 0.0, ()))
     guest.steer(0.1)
-    with pytest.raises(MapError, match="robot 'eve' does not fit at 15.3, 3: robot 'bob' is there"):
+    with refused(MapError):
         building.robot("eve", at=Pose(15.3, MIDDLE))
 
 

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import pytest
 from building_file import BUILDING, write_building
+from sentences import refused
 
 import mdm
 from mdm.errors import ConfigError, MapError
@@ -109,7 +110,7 @@ def test_who_stands_before_the_lift_is_waited_for(floors):
     ada, bob = robot(tower), robot(tower, "bob", "upper.store")
 
     async def script(runtime):
-        with pytest.raises(DriveError, match="robot 'ada' cannot get out on 'upper': somebody stands before the lift"):
+        with refused(DriveError):
             await ada.ride("lift", goal(tower, "upper.store"))
         assert runtime.clock.now() / 1e9 == pytest.approx(42.0, abs=0.5)
         assert ada.rides
@@ -164,11 +165,11 @@ def test_what_cannot_be_done_is_told(floors):
             assert words in str(caught.value)
 
     run(tower, script)
-    with pytest.raises(ConfigError, match="two robots are called 'ada'"):
+    with refused(ConfigError):
         robot(tower, at="upper.hall")
-    with pytest.raises(MapError, match="robot 'bob' begins on the floor ''; there are ground, upper"):
+    with refused(MapError):
         robot(tower, "bob", Pose(0.0, 3.0))
-    with pytest.raises(ConfigError, match="visits come to 'roof', and there are ground, upper"):
+    with refused(ConfigError):
         Tower(floors, visits={"roof": []})
 
 
@@ -179,7 +180,7 @@ def test_a_slide_leads_down_alone(tmp_path):
 
     async def script(runtime):
         await ada.ride("lift", goal(tower, "ground.store"))
-        with pytest.raises(DriveError, match="no lift 'lift' takes robot 'ada' from 'ground' to 'upper'"):
+        with refused(DriveError):
             await ada.ride("lift", goal(tower, "upper.store"))
 
     run(tower, script)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
 from maps.floors import Floor, offices
+from sentences import refused
 
 import mdm
 from mdm.errors import ConfigError, MapError
@@ -87,16 +87,16 @@ CLOSET = Floor(
 
 def test_wrong_visits_are_refused():
     floor = offices().map()
-    with pytest.raises(ConfigError, match="every is a number of seconds above 0, not -1"):
+    with refused(ConfigError):
         Visits("fire", every=-1)
     for places in ([], "lab"):
-        with pytest.raises(ConfigError, match="places are names, one at least"):
+        with refused(ConfigError):
             Visits("fire", places=places)
-    with pytest.raises(MapError, match="no fire has room in 'closet': name other places"):
+    with refused(MapError):
         Building(CLOSET.map(), visits=[Visits("fire")])
-    with pytest.raises(ConfigError, match="two visits are of the kind 'fire'"):
+    with refused(ConfigError):
         Building(floor, visits=[Visits("fire"), Visits("fire")])
-    with pytest.raises(MapError, match="no place 'attic'"):
+    with refused(MapError):
         Building(floor, visits=[Visits("fire", places=["attic"])])
-    with pytest.raises(ConfigError, match="no visits of the kind 'flood'; there are fire"):
+    with refused(ConfigError):
         Building(floor, visits=[Visits("fire")]).present("flood")

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from sentences import refused
 from teams import best_of_all, by_trees, team, worth
 
 from mdm import ConfigError, ModelError
@@ -152,17 +153,17 @@ def test_the_same_seed_gives_the_same_plan():
 
 
 def test_a_horizon_that_is_too_long_is_refused():
-    with pytest.raises(ModelError, match=r"a plan over 40 steps needs .* take a shorter horizon"):
+    with refused(ModelError):
         jesp(team(0), horizon=40)
 
 
 def test_a_horizon_is_at_least_one_decision():
-    with pytest.raises(ModelError, match="a horizon is at least 1 decision, not 0"):
+    with refused(ModelError):
         jesp(team(0), horizon=0)
 
 
 def test_there_is_at_least_one_start():
-    with pytest.raises(ConfigError, match="at least 1 random plan is needed to begin with, not 0"):
+    with refused(ConfigError):
         jesp(team(0), restarts=0)
 
 
@@ -175,7 +176,7 @@ def test_observations_are_one_for_each_agent():
         discount=1.0,
         actions=model.action_space,
     )
-    with pytest.raises(ModelError, match="1 factors of observations for 2 agents"):
+    with refused(ModelError):
         jesp(shared)
 
 
@@ -191,7 +192,7 @@ def test_events_that_go_unobserved_are_refused():
             observation_names=Space([Factor("a", 2), Factor("b", 2)]),
             event_observations=True,
         )
-    with pytest.raises(ModelError, match="may lead to no observation at all"):
+    with refused(ModelError):
         jesp(silent)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 from teams import by_trees, team, worth
 
 from mdm import ModelError
@@ -37,7 +38,7 @@ def test_a_tree_has_a_node_for_each_history():
 
 def test_plans_that_are_none_or_too_large_are_refused():
     dynamics = Team(team(0))
-    with pytest.raises(ModelError, match="at least 1 decision, not 0"):
+    with refused(ModelError):
         plan_size(dynamics, 0)
-    with pytest.raises(ModelError, match=r"a plan over 60 steps needs .* take a shorter horizon"):
+    with refused(ModelError):
         plan_size(dynamics, 60)

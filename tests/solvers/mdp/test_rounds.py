@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from random_models import factored_models, flat_models
 from scipy.optimize import linprog
+from sentences import refused
 
 import mdm
 from mdm.compilation import can_compile
@@ -211,13 +212,13 @@ def test_time_is_up(solver):
 @every_solver
 def test_numbers_that_are_too_large(solver):
     model = MDP([np.eye(2)], np.full((2, 1), 1e308), discount=0.99)
-    with warnings.catch_warnings(), pytest.raises(ModelError, match="too large"):
+    with warnings.catch_warnings(), refused(ModelError):
         warnings.simplefilter("ignore", RuntimeWarning)
         solver(model)
 
 
 def test_rewards_that_are_no_numbers_and_empty_sets_of_actions():
-    with pytest.raises(ModelError, match="nan"):
+    with refused(ModelError):
         MDP([np.eye(2)], [[np.nan], [0]], discount=0.9)
-    with pytest.raises(ModelError, match="rewards are a states x actions array"):
+    with refused(ModelError):
         MDP([], np.zeros((2, 0)), discount=0.9)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from random_models import distributions
+from sentences import refused
 
 from mdm import problems
 from mdm.errors import ModelError
@@ -156,7 +157,7 @@ def test_to_rest_may_be_the_best(solver):
 @pytest.mark.parametrize("sparse", [False, True])
 def test_no_end(solver, sparse):
     rewards = np.array([[-1, -1], [-1, -1], [-1, -1.0]])
-    with pytest.raises(ModelError, match="discount is 1, but from state '0' no policy comes to where nothing more"):
+    with refused(ModelError):
         solver(MDP([STAY, ON], rewards, discount=1, sparse=sparse))
 
 
@@ -164,7 +165,7 @@ def test_no_end(solver, sparse):
 @pytest.mark.parametrize("sparse", [False, True])
 def test_rewards_without_end(solver, sparse):
     rewards = np.array([[0, -1], [2, 1], [0, 0.0]])
-    with pytest.raises(ModelError, match="from state '[01]' rewards can be earned without end"):
+    with refused(ModelError):
         solver(MDP([STAY, ON], rewards, discount=1, sparse=sparse))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from random_models import dense, flat_models
+from sentences import refused
 
 from mdm import ModelError
 from mdm.loading import spared
@@ -74,7 +75,7 @@ def test_a_false_negative_is_an_observation_of_its_own_and_plans_are_added():
 
 
 def test_values_of_what_never_ends_have_no_bounds():
-    with pytest.raises(ModelError, match="needs a discount below 1"):
+    with refused(ModelError):
         search_tables(MDP([np.eye(2)], [[0.0], [1.0]], discount=1), upper=None, lower=None)
 
 

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from places import EXAMPLES
 from random_models import dense, distributions, flat_models
+from sentences import refused
 
 import mdm
 from mdm.solvers.online import kernel
@@ -294,12 +295,12 @@ def test_what_is_refused(tiger, options, text):
 
 
 def test_models_and_beliefs_that_are_refused(tiger):
-    with pytest.raises(mdm.ModelError, match="needs a discount below 1"):
+    with refused(mdm.ModelError):
         mdm.solvers.TreeSearch(tiger.with_discount(1.0), expansions=1)
     policy = mdm.solvers.TreeSearch(tiger, expansions=1)
     for belief in ([0.5, 0.6], [1.0], [np.nan, 1.0], ([5], [1.0])):
-        with pytest.raises(mdm.ModelError, match="belief"):
+        with refused(mdm.ModelError):
             policy.action(belief)
     chain = mdm.models.MDP(np.eye(2)[None], [[0.0], [1.0]], discount=0.5)
-    with pytest.raises(mdm.ModelError, match="there is no state 2"):
+    with refused(mdm.ModelError):
         mdm.solvers.TreeSearch(chain, expansions=1).action(2)

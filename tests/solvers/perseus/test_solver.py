@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from perseus_models import SEEDS, SMALL, events, parts, recursion
+from sentences import refused
 
 from mdm import ConfigError, ModelError
 from mdm.models import POMDP
@@ -76,16 +77,16 @@ def test_it_stops_when_it_is_told_to():
 
 def test_refusals():
     model = tiger()
-    with pytest.raises(ModelError, match="discount below 1, or a horizon"):
+    with refused(ModelError):
         perseus(model.with_discount(1))
-    with pytest.raises(ConfigError, match="at least 1 belief, not 0"):
+    with refused(ConfigError):
         perseus(model, beliefs=0)
-    with pytest.raises(ConfigError, match="from 1 on, not 0"):
+    with refused(ConfigError):
         perseus(model, horizon=0)
-    with pytest.raises(ModelError, match="belief 1 sums to 2"):
+    with refused(ModelError):
         perseus(model, beliefs=[[0.5, 0.5], [1, 1]])
-    with pytest.raises(ModelError, match="too much for numbers"):
+    with refused(ModelError):
         perseus(POMDP([np.eye(2)], [np.eye(2)], [[1e308], [0]], discount=0.9))
     never = POMDP([np.eye(2)], [[[1, 0], [0, 1]]], [[1], [0]], discount=1.0)
-    with pytest.raises(ModelError, match="may go on for ever without anything being detected"):
+    with refused(ModelError):
         perseus(never.with_false_negatives(0), horizon=2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, settings, strategies as st
 from perseus_models import SEEDS, SMALL, parts, reachable, recursion
+from sentences import refused
 
 from mdm import ModelError
 from mdm.problems import tiger
@@ -44,5 +45,5 @@ def test_a_plan_is_whole_wherever_it_is_stopped():
 
 
 def test_a_horizon_that_no_plan_could_have_is_refused():
-    with pytest.raises(ModelError, match="a plan of 1,000,000,000,000 decisions needs .* take a shorter horizon"):
+    with refused(ModelError):
         perseus(tiger(), horizon=10**12)

@@ -17,6 +17,7 @@ from hypothesis import example, given, settings, strategies as st
 from places import EXAMPLES, each
 from random_models import dense, distributions
 from sarsop_models import mixed
+from sentences import refused
 
 from mdm import ConfigError, ModelError, ModelWarning, load_model, load_policy
 from mdm.compilation import plain
@@ -347,14 +348,14 @@ def test_a_gap_of_nothing_ends_where_numbers_end():
 
 def test_what_it_cannot_solve_is_told():
     huge = POMDP(np.ones((1, 1, 1)), np.ones((1, 1, 1)), np.full((1, 1), 1e308), discount=0.9)
-    with pytest.raises(ModelError, match="scale the rewards down"):
+    with refused(ModelError):
         sarsop(huge)
-    with pytest.raises(ModelError, match="discount below 1"):
+    with refused(ModelError):
         sarsop(load_model(TIGER).with_discount(1.0))
-    with pytest.raises(ConfigError, match="value-iteration"):
+    with refused(ConfigError):
         solve(load_model(TIGER), "value-iteration")
     large = POMDP([np.eye(50)] * 2, np.full((2, 50, 2), 0.5), np.zeros((50, 2)), discount=0.5)
-    with pytest.raises(ModelError, match="SARSOP would need .* MB for the steps without a detection: take perseus"):
+    with refused(ModelError):
         sarsop(large.with_false_negatives(0), limits=Limits(memory=1))
 
 

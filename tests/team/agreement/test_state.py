@@ -3,6 +3,7 @@ from __future__ import annotations
 import re
 
 import pytest
+from sentences import refused
 from team.copies import Violation
 from team.invariants import INVARIANTS, check
 from team.lockstep import Lockstep
@@ -102,5 +103,5 @@ def test_what_is_said_of_a_state_is_what_is_checked():
 def test_a_state_that_breaks_an_invariant_is_found(number):
     name, fields = SPOILT[number]
     check(spoilt(name))
-    with pytest.raises(Violation, match=f"{name} breaks invariant {number}: "):
+    with refused(Violation):
         check(spoilt(name, **fields))

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 
 import mdm
 from mdm.policies import AlphaVectors
@@ -104,16 +105,16 @@ def test_what_silence_costs_is_known_from_both_beliefs():
 
 @pytest.mark.parametrize("threshold", [-1, math.nan, math.inf, True, "1", None])
 def test_thresholds_that_are_none(threshold):
-    with pytest.raises(mdm.ConfigError, match="a threshold is a number from 0 on, not"):
+    with refused(mdm.ConfigError):
         ValueOfCommunication(threshold)
 
 
 def test_budgets_that_are_none():
-    with pytest.raises(mdm.ConfigError, match="a rate is a positive number of messages per second"):
+    with refused(mdm.ConfigError):
         Budget(0)
-    with pytest.raises(mdm.ConfigError, match="a burst is at least 1 message"):
+    with refused(mdm.ConfigError):
         Budget(1, burst=0)
-    with pytest.raises(mdm.ConfigError, match="a budget is of a communication policy, not of 3"):
+    with refused(mdm.ConfigError):
         Budget(1, 3)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from sentences import refused
 from teams import team
 
 import mdm
@@ -254,7 +255,7 @@ def test_what_makes_no_recollection_is_refused():
     model = MODELS[0]
     plan = JointController([FiniteStateController([0], [[0, 0]], 2)] * 2)
     states = mdm.models.MDP([np.eye(2)] * 2, np.zeros((2, 2)), discount=0.9)
-    refused = [
+    cases = [
         (lambda: Recollection(controller_for(model), 2), "there is no agent 2; the model has 2"),
         (lambda: Recollection(controller_for(model), "robot7"), "the agents are robot0, robot1"),
         (lambda: Recollection(controller_for(model), 0, window=-1), "a window is a number of steps from 0 on, not -1"),
@@ -262,18 +263,18 @@ def test_what_makes_no_recollection_is_refused():
         (lambda: Recollection(Controller(plan, model), 0), "runs its own part of a plan on its own observations"),
         (lambda: Recollection(Controller([0, 1], states), 0), "for policies over beliefs, but this one is over states"),
     ]
-    for make, text in refused:
+    for make, text in cases:
         with pytest.raises(mdm.ConfigError, match=text):
             make()
 
 
 def test_what_makes_no_sense_is_refused_and_changes_nothing():
     recollection = Recollection(controller_for(MODELS[0]), 0)
-    with pytest.raises(mdm.ModelError, match="the recollection has not begun"):
+    with refused(mdm.ModelError):
         recollection.observe(0)
     recollection.start()
     before = recollection.controller.digest()
-    refused = [
+    cases = [
         (lambda: recollection.observe(7), "has no symbol 7"),
         (lambda: recollection.hear(0, Experience(1, 0, 0)), "'robot0' knows itself what it did and observed"),
         (lambda: recollection.hear(5, Experience(1, 0, 0)), "there is no agent 5"),
@@ -281,14 +282,14 @@ def test_what_makes_no_sense_is_refused_and_changes_nothing():
         (lambda: recollection.hear(1, Experience(1, 9, 0)), "has no symbol 9"),
         (lambda: recollection.hear(1, Experience(1, 0, 9)), "has no symbol 9"),
     ]
-    for call, text in refused:
+    for call, text in cases:
         with pytest.raises(mdm.ModelError, match=text):
             call()
     assert recollection.controller.digest() == before
     assert (recollection.step, recollection.statistics().heard) == (0, 0)
     nobody = Recollection(controller_for(MODELS[0]))
     nobody.start()
-    with pytest.raises(mdm.ModelError, match="tell whose it is with hear"):
+    with refused(mdm.ModelError):
         nobody.observe(0)
 
 

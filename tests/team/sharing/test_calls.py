@@ -6,6 +6,7 @@ import asyncio
 
 import msgspec
 import pytest
+from sentences import refused
 from team_robots import Robot, over_beliefs, started
 
 import mdm
@@ -50,9 +51,9 @@ def test_agents_tell_how_they_are_and_do_what_is_asked(mode):
         assert wiring["left"]["factors"] == {"agent0": "left", "agent1": "right"}
         versions = await ask(asker, team, "versions")
         assert versions["left"] == versions["right"]
-        with pytest.raises(mdm.Error, match="there is no call 'dance'"):
+        with refused(mdm.Error):
             await ask(asker, team, "dance")
-        with pytest.raises(mdm.Error, match="has no agent 'console'"):
+        with refused(mdm.Error):
             await ask(asker, team, "status", agent="console")
         assert await ask(asker, team, "status", ensemble="other") == {}
         await asker.close()

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 from team_robots import Robot, over_beliefs
 
 import mdm
@@ -52,11 +53,11 @@ def test_what_cannot_be_sent_is_refused():
     class Holder(msgspec.Struct):
         one: Odd | int | list[Odd]
 
-    with pytest.raises(mdm.ConfigError, match="cannot be sent"):
+    with refused(mdm.ConfigError):
         Wire(Holder)
-    with pytest.raises(mdm.ConfigError, match="'patrol/pose' is none of an ensemble's own channels"):
+    with refused(mdm.ConfigError):
         typed(["patrol/pose"], "exports")
-    with pytest.raises(mdm.ConfigError, match="exports are a list"):
+    with refused(mdm.ConfigError):
         typed("patrol/pose", "exports")
     assert typed(["patrol/belief"], "exports") == {"patrol/belief": Belief}
 
@@ -90,7 +91,7 @@ def test_a_channel_is_imported_with_its_last_message_and_forgotten_with_its_owne
         await asyncio.sleep(0.5)
         assert poses == [Pose(1.0, 2.0)]
         np.testing.assert_allclose(belief.last.probabilities, [0.85, 0.15])
-        with pytest.raises(mdm.Error, match="no channel 'left/joint/action' is imported"):
+        with refused(mdm.Error):
             right.member.imported("left/joint/action")
         network.crash("left")
         await asyncio.sleep(1.0)

@@ -6,6 +6,7 @@ import math
 
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 
 import mdm
 from mdm.team import TokenBucket
@@ -50,11 +51,11 @@ def test_tokens_are_owed_a_burst_at_most_and_a_smaller_burst_counts_at_once():
 
 @pytest.mark.parametrize("rate", [0, -1, math.inf, math.nan, True, "2"])
 def test_rates_that_are_none(rate):
-    with pytest.raises(mdm.ConfigError, match="a rate is a positive number of messages per second, not"):
+    with refused(mdm.ConfigError):
         TokenBucket(rate)
 
 
 @pytest.mark.parametrize("burst", [0, -1, 1.5, True])
 def test_bursts_that_are_none(burst):
-    with pytest.raises(mdm.ConfigError, match="a burst is at least 1 message, not"):
+    with refused(mdm.ConfigError):
         TokenBucket(1.0, burst)

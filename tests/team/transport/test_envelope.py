@@ -4,6 +4,7 @@ import contextlib
 
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 
 from mdm.errors import Error
 from mdm.team.transport.envelope import Packer, Refusal, Unpacker, check_size
@@ -86,7 +87,7 @@ def test_a_message_cut_short_behind_one_that_was_whole_is_refused():
 def test_what_is_too_large_is_refused_at_both_ends():
     data = packer().pack(KEY, b"x" * 100)
     assert kind_of(reader(largest=100), KEY, data) == "oversize"
-    with pytest.raises(Error, match="has 136 bytes, and at most 100 are taken|at most 100"):
+    with refused(Error):
         check_size(KEY, data, 100)
 
 
@@ -238,7 +239,7 @@ def test_answers_are_of_the_owner_of_their_key():
     receiver = reader()
     assert receiver.unseal(KEY, packer().seal(b"yes"), of_owner=True).body == b"yes"
     assert receiver.unseal(KEY, packer("robot2").seal(b"how are you"), of_owner=False).owner == "robot2"
-    with pytest.raises(Refusal, match="robot2"):
+    with refused(Refusal):
         receiver.unseal(KEY, packer("robot2").seal(b"yes"), of_owner=True)
 
 
@@ -246,6 +247,6 @@ def test_answers_are_of_the_owner_of_their_key():
 def test_a_life_that_no_agent_has_is_refused(life):
     unpacker = Unpacker("team", "a", lambda *_: None)
     key = "mdm/team/b/e/c"
-    with pytest.raises(Refusal, match=f"is of life {life}, which no agent has"):
+    with refused(Refusal):
         unpacker.unpack(key, Packer("b", life, int).pack(key, b""))
     assert unpacker.unpack(key, Packer("b", 1, int).pack(key, b"good")).body == b"good"

@@ -4,6 +4,7 @@ import re
 
 import pytest
 from hypothesis import given, strategies as st
+from sentences import refused
 
 from mdm.errors import ConfigError, Error
 from mdm.team.transport.keys import check_expression, check_key, check_name, includes, join, matches, owner_of
@@ -33,19 +34,19 @@ def test_a_key_of_names_is_a_key_of_its_agent(team, agent, rest):
 
 @pytest.mark.parametrize("name", ["", "a/b", "a*", "$a", "a#", "a?", "@live", "a\n", "\ud800", "x" * 65, None, 3, b"a"])
 def test_a_name_that_means_something_in_keys_is_refused(name):
-    with pytest.raises(ConfigError, match=r"^team\.name: the name of a team "):
+    with refused(ConfigError):
         check_name(name, "a team", key="team.name")
 
 
 @pytest.mark.parametrize("key", ["", "/", "a//b", "/a", "a/", "a/*", "a/**", "a?b", "a#", "$*"])
 def test_what_is_no_key_is_refused(key):
-    with pytest.raises(Error, match="a key is names joined"):
+    with refused(Error):
         check_key(key)
 
 
 @pytest.mark.parametrize("expression", ["", "a//b", "a*/b", "a/***", "$*/a", "a/**/**", "a/**/*"])
 def test_what_is_no_expression_is_refused(expression):
-    with pytest.raises(Error, match="expression|write"):
+    with refused(Error):
         check_expression(expression)
 
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 import asyncio
 
 import pytest
+from sentences import refused
 from transports import SIMULATED, key
 
 from mdm.errors import ConfigError, Error
@@ -124,7 +125,7 @@ def test_a_crashed_agent_is_silent_and_returns_in_a_new_life():
         await asyncio.sleep(0.1)
         assert (lives[-1], again.incarnation) == (2, 2)
         assert [sample.body for sample in got] == [b"on its way", b"back"]
-        with pytest.raises(Error, match="no agent 'x' is open: a, b"):
+        with refused(Error):
             net.network.crash("x")
 
     SIMULATED(main)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 
 import pytest
+from sentences import refused
 from transports import LOOPBACK, SIMULATED, key
 
 from mdm.errors import Error
@@ -181,16 +182,16 @@ def test_only_ones_own_keys_may_be_used(world):
         first = net.transport("a")
         await net.open(first)
         for wrong in (key("b"), "mdm/other/a/e/c", "a", "mdm/team/a/*"):
-            with pytest.raises(Error, match="not its own|a key is names"):
+            with refused(Error):
                 first.put(wrong, b"")
-            with pytest.raises(Error, match="not its own|a key is names"):
+            with refused(Error):
                 first.serve(wrong, bytes)
         first.serve(key("a"), bytes)
-        with pytest.raises(Error, match="answered already"):
+        with refused(Error):
             first.serve(key("a"), bytes)
-        with pytest.raises(Error, match="at most"):
+        with refused(Error):
             first.put(key("a"), bytes(10_000_000))
-        with pytest.raises(Error, match="expression"):
+        with refused(Error):
             first.subscribe("mdm//x", print)
 
     world(main)
@@ -200,7 +201,7 @@ def test_a_name_that_is_live_is_refused(world):
     async def main(net):
         first, second, again = net.transport("a"), net.transport("b"), net.transport("a")
         await net.open(first, second)
-        with pytest.raises(Error, match="agent 'a' of team 'team' is live already"):
+        with refused(Error):
             await again.open()
         await again.close()
         await hear(net, first, second)
@@ -211,16 +212,16 @@ def test_a_name_that_is_live_is_refused(world):
 def test_the_order_of_calls_is_minded(world):
     async def main(net):
         first = net.transport("a")
-        with pytest.raises(Error, match="not open"):
+        with refused(Error):
             first.put(key("a"), b"")
         await net.open(first)
-        with pytest.raises(Error, match="make a new one"):
+        with refused(Error):
             await first.open()
         await first.close()
         await first.close()
         assert first.put(key("a"), b"") is False
         assert first.statistics().dropped == {"closed": 1}
-        with pytest.raises(Error, match="nothing can be asked"):
+        with refused(Error):
             await first.ask("mdm/team/**")
         never = net.transport("b")
         await never.close()

@@ -1,4 +1,4 @@
-"""Checks of what users give: numbers (Python's and numpy's alike; truth values are none), choices, seeds, lengths."""
+"""Checks of users' arguments: numbers (Python's and numpy's alike; truth values are none), choices, seeds, lengths."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["check_choice", "check_flag", "check_metres", "check_seed", "is_numbe
 
 
 def check_choice(given: object, choices: Sequence[str], what: str, *, key: str | None = None) -> None:
-    """Refuse what is none of several words.
+    """Refuse a value that is none of several words.
 
     Raises:
         ConfigError: If it is none of them.
@@ -32,7 +32,7 @@ def check_choice(given: object, choices: Sequence[str], what: str, *, key: str |
 
 
 def check_flag(given: object, what: str, *, key: str | None = None) -> None:
-    """Refuse what is neither True nor False.
+    """Refuse a value that is neither True nor False.
 
     Raises:
         ConfigError: If it is something else, such as the text ``"no"``, which would count as True.
@@ -42,7 +42,7 @@ def check_flag(given: object, what: str, *, key: str | None = None) -> None:
 
 
 def check_seed(given: object) -> None:
-    """Refuse what is no seed of random numbers: neither a whole number from 0 on, nor None.
+    """Refuse a value that is no seed of random numbers: neither a whole number from 0 on, nor None.
 
     Raises:
         ConfigError: If it is something else.

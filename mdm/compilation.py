@@ -4,8 +4,8 @@ numba is slow to import, so a module with kernels is imported only when one of t
 on disk, beside the module or in the user's cache. ``MDM_COMPILE=0`` turns compilation off. To compile the first time
 takes many seconds, and so short work is done by the same functions as plain Python (`plain`).
 
-The time that compilation takes is not the work's own, and who waits for it is told. What is found in the cache takes
-none. The time goes on while something is compiled, and while the compiler itself is loaded.
+The time that compilation takes is not the work's own, and is reported to those who wait. A function from the cache
+takes none. The time goes on while something is compiled, and while the compiler itself is loaded.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _sparing: ContextVar[bool] = ContextVar("sparing", default=False)
 
 @contextmanager
 def sparing(*, wanted: bool = True) -> Iterator[None]:
-    """Have what has a counterpart in numpy use that, if it is wanted: the compiler takes more than 100 MB."""
+    """Have functions with a counterpart in numpy use that, if it is wanted: the compiler takes more than 100 MB."""
     before = _sparing.set(wanted)
     try:
         yield
@@ -61,7 +61,7 @@ def sparing(*, wanted: bool = True) -> Iterator[None]:
 
 
 def is_sparing() -> bool:
-    """Whether what is made now should use numpy where it can, see `sparing`."""
+    """Whether objects made now should use numpy where they can, see `sparing`."""
     return _sparing.get()
 
 
@@ -140,7 +140,7 @@ def compiled(function: _Function) -> _Function:
 def direct(function: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
     """Return a compiled function for arguments of the types of these, compiled now; a plain one unchanged.
 
-    A call does not look at types, which takes half the time of a short one. Whoever calls it with other types gets
+    A call does not look at types, which takes half the time of a short one. A call with other types gets
     wrong numbers or worse: so keep it with the arrays that it is for.
     """
     compile_ = getattr(function, "compile", None)
@@ -205,7 +205,7 @@ class CompileTime:
             self._loading += self._clock() - began
 
     def begin(self) -> None:
-        """Something is compiled from now on; what it calls may be compiled within."""
+        """Something is compiled from now on; functions that it calls may be compiled within."""
         if not self._depth:
             self._began = self._clock()
         self._depth += 1
@@ -217,7 +217,7 @@ class CompileTime:
             tell()
 
     def end(self) -> None:
-        """What was begun last is compiled."""
+        """The compilation that was begun last has ended."""
         self._depth -= 1
         if not self._depth:
             self._compiling += self._clock() - self._began

@@ -96,7 +96,7 @@ class Controller:
         last_action: The last decision of this episode, or None.
         decided_by: The information state of the last decision; None before it, and for a table.
         can_end: Whether the policy has a plan, which may end before the horizon.
-        given: Whether the next decision is on a belief from outside, whatever is observed.
+        given: Whether the next decision is on a belief from outside, not on the observation.
 
     Example::
 
@@ -336,8 +336,8 @@ class Controller:
         """Decide on the present information state, and count the decision.
 
         Args:
-            action: What was chosen elsewhere, such as by a search that takes its time, by name or index; by default the
-                policy chooses.
+            action: The action, by name or index, where it was chosen elsewhere, such as by a search that takes its
+                time; by default the policy chooses.
 
         Raises:
             ModelError: If the policy returns something else than an action, or cannot choose.
@@ -439,7 +439,7 @@ class Controller:
     _configuration: str | None = None
 
     def snapshot(self) -> bytes:
-        """Return what it takes to go on from here: with `restore`, the same calls then give the same steps.
+        """Return a snapshot to go on from here: with `restore`, the same calls then give the same steps.
 
         Of a tracker of your own without ``snapshot`` and ``restore`` its ``current`` alone is kept.
         """
@@ -622,7 +622,7 @@ def within(memory: float | None, model: MDP | None, policy: Policy, *, tracked: 
     """Return a model that takes no more memory than it may; refuse one that would, before anything of it is made.
 
     Args:
-        memory: The most megabytes; None for what the machine has free.
+        memory: The most megabytes; None for the machine's free memory.
         model: The model, if there is one.
         policy: The policy.
         tracked: Whether the controller tracks the belief, if the policy is over beliefs.
@@ -673,7 +673,7 @@ _decode = msgspec.msgpack.Decoder(Held).decode
 
 
 def opened(snapshot: bytes) -> Held:
-    """Return what a snapshot holds.
+    """Return the content of a snapshot.
 
     Raises:
         ModelError: If it is none.

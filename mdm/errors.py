@@ -1,4 +1,4 @@
-"""Errors of the library. Each message is one sentence: what is wrong, where, and what to do."""
+"""Errors of the library. Each message is one sentence: the fault, its place, and the way out."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class FormatError(Error):
     """A file cannot be read or written, or is malformed.
 
     Args:
-        message: What is wrong and what was expected.
+        message: The fault, and the expected form.
         file: The file's path, as given by the caller.
         line: The line, from 1, if known.
         column: The column, from 1, if known.
@@ -63,7 +63,7 @@ class ConfigError(Error):
     """A configuration is invalid.
 
     Args:
-        message: What is wrong and what to do.
+        message: The fault, and the way out.
         file: The configuration file, if any.
         key: The path of the key, such as ``ensembles.patrol.drive``.
 

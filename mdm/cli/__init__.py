@@ -1,6 +1,6 @@
-"""The `mdm` command: in folders by what they are about, what its verbs take, and a module for each with its ``run``.
+"""The `mdm` command: a folder for each group of verbs, with their arguments, and a module for each.
 
-Exit statuses are those that its help tells: 0, 1 for what failed, 2 for wrong usage, 128 and more for a signal.
+Exit statuses are those of its help: 0, 1 for a failure, 2 for wrong usage, 128 and more for a signal.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def _main(arguments: Sequence[str] | None, interruption: Interruption) -> int:
 
 
 def _refuse(parsed: argparse.Namespace, why: object) -> int:
-    """Say what is wrong with the usage; return its status."""
+    """Print the error of usage; return its status."""
     print(f"{parsed.format_usage()}{f'mdm {parsed.command}'.rstrip()}: error: {why}", file=sys.stderr)
     return 2
 
@@ -143,7 +143,7 @@ def _flush() -> None:
 
 
 def _follows_interrupt(error: BaseException | None) -> bool:
-    """Return whether an error is what Ctrl-C has become in code that it broke off, such as an import."""
+    """Return whether an error stems from Ctrl-C in code that it broke off, such as an import."""
     known: list[BaseException] = []  # an error raised anew is in its own context
     while error is not None and error not in known:
         if isinstance(error, KeyboardInterrupt):

@@ -18,8 +18,8 @@ _NUMBERS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP
 class Interruption:
     """Notes the first Ctrl-C, SIGTERM or SIGHUP that comes while it is deferred; the second is a `KeyboardInterrupt`.
 
-    Until there is something worth having the first is one as well. It is noted all the same, because what it breaks off
-    may swallow it, as compilers do: who computes asks for it now and then.
+    Until there is something worth having the first is one as well. It is noted all the same, because the code that it
+    breaks off may swallow it, as compilers do: who computes asks for it now and then.
 
     Attributes:
         number: The signal that came; None before.
@@ -42,7 +42,7 @@ class Interruption:
 
     @contextmanager
     def deferred(self) -> Iterator[None]:
-        """Note signals within; those that the program, or whoever has started it, handles or ignores stay so."""
+        """Note signals within; those that the program or its parent process handles or ignores stay so."""
         ours: dict[int, Any] = {}
         if threading.current_thread() is threading.main_thread():
             for number in _NUMBERS:

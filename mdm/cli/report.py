@@ -1,4 +1,4 @@
-"""What sub-commands print alike: JSON, and names from files."""
+"""Output that sub-commands share: JSON, and names from files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def as_json(value: Any) -> str:
 
 
 def printable(name: str, room: int = 80) -> str:
-    """Return a name from a file for a terminal: what is no character to be shown is escaped, and its end cut off."""
+    """Return a name from a file for a terminal: unprintable characters are escaped, and a long end is cut off."""
     shown = name if name.isprintable() else repr(name)[1:-1]
     return shown if len(shown) <= room else f"{shown[: room - 1]}…"
 

@@ -27,7 +27,7 @@ class UsageError(Error):
 
 
 def complete(parser: argparse.ArgumentParser, command: str, module: str) -> None:
-    """Add to a parser what every verb has: ``--debug``, the words that name it in errors, its usage, and its module."""
+    """Add the options and settings of every verb to a parser: ``--debug``, its name in errors, usage and module."""
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error, and more in the log")
     parser.set_defaults(format_usage=parser.format_usage, command=command, module=module)
 

@@ -52,10 +52,10 @@ def load_system(
         path: The file. Paths in it are relative to its folder, which is also searched first for modules.
         agent: Of a team's file, which agent's system.
         callbacks: Import and bind the functions; otherwise actions do nothing and tasks are left out.
-        transport: Of a team's file, what carries the agent's messages; by default a session of Zenoh at its endpoint.
+        transport: Of a team's file, the carrier of the agent's messages; by default a session of Zenoh at its endpoint.
         decisions: Of a team's file, a file to which each joint step is added as a line of JSON.
-        models: Those that were loaded before, by their files, and are not loaded again; what is loaded is added. For
-            programs that have the systems of several agents.
+        models: Those that were loaded before, by their files, and are not loaded again; newly loaded ones are added.
+            For programs that have the systems of several agents.
 
     Raises:
         ConfigError: With all problems, one per line and each in its ``problems``.
@@ -70,7 +70,7 @@ def look_over(path: str | Path, *, agent: str | None = None, models: dict[Path, 
     Args:
         path: The file.
         agent: Of a team's file, which agent's system.
-        models: Those that were loaded before, by their files; what is loaded is added.
+        models: Those that were loaded before, by their files; newly loaded ones are added.
 
     Raises:
         ConfigError: With all problems, one per line and each in its ``problems``.
@@ -160,7 +160,7 @@ class _Builder:
     def _places(
         self, document: dict[str, Any], declarations: Declarations, share: Share | None
     ) -> tuple[Places | None, Navigation | None]:
-        """Return the places of the map, and what drives there; None where there are problems."""
+        """Return the places of the map, and the navigator that drives there; None where there are problems."""
         if "places" not in document:
             return None, None
         if "places" in dict(self._problems.tables(document, "ensembles")):
@@ -174,7 +174,7 @@ class _Builder:
         )
 
     def _share(self, document: dict[str, Any], agent: str | None) -> tuple[TeamFile, Share] | tuple[None, None]:
-        """Return the team, and what of its file is the agent's."""
+        """Return the team, and the agent's share of its file."""
         if "team" not in document:
             if agent is not None:
                 self._problems.add(f"there is no table [team] in this file, and so no agent {agent!r}", "team")
@@ -220,7 +220,7 @@ class _Builder:
         raise AssertionError
 
     def _other_content(self) -> str | None:
-        """Return what a file holds that is no TOML by its name either; None if that is not known."""
+        """Return the kind of a file that is no TOML by its name either; None if that is not known."""
         if self._path.suffix == ".toml":
             return None
         held = "a model or a policy" if is_archive(self._path) else _HELD.get(holds_policy(beginning(self._path)))

@@ -26,7 +26,7 @@ _KEYS = {
 
 
 class Declarations:
-    """Declares what a file's tables ``predicates`` and ``events`` say.
+    """Makes the declarations of a file's tables ``predicates`` and ``events``.
 
     Args:
         problems: Where problems are noted.

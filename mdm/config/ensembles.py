@@ -61,13 +61,13 @@ class Ensembles:
 
     Args:
         folder: The file's folder, to which paths are relative.
-        predicates: What they take their input from.
+        predicates: The source of their input.
         functions: Finds the functions that are named.
         problems: Where problems are noted.
-        share: In a team's file, whose part it is.
-        navigation: What takes the ways of the file's map.
-        located: Whether it is known which places there are; else what names them is not checked.
-        models: Those that were loaded before, by their files; what is loaded is added.
+        share: In a team's file, the agent's part.
+        navigation: The navigation that drives the ways of the file's map.
+        located: Whether it is known which places there are; else their names are not checked.
+        models: Those that were loaded before, by their files; newly loaded ones are added.
 
     Attributes:
         joint: The placements of the team's ensembles, by their names: of those that agents decide together.
@@ -117,7 +117,7 @@ class Ensembles:
         return all(self._ensembles.get(name) is not None for name in self._tables)
 
     def check(self, built: dict[str, Ensemble]) -> None:
-        """Note what would keep ensembles from starting."""
+        """Note problems that would keep ensembles from starting."""
         for name, ensemble in built.items():
             if self._parents.get(name) not in built:  # otherwise the parent's problems include them
                 for problem in ensemble.problems():
@@ -174,7 +174,7 @@ class Ensembles:
         return None
 
     def _parts(self, name: str, table: EnsembleTable, above: tuple[str, ...]) -> dict[str, Any] | None:
-        """Return what an ensemble is made of; None if something has problems, which are noted."""
+        """Return the parts of an ensemble; None if one has problems, which are noted."""
         key = f"ensembles.{name}"
         given = self._given_actions(table, key)
         actions = None if given is None else self._actions(name, given, above)

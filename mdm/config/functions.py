@@ -41,7 +41,7 @@ class Functions:
 
     @property
     def imported(self) -> bool:
-        """Whether what is found is what the file names, and not one that does nothing in its place."""
+        """Whether the functions found are those that the file names, and not stand-ins that do nothing."""
         return self._callbacks
 
     def find(self, reference: str, key: str) -> Callable[..., Any] | None:

@@ -26,7 +26,7 @@ __all__ = ["PlacesTable", "read_places"]
 
 
 class PlacesTable(Table, frozen=True):
-    """The places of a map, see `mdm.maps.load_map` and `mdm.maps.Places`; and what drives to them."""
+    """The places of a map, see `mdm.maps.load_map` and `mdm.maps.Places`; and the navigator that drives to them."""
 
     graph: str | None = None
     building: str | None = None

@@ -1,4 +1,4 @@
-"""The share: what of a team's file is one agent's."""
+"""The share: one agent's part of a team's file."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Seat(NamedTuple):
 
 
 class Share:
-    """What of a team's file is one agent's.
+    """One agent's part of a team's file.
 
     Args:
         team: The team.
@@ -124,7 +124,7 @@ class Share:
         return given.get(self.agent, [])
 
     def navigator(self, given: Mapping[str, str]) -> str | None:
-        """Return what makes this agent's navigator; None where it has none.
+        """Return the function that makes this agent's navigator; None where it has none.
 
         Raises:
             ConfigError: If one is that of no agent.

@@ -14,7 +14,7 @@ __all__ = ["look_for"]
 
 
 def look_for(reference: str, folder: Path) -> bool:
-    """Check that there seems to be a function ``module:name``; what only running the module would tell is believed.
+    """Check that there seems to be a function ``module:name``, as far as the source tells.
 
     Returns:
         Whether the source says that it is an async function, and so takes time.
@@ -63,7 +63,7 @@ def _source(module: str, folder: Path) -> Path | None:
 
 
 def _names(tree: ast.Module) -> set[str] | None:
-    """Return the names that a module defines at its top, in whatever branch; None where that cannot be known."""
+    """Return the names that a module defines at its top, in any branch; None where that cannot be known."""
     names: set[str] = set()
     waiting: list[ast.AST] = [*tree.body]
     while waiting:

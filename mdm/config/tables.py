@@ -1,7 +1,7 @@
 """Typed tables of the TOML file.
 
 A key that goes into an object's own argument has no default here, but None: the argument's stands in one place, the
-object's. `stated` returns what was written.
+object's. `stated` returns the keys that were written.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The team of a file: what its table ``team`` says."""
+"""The team of a file, from its table ``team``."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class TeamTable(Table, frozen=True):
 
 
 class AllowanceTable(Table, frozen=True):
-    """What an agent may send; see `mdm.team.transport.allowance.Allowance`."""
+    """The limits of an agent's messages; see `mdm.team.transport.allowance.Allowance`."""
 
     messages: float | None = None
     bytes: float | None = None
@@ -61,7 +61,7 @@ class AllowanceTable(Table, frozen=True):
 
 
 class CeilingTable(Table, frozen=True):
-    """What Zenoh lets through at most; see `mdm.team.transport.ceilings.Ceiling`."""
+    """The most that Zenoh lets through; see `mdm.team.transport.ceilings.Ceiling`."""
 
     keys: str
     rate: float | None = None
@@ -75,7 +75,7 @@ class TeamFile:
     Args:
         team: The team.
         certificates: The folder of certificates, None where anybody may talk to the team.
-        allowance: What each agent may send; anything where there is none.
+        allowance: The limits of each agent's messages; None for no limits.
     """
 
     def __init__(self, team: Team, certificates: Path | None, allowance: AllowanceTable | None) -> None:
@@ -84,14 +84,14 @@ class TeamFile:
         self._allowance = allowance
 
     def access(self, name: str) -> Access | None:
-        """Return where the certificates are of an agent, or of whoever else has some, by name."""
+        """Return the paths of the certificates of an agent, or of another holder, by name."""
         if self._certificates is None:
             return None
         files = (self._certificates / file for file in ("authority.pem", f"{name}.pem", f"{name}.key.pem"))
         return Access(*map(str, files))
 
     def options(self, agent: str) -> dict[str, Any]:
-        """Return what a member of the team takes besides.
+        """Return the further arguments of a member of the team.
 
         Raises:
             ConfigError: If the allowance is none.

@@ -1,6 +1,6 @@
-"""Inputs of a network: which values and events, by name, mean which of its places, and what a change of some touches.
+"""Inputs of a network: the place of each value and event by name, and the nodes that depend on a change.
 
-What a change touches is found once for those that recur, and remembered within bounds.
+The nodes that depend on a change are found once where it recurs, and remembered within bounds.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Given:
         places: The place of each and the code of its value.
 
     Attributes:
-        plan: What they touch, where all of them change; None where that is not known yet.
+        plan: The nodes that depend on them, where all of them change; None where that is not known yet.
     """
 
     __slots__ = ("places", "plan")
@@ -65,7 +65,7 @@ class Inputs:
         self.raisings: Memory[Sequence[str], Given] = Memory()
 
     def read(self, inputs: Sequence[tuple[str, bool | None]]) -> Given:
-        """Return what values of inputs mean, the last one of several for one.
+        """Return the meaning of inputs' values; of several for one input the last counts.
 
         Raises:
             Error: If a name is unknown or not an input, or a value is not a truth value.
@@ -83,7 +83,7 @@ class Inputs:
         return self.readings.keep(inputs, read) if isinstance(inputs, tuple) and len(inputs) <= _FEW else read
 
     def raised(self, events: Sequence[str]) -> Given:
-        """Return what events mean, each counted once.
+        """Return the meaning of events, each counted once.
 
         Raises:
             Error: If a name is unknown, or not an event that is raised from outside.
@@ -96,7 +96,7 @@ class Inputs:
         return self.raisings.keep(events, raised) if isinstance(events, tuple) and len(events) <= _FEW else raised
 
     def together(self, inputs: Sequence[tuple[str, bool | None]], events: Sequence[str]) -> Given:
-        """Return what values of inputs and events mean that are given together.
+        """Return the meaning of values of inputs and of events that are given together.
 
         Raises:
             Error: As `read` and `raised` do.
@@ -118,7 +118,7 @@ class Change(msgspec.Struct):
     """The changes of an update, by name: predicates that became true, false or unknown; events that occurred.
 
     ``armed`` are the holds whose formula became true, which starts their time; ``disarmed`` those whose formula ceased
-    to be true. A change that recurs is the same object; with ``noted`` its reader may keep what it finds out about it.
+    to be true. A change that recurs is the same object; with ``noted`` its reader may keep notes about it.
     """
 
     rising: tuple[str, ...] = ()
@@ -131,20 +131,20 @@ class Change(msgspec.Struct):
 
 
 class Plan:
-    """What a set of changes touches.
+    """The nodes that depend on a set of changes.
 
     Args:
         codes: Four times the place of each node that changes, and its value.
         order: All that is downstream of them, in order.
-        dirty: What depends on them immediately.
-        formulas: What is downstream with its functions, if these are few and plain formulas: then to evaluate all is
-            quicker than to find out which must be.
+        dirty: The nodes that depend on them immediately.
+        formulas: The nodes downstream with their functions, if these are few and plain formulas: then to evaluate all
+            is quicker than to find out which must be.
         raised: The places of events among them.
 
     Attributes:
-        changes: What has come of it, by the formulas' values in base 4: 3 where one stays.
+        changes: Its results, by the formulas' values in base 4: 3 where one stays.
         outcome: These values when it came last, or -1.
-        change: What came of it then.
+        change: Its result then.
     """
 
     __slots__ = ("change", "changes", "codes", "dirty", "formulas", "order", "outcome", "raised")
@@ -168,7 +168,7 @@ class Plan:
 
 
 class Memory(dict[K, V]):
-    """What was found by key: a dictionary that begins anew when it is full."""
+    """Results by key: a dictionary that begins anew when it is full."""
 
     __slots__ = ()
 

@@ -136,7 +136,7 @@ class Network(Declarations):
         return order
 
     def _plan(self, codes: tuple[int, ...]) -> Plan:
-        """Return what changes touch: four times a node's place, and its value, of each."""
+        """Return the codes of changes: four times a node's place, and its value, of each."""
         found = self._plans.get(codes)
         if found is not None:
             return found

@@ -48,7 +48,7 @@ def parse(text: str) -> Formula:
         formula.evaluate({"IsInSouthCorridor": True, "IsMoving": False})  # True
 
     Raises:
-        FormatError: If the text is not a formula, with the column and what was expected.
+        FormatError: If the text is not a formula, with the column and the expected symbols.
     """
     return _Parser(_tokens(text)).whole()
 

@@ -44,10 +44,10 @@ __all__ = ["Actor", "Start"]
 
 
 class Start:
-    """Tells whoever starts an actor that it runs, or what its start raised.
+    """Notifies the starter of an actor that it runs, or of the error of its start.
 
     Args:
-        untold: Called with what the start raised, where whoever started the actor was cancelled and waits no more.
+        untold: Called with the error of the start, where the starter was cancelled and no longer waits.
     """
 
     def __init__(self, untold: Callable[[BaseException], object]) -> None:
@@ -72,7 +72,7 @@ class Start:
             self._untold(self._error)
 
     async def wait(self) -> None:
-        """Wait until it runs; raise what its start raised."""
+        """Wait until it runs; raise the error of its start."""
         try:
             await self._event.wait()
         except BaseException:
@@ -112,7 +112,7 @@ class Actor:
 
     Args:
         name: Its name among its siblings.
-        supervision: What its failure means: ``Restart(...)``, ``"stop"`` or ``"escalate"`` to its parent.
+        supervision: The consequence of its failure: ``Restart(...)``, ``"stop"`` or ``"escalate"`` to its parent.
         grace: Seconds that its work has to end when it is cancelled, before it is abandoned.
     """
 
@@ -149,7 +149,7 @@ class Actor:
         self.__budget = RestartBudget(supervision) if isinstance(supervision, Restart) else None
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Refuse a subclass that hides what every actor has of its own, or whose hooks could not be called."""
+        """Refuse a subclass that hides an attribute of every actor, or whose hooks could not be called."""
         super().__init_subclass__(**options)
         for name in ("name", "supervision", "grace", *vars(Actor)):
             found = inspect.getattr_static(cls, name, None)
@@ -170,19 +170,19 @@ class Actor:
         """Begin: this actor and its children have started. Called in a turn, unless it has failed or ended by then."""
 
     async def on_stopping(self) -> None:
-        """End what must end in good order while children still live; called before they are stopped.
+        """End work that needs living children to end in good order; called before they are stopped.
 
         A fault `stopping` names an actor for which this takes a second longer than its `patience`.
         """
 
     def on_failing(self, error: BaseException) -> None:
-        """Do what cannot wait when it, or a child that it answers for, has failed. Called at once, before it stops."""
+        """React at once to its failure, or to that of a child that it answers for. Called before it stops."""
 
     def on_ending(self) -> None:
-        """Do what cannot wait when the whole runtime ends. Called at once, in all that run, before the first stops."""
+        """React at once to the end of the whole runtime. Called in all running actors before the first stops."""
 
     def on_stop(self) -> None:
-        """Let go of what `on_start` took; subscriptions, timers and work have ended by then."""
+        """Release the resources taken in `on_start`; subscriptions, timers and work have ended by then."""
 
     @property
     def patience(self) -> float:
@@ -257,7 +257,7 @@ class Actor:
         """Add a child to an actor that already runs, and wait until it has started.
 
         Args:
-            child: What is added.
+            child: The actor to add.
             first: Ahead of the others: it stops after them.
             at: The path that its own begins with, in place of its parent's.
         """
@@ -342,14 +342,14 @@ class Actor:
         """Run a coroutine as a task of this actor.
 
         Args:
-            awaitable: What to run.
-            ended: Called in a turn when it has ended, however it did. Without it, whatever it raises is this actor's
-                failure; its cancellation is none where the actor asked for it.
+            awaitable: The coroutine or future to run.
+            ended: Called in a turn when it has ended, however it did. Without it, an error of the awaitable is this
+                actor's failure; so is its cancellation, unless the actor asked for it.
             name: For debuggers and reports.
-            jobs: What was handed to executors where the awaitable was made, which has to end, too.
+            jobs: The jobs that were handed to executors where the awaitable was made; they have to end, too.
 
         Raises:
-            Error: If the actor does not live (what takes time at its end belongs in `on_stopping`), what was given
+            Error: If the actor does not live (work that takes time at its end belongs in `on_stopping`), the argument
                 cannot be awaited, or ``ended`` is no plain function.
         """
         return self.__work.begin(awaitable, ended, name, jobs)
@@ -366,7 +366,7 @@ class Actor:
     # -- Failure -------------------------------------------------------------------------------------------------
 
     def fail(self, error: BaseException) -> None:
-        """Take an error as this actor's failure, and do what its supervision says.
+        """Fail with an error, and act by the actor's supervision.
 
         `SystemExit` and `KeyboardInterrupt` are no matter of supervision: they end the runtime, in order.
         """
@@ -502,7 +502,7 @@ class Actor:
         return False
 
     async def __live(self, start: Start | None) -> BaseException | None:
-        """Live once, from start to stop; return what a first start raised."""
+        """Live once, from start to stop; return the error of a first start."""
         failed: BaseException | None = None
         async with anyio.create_task_group() as group:
             self.__group = group
@@ -619,7 +619,7 @@ class Actor:
             await self.runtime.sharing.give_back(actor, self)
 
     def __trouble(self, error: BaseException) -> None:
-        """Tell what went wrong where all goes on the same, as at an end, or nobody waits for a start any more."""
+        """Report an error that changes nothing, as at an end, or where nobody waits for a start any more."""
         self.report("exception", describe(error))
         if isinstance(error, LEAVING):
             self.runtime.abort(error)
@@ -641,7 +641,7 @@ class Actor:
             self.__runtime.lives.publish(StateChange(self.__runtime.clock.now(), self.path, life))
 
     def statistics(self) -> ActorStatistics:
-        """Return what the actor has done so far."""
+        """Return the actor's statistics so far."""
         return ActorStatistics(
             path=self.path,
             state=self.life,
@@ -654,7 +654,7 @@ class Actor:
 
 
 def _demand_actor(child: object) -> None:
-    """Raise an error of what is no actor."""
+    """Raise an error if this is no actor."""
     if not isinstance(child, Actor):
         kind = f"the class {child.__name__}" if isinstance(child, type) else f"an object of type {type(child).__name__}"
         raise Error(f"an actor was expected, such as an ensemble or a system, not {kind}")

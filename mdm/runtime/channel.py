@@ -59,7 +59,7 @@ class Subscription(Generic[T]):
             self.channel.dropped += 1
 
     def fail(self, error: BaseException) -> None:
-        """Attribute what a handler raised to its actor."""
+        """Attribute a handler's error to its actor."""
         if self.actor is None:
             raise error
         if self.channel is not None and self.channel.type is Fault:
@@ -68,7 +68,7 @@ class Subscription(Generic[T]):
 
 
 class Topics:
-    """What messages of one channel are about, and who is to hear of it; looked up anew when subscribers change.
+    """A topic of a channel's messages, with its subscribers; they are looked up anew when they change.
 
     Args:
         names: The topics.
@@ -88,7 +88,7 @@ class Channel(Generic[T]):
 
     Args:
         name: The channel's name, such as ``patrol/state``.
-        type: The class of its messages; anything else is refused.
+        type: The class of its messages; others are refused.
         dispatcher: Runs the turns.
         retain: Keep the last message and hand it to late subscribers.
         owner: The actor to whom errors of handlers without an actor are attributed.
@@ -194,7 +194,7 @@ class Channel(Generic[T]):
 
         Args:
             time: The message's.
-            make: Makes it; what it makes it of must not change.
+            make: Makes it, from values that must not change.
         """
         if self._subscriptions:
             self.emit(make())
@@ -218,7 +218,7 @@ class Channel(Generic[T]):
     def emit_last(self, message: T) -> None:
         """As `emit`, as the last thing that a handler does: a sole subscriber who is next anyway is called at once.
 
-        Nothing may come behind it in the handler, nor in what has called it, and nothing there may take what is raised.
+        It must be the last statement of the handler and of its callers, and none of them may catch its errors.
         """
         sole, dispatcher = self._sole, self._dispatcher
         if sole is None or not dispatcher.straight or dispatcher.queue:
@@ -274,7 +274,7 @@ class Channel(Generic[T]):
 
         Args:
             handler: A plain function.
-            actor: To whom it belongs.
+            actor: The actor that it belongs to.
             topics: Of messages that are emitted on topics, take those on one of these alone.
 
         Raises:
@@ -339,7 +339,7 @@ class Channel(Generic[T]):
 
         Args:
             capacity: How many messages may wait.
-            overflow: What happens to one too many: ``drop_oldest``, ``drop_newest``, or ``error``, which ends the
+            overflow: The treatment of one too many: ``drop_oldest``, ``drop_newest``, or ``error``, which ends the
                 stream with an error for its consumer. Drops are counted by the stream and the channel.
         """
         stream = Stream[T](self.name, capacity, overflow, self._count_drop)
@@ -356,12 +356,12 @@ class Channel(Generic[T]):
         subscription.cancel()
 
     def close(self) -> None:
-        """End every stream: consumers finish what waits and then leave their loops."""
+        """End every stream: consumers finish the waiting messages and then leave their loops."""
         for stream in self._streams:
             stream.end()
 
     def statistics(self) -> ChannelStatistics:
-        """Return what crossed the channel so far."""
+        """Return the channel's statistics so far."""
         return ChannelStatistics(
             name=self.name,
             published=self.published,

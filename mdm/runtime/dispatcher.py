@@ -32,8 +32,8 @@ class Inbox:
     """Messages in the order in which they came, from any thread.
 
     A message that a channel says is superseded by the newer one gives way to it, unless one that cannot be superseded
-    came between them, such as an event: what held at an event stays told before it. Each channel may have as many
-    waiting as the bound. Of what is more, messages that can be superseded become one, and others are lost.
+    came between them, such as an event: states that held at an event are published before it. Each channel may have as
+    many waiting as the bound. Beyond it, messages that can be superseded become one, and others are lost.
 
     Args:
         bound: How many messages of a channel may wait.
@@ -182,13 +182,13 @@ class Dispatcher:
         _OPEN.add(self)
 
     def leave_to_parent(self) -> None:
-        """Run nothing in a forked child: what it publishes is refused."""
+        """Run nothing in a forked child: its messages are refused."""
         self._forked = True
         self.loop = None
         self.thread = 0
 
     def close(self) -> None:
-        """Deliver what waits, as far as one turn may go, then accept no more from other threads."""
+        """Deliver the waiting messages, as far as one turn may go, then accept no more from other threads."""
         self.loop = None
         self._drain()
         if self.queue or self._behind:
@@ -275,7 +275,7 @@ class Dispatcher:
             raise
 
     def _culprit(self, first: Subscription[Any]) -> Subscription[Any]:
-        """Return whose handler has raised: the first one's, or that of one whom it has led to by calls."""
+        """Return the actor whose handler has raised: the first handler, or one that it has called."""
         blamed, self.blamed = self.blamed, None
         return first if blamed is None else blamed
 
@@ -300,7 +300,7 @@ class Dispatcher:
             self.active = False
 
     def _fail_later(self, subscription: Subscription[Any], error: RecursionError, limit: int) -> None:
-        """Take a failure, and what the turn still has to deliver, from the event loop: the stack here is too deep."""
+        """Handle a failure, and the rest of the turn, from the event loop: the stack here is too deep."""
         self.straight = 0
 
         def resume() -> None:
@@ -351,7 +351,7 @@ class Dispatcher:
         self._tell_losses()
 
     def _tell_losses(self) -> None:
-        """Tell what was lost: once, until a channel's messages are all taken again."""
+        """Report lost messages: once, until all of a channel's messages are accepted again."""
         losses = self._inbox.losses()
         for channel, lost in losses.items():
             channel.dropped += lost
@@ -363,7 +363,7 @@ class Dispatcher:
         self._overflowing = set(losses)
 
     def statistics(self) -> DispatcherStatistics:
-        """Return what the dispatcher has done so far."""
+        """Return the dispatcher's statistics so far."""
         return DispatcherStatistics(
             turns=self._turns + self._turns_behind,
             interrupted=self._interrupted,

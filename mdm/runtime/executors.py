@@ -1,6 +1,6 @@
-"""Executors: what work hands to threads and processes is known to it, and outlives no more than its grace.
+"""Executors: work knows the jobs that it hands to threads and processes, and they outlive it by its grace at most.
 
-A thread goes on when whoever awaits it is cancelled. An event loop whose `run_in_executor` is watched, which
+A thread goes on when the task that awaits it is cancelled. An event loop whose `run_in_executor` is watched, which
 `asyncio.to_thread` calls too, tells the work that called it when its jobs have really ended.
 """
 
@@ -21,7 +21,7 @@ __all__ = ["OWNER", "Jobs", "unwatch", "watch"]
 
 
 class Jobs:
-    """What one piece of work has handed to executors, and has not ended there.
+    """The jobs that one piece of work has handed to executors and that have not ended.
 
     Attributes:
         count: How many.
@@ -33,7 +33,7 @@ class Jobs:
     ended: Callable[[], object] | None = None
 
     def call(self, function: Callable[..., Any], *args: object) -> Any:
-        """Call a function; what it and the tasks that it makes hand to executors counts."""
+        """Call a function; jobs count that it, and the tasks that it makes, hand to executors."""
         token = OWNER.set(self)
         try:
             return function(*args)
@@ -56,7 +56,7 @@ OWNER: ContextVar[Jobs | None] = ContextVar("mdm_jobs", default=None)
 
 
 def watch(loop: asyncio.AbstractEventLoop) -> None:
-    """Watch what a loop hands to executors; each call is taken back by one of `unwatch`."""
+    """Watch the jobs that a loop hands to executors; each call is undone by one of `unwatch`."""
     watched = vars(loop).get("run_in_executor")
     if not isinstance(watched, _Watched):
         watched = _Watched(loop)
@@ -98,7 +98,7 @@ class _Watched:
 
 
 class _Job:
-    """What one piece of work has handed to an executor, once."""
+    """A job that one piece of work has handed to an executor."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, jobs: Jobs) -> None:
         self._loop = loop
@@ -130,7 +130,7 @@ class _Job:
         self._jobs.end()
 
     def ended(self, _: object = None) -> None:
-        """Tell the work, from whatever thread."""
+        """Notify the work, from any thread."""
         with suppress(RuntimeError):  # the loop is closed
             self._loop.call_soon_threadsafe(self._jobs.end)
 

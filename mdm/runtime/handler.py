@@ -39,7 +39,7 @@ _CONTEXTS = {_HOLD.__code__: "a @contextmanager function", _HOLD_LATER.__code__:
 
 
 def kind_of(function: Callable[..., Any]) -> str | None:
-    """Return what a callable is whose call runs none of its code; None for a plain one.
+    """Return the kind of a callable whose call runs none of its code, or None for a plain function.
 
     Methods, partial functions and objects with ``__call__`` are looked through.
     """
@@ -52,7 +52,7 @@ def kind_of(function: Callable[..., Any]) -> str | None:
 
 
 def has_not_run(result: object) -> bool:
-    """Whether what a call has returned is the function's own code, of which nothing has run, and not to be awaited."""
+    """Whether a call has returned the function's own code, of which nothing has run, and which is not to be awaited."""
     return inspect.isgenerator(result) or inspect.isasyncgen(result) or isinstance(result, _CONTEXT_MANAGERS)
 
 
@@ -64,11 +64,11 @@ def _code_of(function: Callable[..., Any]) -> CodeType | None:
 
 
 def check_plain(function: Any, use: str) -> None:
-    """Refuse what is no plain function.
+    """Refuse an object that is no plain function.
 
     Args:
-        function: What was given.
-        use: What it is for, such as ``the handler of channel 'state'``.
+        function: The object.
+        use: Its purpose, such as ``the handler of channel 'state'``.
 
     Raises:
         Error: If calling it would run none of its code.

@@ -60,7 +60,7 @@ class RuntimeStatistics(msgspec.Struct, frozen=True):
     loop: LoopStatistics | None
 
     def __str__(self) -> str:
-        """Return a table of what is not zero: a line for each actor, and for each channel that something crossed."""
+        """Return a table of the numbers that are not zero: a line for each actor and channel."""
         rows = [("dispatcher", self.dispatcher.told())]
         rows += [(what, each.told()) for what, each in (("log", self.log), ("loop", self.loop)) if each is not None]
         rows += [(f"actor {actor.path}", actor.told("path", "since")) for actor in self.actors]
@@ -76,7 +76,7 @@ class Runtime:
     Use it as ``async with mdm.Runtime() as runtime:``. However the block is left, its actors stop in order, children
     before parents and later ones before earlier ones; nothing outlives the block but work that ignores being
     cancelled, which is listed in `abandoned`. A program that is cancelled once more while they stop waits until they
-    have stopped or their limits have passed. Then they are broken off: what they wait for is cancelled, and only their
+    have stopped or their limits have passed. Then they are broken off: their waits are cancelled, and only their
     `on_stop` is still called. Two runtimes in one process do not know of each other.
 
     SIGINT, SIGTERM and SIGHUP stop the actors at once and cancel the block, which raises `KeyboardInterrupt` or
@@ -93,9 +93,9 @@ class Runtime:
             nobody reads them, some are lost and counted. With None the first failure of each action is printed, and
             nothing else; with False nothing at all.
         debug: Log decisions too, and the lives of all actors.
-        watchdog: Seconds for which the event loop may stand still before a thread reports it, with the stack of what
-            holds it, at once in the log and as a fault ``stall`` when the loop turns again; None for no watchdog. In
-            virtual time there is none.
+        watchdog: Seconds for which the event loop may stand still before a thread reports it, with the stack of the
+            call that holds it, at once in the log and as a fault ``stall`` when the loop turns again; None for no
+            watchdog. In virtual time there is none.
         emergency: A plain function without arguments that makes the robot safe by itself (cuts the motors, opens a
             relay). It is called on a thread of its own, when nothing else can be relied on.
         emergency_after: Seconds for which the event loop stands still before ``emergency`` is called; by default those
@@ -107,7 +107,7 @@ class Runtime:
         ActorFailure: On leaving the block, if an actor failed and nobody above it could help.
 
     Attributes:
-        ending: Whether it ends, for whatever reason: nothing that was or is decided starts any more.
+        ending: Whether it ends: no decided action starts any more.
     """
 
     def __init__(
@@ -168,7 +168,7 @@ class Runtime:
     def channel(self, name: str, type: type[T], *, retain: bool = False) -> Channel[T]:  # noqa: A002
         """Return the channel of a name, made at the first call.
 
-        An actor's channel is given back when the actor has ended and nobody listens: what it retained is forgotten.
+        An actor's channel is dropped, with its retained message, when the actor has ended and nobody listens.
 
         Raises:
             Error: If it exists and carries messages of another type.
@@ -205,7 +205,7 @@ class Runtime:
     # -- Actors --------------------------------------------------------------------------------------------------
 
     async def start(self, actor: Actor) -> None:
-        """Start an actor at the top of the tree, its children after it; what its start raises is raised here."""
+        """Start an actor at the top of the tree, its children after it; an error of its start is raised here."""
         await self.root.start_child(actor)
 
     async def stop(self, actor: Actor) -> None:
@@ -280,7 +280,7 @@ class Runtime:
     def emergency(self, reason: str) -> None:
         """Report why, and call the program's ``emergency``: the last resort, when a safe action fails. From any thread.
 
-        It is called on a thread of its own, in virtual time at once. What it raises is reported, too.
+        It is called on a thread of its own, in virtual time at once. Its errors are reported, too.
         """
         self._emergency.call(reason)
 
@@ -371,7 +371,7 @@ class Runtime:
         return swallowed
 
     def _tree_ended(self, _: object) -> None:
-        """Raise from the event loop what should end the program, where the task of the block has ended before it."""
+        """Raise the exception that ends the program from the event loop, where the block's task has ended."""
         if not self._leaving and self._host is not None and self._host.done() and isinstance(self._failure, LEAVING):
             raise self._failure
 
@@ -442,7 +442,7 @@ class Runtime:
 
 
 async def end_all() -> None:
-    """Stop what lives in every runtime of the running event loop, within its limits, whoever is to leave its block."""
+    """Stop the actors of every runtime of the running event loop, within its limits."""
 
     async def end(runtime: Runtime) -> None:
         tree = runtime._tree  # noqa: SLF001 - one module

@@ -43,7 +43,7 @@ class Sharing:
         return () if loan is None else tuple(loan.users)
 
     def reserve(self, actor: Actor, user: Actor) -> str:
-        """Take a user down; return what the actor's path begins with: the path of its first one.
+        """Register a user; return the prefix of the actor's path: the path of its first user.
 
         Raises:
             Error: If it lives in another runtime, whose channels its user does not hear.
@@ -62,7 +62,7 @@ class Sharing:
         return loan.place
 
     async def lend(self, actor: Actor) -> None:
-        """Have an actor live for those who reserved it; what its start raises is raised here."""
+        """Have an actor live for those who reserved it; an error of its start is raised here."""
         loan = self._loans.get(actor)
         if loan is None:
             return

@@ -1,4 +1,4 @@
-"""Frozen snapshots of what actors and channels did, and a histogram of latencies."""
+"""Statistics: frozen snapshots of the counts of actors and channels, and a histogram of latencies."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _BUCKETS = 8 * 64
 
 
 class _Snapshot(msgspec.Struct, frozen=True):
-    """A snapshot, which prints what is not zero or empty."""
+    """A snapshot, which prints the fields that are not zero or empty."""
 
     def __repr__(self) -> str:
         told = [f"{name}={value!r}" for name in self.__struct_fields__ if (value := getattr(self, name))]
         return f"{type(self).__name__}({', '.join(told)})"
 
     def told(self, *others: str) -> str:
-        """Return what is not zero or empty in words, but for some fields, for a line of its own."""
+        """Return the fields that are not zero or empty, but for some, in words for a line of their own."""
         told = ((name, getattr(self, name)) for name in self.__struct_fields__ if name not in others)
         return "  ".join(f"{name.replace('_', ' ')} {_in_words(value)}" for name, value in told if value)
 
@@ -45,7 +45,7 @@ def _in_words(value: object) -> str:
 
 
 class ChannelStatistics(_Snapshot, frozen=True):
-    """What crossed a channel.
+    """The messages that crossed a channel.
 
     ``dropped`` counts messages that a bounded stream or a stopped actor did not take, ``unheard`` those that had no
     subscriber; ``last`` is the stamp of the last message in nanoseconds, None before the first.
@@ -61,7 +61,7 @@ class ChannelStatistics(_Snapshot, frozen=True):
 
 
 class ActorStatistics(_Snapshot, frozen=True):
-    """What an actor received, how often it failed and restarted, its work under way, and ticks that came too late."""
+    """The counts of an actor: messages received, failures, restarts, work under way, ticks that came too late."""
 
     path: str
     state: str
@@ -136,7 +136,7 @@ class Latencies:
     """Records latencies in nanoseconds; a record costs one append, the histogram is made when it is asked for.
 
     Attributes:
-        pending: What was recorded last. A hot path may append to it by itself, and calls `fold` where it is `FULL`.
+        pending: The latest records. A hot path may append to it by itself, and calls `fold` where it is `FULL`.
     """
 
     __slots__ = ("_counts", "_maximum", "_total", "pending")
@@ -155,7 +155,7 @@ class Latencies:
             self.fold()
 
     def fold(self) -> None:
-        """Count what is pending."""
+        """Count the pending records."""
         if not self.pending:
             return
         values = np.maximum(np.array(self.pending, dtype=np.int64), 1)
@@ -167,7 +167,7 @@ class Latencies:
         self._maximum = max(self._maximum, int(values.max()))
 
     def snapshot(self) -> Histogram:
-        """Return what was recorded so far."""
+        """Return the histogram so far."""
         self.fold()
         return Histogram(
             count=int(self._counts.sum()),
@@ -181,7 +181,7 @@ class LoopStatistics(_Snapshot, frozen=True):
     """How an event loop turned, as its watchdog saw it.
 
     ``stalls`` counts the times that it did not turn for as long as the watchdog's limit; ``delays`` are the times that
-    it took to answer the watchdog, so that whatever held it shows, below the limit too.
+    it took to answer the watchdog, so that a call that held it shows, below the limit too.
     """
 
     stalls: int

@@ -32,7 +32,7 @@ class Stream(Generic[T]):
     Args:
         name: The channel's name, for messages.
         capacity: How many messages may wait.
-        overflow: What happens to one too many.
+        overflow: The treatment of one too many.
         on_drop: Called for each message that is dropped.
     """
 
@@ -58,7 +58,7 @@ class Stream(Generic[T]):
         self.dropped = 0
 
     def on_close(self, function: Callable[[], None]) -> None:
-        """Set what unsubscribes the stream."""
+        """Set the function that unsubscribes the stream."""
         self._on_close = function
 
     def put(self, message: T) -> None:
@@ -77,7 +77,7 @@ class Stream(Generic[T]):
         self._arrived.set()
 
     def end(self) -> None:
-        """Let the consumer take what waits and then leave its loop."""
+        """Let the consumer take the waiting messages and then leave its loop."""
         self._ended = True
         self._arrived.set()
 

@@ -1,4 +1,4 @@
-"""Supervision: what an actor's failure means."""
+"""Supervision: the consequences of an actor's failure."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Restart(msgspec.Struct, frozen=True):
     max_backoff: float = 5.0
 
     def __post_init__(self) -> None:
-        """Refuse what counts or lasts nothing.
+        """Refuse counts and times that are not positive.
 
         Raises:
             ConfigError: If the limit is no whole number, or a time no number of seconds.
@@ -80,7 +80,7 @@ Supervision = Restart | Literal["stop", "escalate"]
 
 
 def check_supervision(given: object) -> None:
-    """Refuse what says nothing about a failure.
+    """Refuse an object that is no supervision.
 
     Raises:
         ConfigError: If it is no supervision.
@@ -121,9 +121,9 @@ def describe(error: BaseException) -> str:
 
 
 def text_of(error: BaseException) -> str:
-    """Return an error's own text, or that it has none: one that cannot say what it is is a failure all the same.
+    """Return an error's own text, or say that it has none: an error whose text fails is a failure all the same.
 
-    That of a group, which counts its errors alone, is followed by what these are, group within group.
+    That of a group, which only counts its errors, is followed by their texts, group within group.
     """
     try:
         text = str(error)
@@ -159,6 +159,6 @@ def failure(error: BaseException) -> BaseException:
 
 
 def was_cancelled(error: BaseException) -> bool:
-    """Whether an error is the present task's own cancellation, asked for by whoever owns the task."""
+    """Whether an error is the present task's own cancellation, requested by its owner."""
     task = asyncio.current_task()
     return isinstance(error, asyncio.CancelledError) and task is not None and task.cancelling() > 0

@@ -28,14 +28,14 @@ class Work:
     """A running coroutine of one actor.
 
     It has ended when its task has, and all that it handed to executors. Work is cancelled once, as asyncio does it, and
-    not again at each later ``await`` as an anyio task group would: what it awaits while it cleans up is left in peace
+    not again at each later ``await`` as an anyio task group would: its awaits while it cleans up are left in peace
     until its owner's patience ends.
 
     Args:
-        awaitable: What to run.
+        awaitable: The coroutine or future to run.
         name: The task's name, for debuggers.
         ended: Called once, when it has ended, from the event loop.
-        jobs: What was handed to executors already, where it was made.
+        jobs: The jobs that were handed to executors where it was made.
     """
 
     __slots__ = (
@@ -86,7 +86,7 @@ class Work:
         self._settle()
 
     def abandon(self) -> None:
-        """Let it go on without its owner; what else ends the program's tasks may end it, too."""
+        """Let it go on without its owner; the end of the program's tasks may still end it."""
         self.abandoned = True
         if not self.task.done():
             asyncio._register_task(self.task)  # noqa: SLF001 - as in `hide`
@@ -139,7 +139,7 @@ class Work:
 
     @property
     def error(self) -> BaseException | None:
-        """What it raised, if it has ended and did."""
+        """Its error, if it has ended with one."""
         if self._leaving is not None:
             return self._leaving
         if not self.task.done() or self.task.cancelled():
@@ -148,7 +148,7 @@ class Work:
 
     @property
     def result(self) -> Any:
-        """What it returned, if it has ended and did."""
+        """Its result, if it has ended with one."""
         return self.task.result() if self.task.done() and not self.task.cancelled() and not self.error else None
 
 
@@ -161,7 +161,7 @@ def hide(task: asyncio.Task[Any] | None) -> None:
     """Take a task out of `asyncio.all_tasks`.
 
     asyncio's runner cancels all that it finds there when a program ends, at once and in no order. Actors' tasks are
-    ended by whoever owns them.
+    ended by their owners.
     """
     if task is not None:
         asyncio._unregister_task(task)  # noqa: SLF001 - meant for event loops' authors
@@ -228,7 +228,7 @@ class Workload:
             self._actor.runtime.abandoned.append(work)
 
     async def end(self, grace: float) -> None:
-        """Cancel all of it, wait for so many seconds, and abandon what has not ended; when cancelled, at once."""
+        """Cancel all of it, wait for so many seconds, and abandon the rest; when cancelled, at once."""
         clock = self._actor.runtime.clock
         began = clock.now()
         asked: set[Work] = set()

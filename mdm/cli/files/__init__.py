@@ -1,4 +1,4 @@
-"""What the verbs about models, policies and other files take."""
+"""The arguments of the verbs about models, policies and other files."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def report(file: str, examine: Callable[[], Findings], *, json: bool, command: str = "mdm check") -> int:
-    """Print what is found in a file; return the exit status.
+    """Check a file and print the findings; return the exit status.
 
     Args:
         file: The file.

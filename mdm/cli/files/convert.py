@@ -1,4 +1,4 @@
-"""``mdm convert``: conversion of models and policies between formats, with a report of what is lost."""
+"""``mdm convert``: conversion of models and policies between formats, with a report of losses."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _changes(model: MDP, written: MDP) -> list[str]:
-    """Return the differences between a model and what was written of it."""
+    """Return the differences between a model and its written file."""
     found = []
     pairs = [
         ("agents", model.num_agents, written.num_agents),

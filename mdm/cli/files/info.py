@@ -86,7 +86,7 @@ def _tell_ensembles(arguments: argparse.Namespace) -> int:
 
 
 def _tell_team(arguments: argparse.Namespace, team: Team) -> int:
-    """Describe a team's file: the team, and what each agent runs of it."""
+    """Describe a team's file: the team, and the part of each agent."""
     from mdm.cli.robots.ensembles import Ensembles, load_ensembles  # noqa: PLC0415 - a model needs no actors
     from mdm.cli.robots.wiring import lines  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""``mdm map``: propose, draft, check and show the map of a floor, and make a model from it; and what that takes."""
+"""``mdm map``: verbs that propose, draft, check and show the map of a floor, or make a model of it."""
 
 from __future__ import annotations
 

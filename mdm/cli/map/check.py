@@ -1,4 +1,4 @@
-"""``mdm map check``: what is wrong with the map of a floor."""
+"""``mdm map check``: find the errors in the map of a floor."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _check_floors(
 
 
 def _problems(parts: Parts, path: str | Path, radius: float, margin: float, *, alone: bool = True) -> Iterator[Problem]:
-    """Yield what is wrong with a floor, whose map has a path."""
+    """Yield the errors of a floor, whose map has a path."""
     yield from _greys(path)
     yield from parts.problems
     options: dict[str, Any] = {"radius": radius, "margin": margin, "colours": parts.colours, "alone": alone}

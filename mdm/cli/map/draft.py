@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _facts(labels: Labels, grid: Grid, graph: Graph) -> dict[str, Any]:
-    """Return what the draft holds, ready for JSON."""
+    """Return the draft, ready for JSON."""
     found = passages(labels, grid)
     doors = {pair: passage.width for pair, passage in widest(found).items()}
     ways = {frozenset((edge.source, edge.target)): None for edge in graph.edges if edge.source != edge.target}

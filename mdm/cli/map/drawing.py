@@ -84,7 +84,7 @@ def floor_picture(
         parts: The floor.
         radius: Of the robot, in metres.
         coordinates: Whether there are lines of coordinates.
-        notes: What is written at the goals of places.
+        notes: The texts at the goals of places.
     """
     cells = np.argwhere(parts.labels.raster > 0)
     corners = [*_goals(parts, parts.graph.names)]
@@ -103,7 +103,7 @@ def floor_picture(
 
 
 def grid_picture(grid: Grid) -> Any:
-    """Return a picture of a grid alone, of what is known of it, with lines of coordinates."""
+    """Return a picture of the known part of a grid, with lines of coordinates."""
     known = np.argwhere(grid.free | grid.occupied)
     window = around(grid.frame, [tuple(known.min(axis=0)), tuple(known.max(axis=0))] if len(known) else [], 1.0)
     nothing = Labels(grid.frame, np.zeros(grid.frame.shape, dtype=np.uint16), ())

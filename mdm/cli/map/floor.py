@@ -18,7 +18,7 @@ __all__ = ["check_one_floor", "inputs", "load", "settle"]
 
 
 def settle(arguments: argparse.Namespace, *, graph_needed: bool = True) -> bool:
-    """Let what is given alone beside the map be the graph; return whether it is a building's file instead of a map.
+    """Take a single file beside the map as the graph; return whether the map is a building's file instead.
 
     Raises:
         UsageError: If there is no graph and one is needed, or there is more than a building's file.

@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _facts(labels: Labels, grid: Grid, graph: Graph) -> dict[str, Any]:
-    """Return what is proposed, ready for JSON."""
+    """Return the proposal, ready for JSON."""
     cell = labels.frame.resolution**2
     areas = {name: float((labels.cells(name) & grid.free).sum()) * cell for name in graph.names}
     return {

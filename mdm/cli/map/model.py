@@ -80,7 +80,7 @@ def _load_floors(arguments: argparse.Namespace) -> tuple[Floors, list[str]]:
 
 
 def _check_usage(arguments: argparse.Namespace) -> None:
-    """Refuse what contradicts itself."""
+    """Refuse arguments that contradict each other."""
     if Path(arguments.output).suffix.lower() not in _SUFFIXES:
         raise Error(f"{arguments.output}: models of maps are written as {', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]}")
     timed = arguments.period is not None or arguments.durations is not None
@@ -213,7 +213,7 @@ def _places(graph: Graph, text: str) -> tuple[str, str, float]:
 def _facts(
     arguments: argparse.Namespace, made: FactoredMDP | FactoredPOMDP, graph: Graph, taken: Vector | None
 ) -> dict[str, Any]:
-    """Return what was made, ready for JSON."""
+    """Return the model's description, ready for JSON."""
     ways = []
     for edge in graph.edges if taken is not None else ():
         assert taken is not None

@@ -1,4 +1,4 @@
-"""The TOML file of a robot that is to do what a model of a map says: its places, states and actions."""
+"""The TOML file of a robot that acts by a model of a map: its places, states and actions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["check", "text"]
 
 
 def check(arguments: argparse.Namespace) -> None:
-    """Refuse a file that could not say what the model holds."""
+    """Refuse a file that could not express the model."""
     if arguments.robot is None:
         return
     for given, why in (

@@ -112,7 +112,7 @@ def _show_grid(arguments: argparse.Namespace) -> int:
 
 
 def _facts(parts: Parts, narrow: float) -> dict[str, Any]:
-    """Return what the map holds, ready for JSON."""
+    """Return the content of the map, ready for JSON."""
     labels, graph, grid = parts.labels, parts.graph, parts.grid
     found = () if grid is None else passages(labels, grid)
     doors = widest(tuple(passage for passage in found if passage.width >= narrow))

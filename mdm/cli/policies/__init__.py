@@ -1,4 +1,4 @@
-"""What the verbs about solving, policies and their values take."""
+"""The arguments of the verbs about solving, policies and their values."""
 
 from __future__ import annotations
 

@@ -24,8 +24,8 @@ class ProgressLine:
     """Prints progress.
 
     A terminal has one line that is updated at most ten times a second. Elsewhere lines are printed after 1, 2, 4, ...
-    seconds and then once a minute. Once it cannot be printed, as when the terminal has gone, it is no more: what it is
-    about goes on.
+    seconds and then once a minute. Once it cannot be printed, as when the terminal has gone, it stops: the work that it
+    is about goes on.
 
     Args:
         stream: The output; by default standard error.
@@ -66,11 +66,11 @@ class ProgressLine:
 
 @contextmanager
 def counting(interruption: Interruption, what: str = "") -> Iterator[Callable[[int, int], bool]]:
-    """Yield what prints how many episodes of how many have ended, and returns True once a signal has come.
+    """Yield a function that prints how many episodes of how many have ended, and returns True after a signal.
 
     Args:
         interruption: Notes Ctrl-C, SIGTERM and SIGHUP meanwhile.
-        what: What is printed before the numbers.
+        what: The text before the numbers.
     """
     line, began = ProgressLine(), perf_counter()
 

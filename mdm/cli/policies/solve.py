@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _solve(model: MDP, solver: str, options: dict[str, Any], arguments: argparse.Namespace) -> Solution:
-    """Solve a model, and tell how far it has come; Ctrl-C or SIGTERM ends it with what it has."""
+    """Solve a model and print the progress; Ctrl-C or SIGTERM ends it with the best result so far."""
     interruption, line = arguments.interruption, ProgressLine()
     warned = arguments.output is not None
 

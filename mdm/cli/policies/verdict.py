@@ -118,7 +118,7 @@ def judge(
         arguments: The sub-command's arguments.
         durations: How long actions take; by default all take one time step.
         simulated: Simulate even if the exact value is known.
-        what: What is told with the progress of the simulation.
+        what: The text of the progress of the simulation.
     """
     values = exact_values(model, policy, steps=arguments.steps, durations=durations)
     exact = None

@@ -1,4 +1,4 @@
-"""What the verbs that run robots take."""
+"""The arguments of the verbs that run robots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Attached: a process that ends with whoever started it, and holds the other end of its standard input."""
+"""Attached: a process that ends with its starter, which holds the other end of its standard input."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ _BREATH = 0.2
 class Attached:
     """Ends this process, in order where that can be, when its standard input ends.
 
-    A thread waits for that, which a callback that holds the event loop does not keep from seeing it. What ends in order
-    has the time that its actors' limits say. Where whoever started this process is gone, and so cannot end it, and the
-    loop does not answer, the runtime's ``emergency`` is called and the process is killed.
+    A thread waits for that, which a callback that holds the event loop does not keep from seeing it. An end in order
+    has the time of its actors' limits. Where the starter of this process is gone, and so cannot end it, and the loop
+    does not answer, the runtime's ``emergency`` is called and the process is killed.
 
     Args:
         descriptor: Standard input.
@@ -75,7 +75,7 @@ class Attached:
             self._runtime.shut_down()
 
     def _kill(self) -> None:
-        """Kill this process, with those that it has started; what it drives is cut before, where that can be."""
+        """Kill this process, with those that it has started; the emergency, if any, comes before."""
         if self._runtime is not None and self._loop is not None and not self._loop.is_closed():
             self._runtime.emergency("standard input has ended, and this process, which does not end, is killed")
             time.sleep(_BREATH)

@@ -1,4 +1,4 @@
-"""What a decision is about, in the words of the model or of the wiring."""
+"""The input and output of a decision, in the words of the model or of the wiring."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def in_words(ensembles: Iterable[Ensemble]) -> Callable[[Decision], Mapping[str,
 
 
 def _name(space: Space | None, given: int | tuple[int | None, ...] | None) -> object:
-    """Return the name of a symbol; of several factors what each is, but those that are not known."""
+    """Return the name of a symbol; of several factors the value of each that is known."""
     if given is None or space is None:
         return given
     places = space.unravel(given) if isinstance(given, int) else given
@@ -45,7 +45,7 @@ def _name(space: Space | None, given: int | tuple[int | None, ...] | None) -> ob
 
 
 def _wired(factors: Sequence[StateFactor], state: int) -> str:
-    """Return what tells each component of a state, the last factor the least significant."""
+    """Return the name of each component of a state, the last factor the least significant."""
     words: list[str] = []
     for factor in reversed(factors):
         state, value = divmod(state, factor.size)

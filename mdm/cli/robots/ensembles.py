@@ -18,7 +18,7 @@ __all__ = ["Ensembles", "load_ensembles"]
 
 
 class Ensembles(Document):
-    """What a TOML file holds.
+    """The ensembles of a TOML file.
 
     Args:
         content: The system.
@@ -44,7 +44,7 @@ def load_ensembles(
         path: The file.
         agent: The agent.
         imports: Import its functions, which runs their modules; otherwise they are looked for in the source.
-        models: Those that were loaded before, by their files; what is loaded is added.
+        models: The models loaded before, by their files; newly loaded ones are added.
     """
     return (load_system if imports else look_over)(path, agent=agent, models=models)
 

@@ -1,4 +1,4 @@
-"""``mdm team``: run a team, and ask it how it is; and what that takes."""
+"""``mdm team``: run a team, and ask for its status: its verbs and their arguments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The asker: whoever asks the agents of a team from outside, such as ``mdm team status``."""
+"""The asker: asks the agents of a team from outside, for verbs such as ``mdm team status``."""
 
 from __future__ import annotations
 
@@ -40,20 +40,20 @@ class Asker:
         self.live = live
 
     async def ask(self, call: str, ensemble: str, agent: str = "*") -> dict[str, Any]:
-        """Return what each agent says of an ensemble, or an `Error` in its place; who does not answer is left out."""
+        """Return each agent's answer about an ensemble, or an `Error` in its place; silent agents are left out."""
         if not self.live:
             return {}
         return await ask(self._session, self._team, call, agent=agent, ensemble=ensemble, seconds=_ANSWER)
 
     async def command(self, name: str, ensemble: str, seconds: float) -> tuple[Confirmation, ...]:
-        """Say a command to every agent of an ensemble; return what each is by then."""
+        """Send a command to every agent of an ensemble; return the status of each afterwards."""
         agents = self.ensembles[ensemble]
         return await command(self._session, self._team, name, ensemble=ensemble, agents=agents, seconds=seconds)
 
 
 @asynccontextmanager
 async def asker_of(file: str, team: Team) -> AsyncIterator[Asker]:
-    """Yield whoever asks the agents of a file's team.
+    """Yield the asker of a file's team.
 
     Where the file has certificates, it shows that of the operator.
     """

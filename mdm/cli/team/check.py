@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def examine(file: str, team: Team, *, imports: bool) -> Findings:
-    """Return what a team's file holds in words, its problems, and notes on oddities.
+    """Return the content of a team's file in words, its problems, and notes on oddities.
 
     Args:
         file: The file.

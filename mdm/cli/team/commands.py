@@ -1,4 +1,4 @@
-"""``mdm team start``, ``stop``, ``reset`` and ``release``: said to every agent, which says what it is then."""
+"""``mdm team start``, ``stop``, ``reset`` and ``release``: sent to every agent, which answers with its status."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _row(one: Confirmation) -> list[str]:
 
 
 async def _tell(file: str, team: Team, call: str, wanted: str | None, wait: float) -> list[Confirmation]:
-    """Tell the agents of each ensemble; return what each is by then.
+    """Send the command to the agents of each ensemble; return the status of each afterwards.
 
     Raises:
         Error: If nobody answers, or there is no such ensemble.

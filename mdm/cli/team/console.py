@@ -1,4 +1,4 @@
-"""The console: what the processes of a team print, in one place, each line with its agent."""
+"""The console: the output of a team's processes in one place, each line with its agent."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Console:
 
     Args:
         agents: The agents, each of which has a colour where a terminal is written to.
-        json: Print JSON lines: the agents' logs on standard error, what they print on standard output.
+        json: Print JSON lines: the agents' logs on standard error, their other output on standard output.
     """
 
     def __init__(self, agents: Sequence[str], *, json: bool) -> None:
@@ -43,12 +43,12 @@ class Console:
         self._writer.open()
 
     def close(self) -> int:
-        """Print what waits; return how many lines were lost because nobody read them."""
+        """Print the waiting lines; return how many lines were lost because nobody read them."""
         self._writer.close()
         return self._writer.statistics().lost
 
     def line(self, agent: str, stream: Literal["output", "log"], text: str) -> None:
-        """Print what an agent printed."""
+        """Print the lines of an agent."""
         if self._json:
             self._put(stream, msgspec.json.encode({"agent": agent, "event": stream, "text": text}).decode())
         else:
@@ -62,7 +62,7 @@ class Console:
             self.line(agent, "log", self._render(None, "", record))
 
     def tell(self, agent: str, event: str, text: str, **facts: object) -> None:
-        """Say what becomes of an agent's process."""
+        """Print a change of an agent's process."""
         if self._json:
             self.record(agent, {"event": event, "text": text, **facts})
         else:

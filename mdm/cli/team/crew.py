@@ -37,7 +37,8 @@ class Crew:
 
     One that fails, or is killed, is started again, after 0.5 s at first and twice as long each time, five times within
     a minute at most. One that fails before it was up for the first time is not: it would fail again. The others go on
-    without it. They are ended in order by the end of their standard input; what has not ended in time is killed.
+    without it. They are ended in order by the end of their standard input; those that have not ended in time are
+    killed.
 
     Args:
         commands: The command of each agent's process; it logs JSON lines on standard error.
@@ -72,7 +73,7 @@ class Crew:
             self.kill()
 
     async def _wait_for_end(self, lives: Sequence[asyncio.Task[None]]) -> None:
-        """Wait until all have ended, as long as they may take; say whom it waits for."""
+        """Wait until all have ended, as long as they may take; print the agents that it waits for."""
         clock, late = asyncio.get_running_loop(), set(lives)
         until, told = clock.time() + self._patience, clock.time() + _SILENCE
         while late and (left := until - clock.time()) > 0:

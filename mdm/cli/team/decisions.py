@@ -39,7 +39,7 @@ class Line(msgspec.Struct, frozen=True):
 
 
 class Told(msgspec.Struct, frozen=True):
-    """What the files tell of an ensemble.
+    """The decisions of an ensemble in the files.
 
     Attributes:
         agents: The steps in each agent's file.
@@ -109,7 +109,7 @@ def _lines(file: Path) -> list[Line]:
 
 
 def tell(lines: Iterable[Line]) -> dict[str, Told]:
-    """Return what steps tell, by ensemble."""
+    """Return the decisions of steps, by ensemble."""
     by_ensemble: dict[str, list[Line]] = {}
     for line in lines:
         by_ensemble.setdefault(line.ensemble, []).append(line)
@@ -148,7 +148,7 @@ def _pause(lines: list[Line]) -> float:
 
 
 def _difference(lines: list[Line]) -> str | None:
-    """Return what differs first in one step as agents tell it."""
+    """Return the first difference between the agents' accounts of one step."""
     one = lines[0]
     for other in lines[1:]:
         for field in ("input", "missing", "command", "action", "digest"):

@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 async def _ask(file: str, team: Team) -> dict[str, dict[str, Any]]:
-    """Return what each agent says of each of its ensembles."""
+    """Return each agent's answer about each of its ensembles."""
     found: dict[str, dict[str, Any]] = {}
     async with asker_of(file, team) as asker:
         questions = [(name, call) for name in asker.ensembles for call in ("status", "statistics")]
@@ -70,7 +70,7 @@ async def _ask(file: str, team: Team) -> dict[str, dict[str, Any]]:
 
 
 def _carried(transport: dict[str, Any]) -> dict[str, Any]:
-    """Return what an agent's transport carried, in few numbers; times in seconds."""
+    """Return the traffic of an agent's transport, in few numbers; times in seconds."""
     lateness = msgspec.convert(transport["lateness"], Histogram)
     carried = {
         way: {what: sum(traffic[what] for traffic in transport[way].values()) for what in ("messages", "bytes")}

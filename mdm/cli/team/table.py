@@ -1,4 +1,4 @@
-"""Tables of what agents say, in aligned columns."""
+"""Tables of agents' answers, in aligned columns."""
 
 from __future__ import annotations
 

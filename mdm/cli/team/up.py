@@ -109,7 +109,7 @@ async def _run(commands: Mapping[str, Sequence[str]], arguments: argparse.Namesp
     loop = asyncio.get_running_loop()
 
     def end(number: int) -> None:
-        """End in order; what comes within a second is one with it, a second changes nothing, the third ends at once."""
+        """End in order; signals within a second count as one, a second one changes nothing, the third ends at once."""
         if not asked or loop.time() - asked[-1][1] > 1.0:
             asked.append((number, loop.time()))
         if len(asked) > 2:

@@ -24,7 +24,7 @@ _PATIENCE = 0.5
 class Emergency:
     """Functions that make the robot safe by themselves, each called on a thread of its own.
 
-    Whoever calls them waits for none: one that takes long, or never ends, holds neither the event loop nor another one.
+    No caller waits for them: one that takes long, or never ends, holds neither the event loop nor another one.
 
     Args:
         report: Takes a fault's detail, on any thread.
@@ -66,14 +66,14 @@ class Emergency:
             self._report(f"`emergency` failed: {describe(error)}")
 
     def close(self) -> None:
-        """Give what is under way half a second to end."""
+        """Give calls that are under way half a second to end."""
         until = monotonic() + _PATIENCE
         for thread in self._threads:
             thread.join(max(0.0, until - monotonic()))
 
 
 def check_emergency(emergency: Callable[[], object]) -> None:
-    """Refuse what cannot be called as an emergency.
+    """Refuse an object that cannot be called as an emergency.
 
     Raises:
         Error: If it is no plain function, or needs arguments.

@@ -19,5 +19,5 @@ def frame(content: Any) -> bytes:
 
 
 def unframed(data: bytes) -> Any:
-    """Return what a frame holds, without its length; only what a process of our own wrote is read."""
+    """Return the content of a frame, without its length; only frames of this program's own processes are read."""
     return pickle.loads(data)  # noqa: S301 - from the process at the other end of our own pipe

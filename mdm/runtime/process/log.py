@@ -1,6 +1,6 @@
 """The log: a subscriber that renders faults, modes, the lives of actors and, where they are asked for, decisions.
 
-Messages come first and log lines after, on a thread of their own: what reads the log, or does not, delays nothing.
+Messages come first and log lines after, on a thread of their own: a reader of the log, or its absence, delays nothing.
 Where no log is written, an action that fails is printed all the same, once.
 """
 
@@ -24,7 +24,7 @@ __all__ = ["FirstFailures", "Log"]
 
 
 class FirstFailures:
-    """Prints on standard error, of each action, its first failure; what waits for a reader delays nothing."""
+    """Prints the first failure of each action on standard error; a slow reader delays nothing."""
 
     def __init__(self) -> None:
         self._writer: Writer | None = None
@@ -60,14 +60,14 @@ class FirstFailures:
 
 
 class Log:
-    """Renders what happens in a runtime through structlog: faults, modes, the lives of the actors at the top.
+    """Renders the events of a runtime through structlog: faults, modes, the lives of the actors at the top.
 
-    In virtual time lines are written at once: none is lost, and whoever reads them slowly slows the run down.
+    In virtual time lines are written at once: none is lost, and a slow reader slows the run down.
 
     Args:
         target: ``"console"`` or ``"json"`` for lines on standard error, or a structlog logger.
         debug: Render the lives of all actors, and decisions.
-        decisions: Render decisions, and what this tells of each: of which input the decision is, say, in words.
+        decisions: Render decisions, each with the words that this function returns, such as the names of its input.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class Log:
         return structlog.wrap_logger(standard_error, processors=[structlog.processors.add_log_level, render])
 
     def _tells(self, actor: str) -> bool:
-        """Whether the life of an actor is told: the root's never, and those of what makes up an actor seldom."""
+        """Whether the life of an actor is logged: the root's never, and those of an actor's own parts seldom."""
         return bool(actor) and (self._debug or "/" not in actor)
 
     def _published(self, fault: Fault) -> None:
@@ -143,7 +143,7 @@ class Log:
         self._logger.error("fault", time=fault.time / 1e9, source=fault.source, kind=fault.kind, detail=fault.detail)
 
     def _changed(self, mode: Mode) -> None:
-        """Take a mode: safe ones are told, and what comes after them; the others come and go with decisions."""
+        """Handle a mode: safe ones are logged, and the next after them; the others come and go with decisions."""
         was_safe = mode.ensemble in self._safe
         (self._safe.add if mode.mode == "safe" else self._safe.discard)(mode.ensemble)
         if was_safe or mode.mode == "safe":

@@ -69,14 +69,13 @@ def run(
         uvloop: Run on uvloop (the extra ``mdm[uvloop]``).
         debug: asyncio's debug mode.
 
-    Returns:
-        What the function returns.
+    Returns: The function's result.
 
     Raises:
         Error: If the program is none, or an event loop runs already.
         ActorFailure: If the actor failed.
         KeyboardInterrupt: After Ctrl-C.
-        SystemExit: With status 143 after SIGTERM, 129 after SIGHUP; or what an actor or its work raised.
+        SystemExit: With status 143 after SIGTERM, 129 after SIGHUP; or the one raised by an actor or its work.
         DeadlockError: In virtual time, when nothing is left to do; the function is cancelled first.
 
     Example:
@@ -124,7 +123,7 @@ class _Guard:
         return await _call(self._program, self._seconds)
 
     def leave(self, error: BaseException) -> float:
-        """End the program; what is to be raised then is kept."""
+        """End the program, and keep the exception to raise then."""
         self.asked = error
         self.cancel()
         return _LIMIT
@@ -143,7 +142,7 @@ def _refuse_misuse(program: object, seconds: float | None) -> None:
 
 
 def _misuse(program: object, seconds: float | None) -> str | None:
-    """Return what is wrong with what was to be run, if anything."""
+    """Return the reason why an object cannot be run, if there is one."""
     if _loop_runs():
         return "an event loop runs already: await the program there, or enter `async with mdm.Runtime()`"
     if isinstance(program, type):
@@ -159,7 +158,7 @@ def _misuse(program: object, seconds: float | None) -> str | None:
 
 
 async def _call(program: Actor | Callable[[], Awaitable[Any]] | Coroutine[Any, Any, Any], seconds: float | None) -> Any:
-    """Run the program, whatever it is, to its end."""
+    """Run the program, a coroutine or an actor, to its end."""
     if isinstance(program, Actor):
         return await _live(program, seconds)
     result = program() if callable(program) else program
@@ -200,7 +199,7 @@ def _end(task: asyncio.Task[Any]) -> None:
 
 
 def _leave(loop: asyncio.AbstractEventLoop) -> None:
-    """End what is left, whatever is raised meanwhile: first all runtimes, then other tasks."""
+    """End everything that is left, even if something raises meanwhile: first all runtimes, then other tasks."""
     ending = loop.create_task(_end_rest())
     leaving: BaseException | None = None
     while not ending.done():
@@ -215,7 +214,7 @@ def _leave(loop: asyncio.AbstractEventLoop) -> None:
 async def _end_rest() -> None:
     """Let robots be made safe, within their limits, by tasks that live as before; then cancel these.
 
-    It waits for them no longer than a moment: what ignores being cancelled may never end.
+    It waits for them no longer than a moment: a task that ignores being cancelled may never end.
     """
     loop = asyncio.get_running_loop()
     others = asyncio.all_tasks() - {asyncio.current_task()}
@@ -235,7 +234,7 @@ async def _end_rest() -> None:
 
 
 def _tell(task: asyncio.Task[Any], loop: asyncio.AbstractEventLoop) -> None:
-    """Tell what a task failed of that nobody waits for; what ends a program is raised by the loop itself."""
+    """Report the error of a task that nobody waits for; errors that end a program are raised by the loop itself."""
     error = task.exception() if task.done() and not task.cancelled() else None
     if error is not None and not isinstance(error, LEAVING):
         loop.call_exception_handler({"message": "a task failed while the program ended", "exception": error})

@@ -28,8 +28,8 @@ _LINGER = 1.0
 class Signals:
     """Takes SIGINT, SIGTERM and SIGHUP in place of their default handlers, and gives them back.
 
-    The first signal asks the program to leave; what comes within a quarter of a second after it is one with it, as a
-    terminal that closes and programs that end others send several. A second one changes nothing while what that takes
+    The first signal asks the program to leave; others within a quarter of a second after it count as the same, since a
+    terminal that closes, and programs that end others, send several. A second one changes nothing while what that takes
     is within its limit; the next breaks it off. Where the event loop is held, and does not hear of the first, the third
     is raised in what holds it. A signal that is ignored stays ignored, and a handler of the program's own stays in
     place.
@@ -40,10 +40,10 @@ class Signals:
     The handlers are Python's (`signal.signal`), which run under every event loop, and where the loop is held.
 
     Args:
-        leave: Called by the event loop with what is to be raised at the end, `KeyboardInterrupt` or `SystemExit` with
+        leave: Called by the event loop with the exception to raise at the end, `KeyboardInterrupt` or `SystemExit` with
             status 128 + n; it returns for how many seconds a second signal changes nothing.
         break_off: Called by the event loop, once, when there is no more waiting.
-        last: Hear only what no others hear that were opened later, and are open still.
+        last: Hear only signals that no others hear that were opened later and are still open.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class Signals:
     def close(self) -> None:
         """Listen no more, and give the handlers back; after a signal not before the next one.
 
-        A signal that came too late for the event loop to turn once more goes to whoever hears it then.
+        A signal that came too late for the event loop to turn once more goes to the handler of that moment.
         """
         self.loop = None
         if self._bell is not None:

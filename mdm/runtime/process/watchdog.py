@@ -1,6 +1,6 @@
-"""The watchdog: a thread that sees whether the event loop turns, and says what holds it where it does not.
+"""The watchdog: a thread that checks that the event loop turns, and reports the code that holds it.
 
-It asks the loop, some twenty times a second, to call back. What it does where no answer comes needs no loop: it finds
+It asks the loop, some twenty times a second, to call back. Without an answer it acts without the loop: it finds
 the stack of the loop's thread, writes to the log, and calls the emergency.
 """
 
@@ -135,7 +135,7 @@ class Watchdog:
 
 
 def _stack(frame: FrameType) -> str:
-    """Return a stack in words, the innermost call first, without what runs the loop.
+    """Return a stack in words, the innermost call first, without the calls that run the loop.
 
     Source is read of the frames that are told alone: each file that is opened gives the interpreter up, and who holds
     it may keep it for long.
@@ -152,7 +152,7 @@ def _stack(frame: FrameType) -> str:
 
 
 def check_watch(watchdog: float | None, emergency: Callable[[], object] | None, emergency_after: float | None) -> None:
-    """Refuse what cannot be watched, or called.
+    """Refuse limits that cannot be watched, and objects that cannot be called.
 
     Raises:
         Error: If it cannot.

@@ -1,6 +1,6 @@
-"""The writer: does on a thread of its own what could keep the event loop waiting.
+"""The writer: a thread for calls that could keep the event loop waiting.
 
-Standard error may be a pipe that nobody reads. Then a write waits, and with it whoever writes.
+Standard error may be a pipe that nobody reads. Then a write waits, and with it its caller.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _PIPE = getattr(select, "PIPE_BUF", 512)
 
 
 class Writer:
-    """Calls functions in the order in which they came; what cannot be done at once waits, up to a bound.
+    """Calls functions in the order in which they came; calls that cannot be made at once wait, up to a bound.
 
     A call that is one too many, or fails, is lost and counted. ``put`` never waits, and may be called from any thread.
     """
@@ -58,7 +58,7 @@ class Writer:
             self._refused += 1
 
     def close(self, seconds: float = 0.5) -> None:
-        """Write what waits, for no longer than some seconds; what is left then is lost."""
+        """Write the waiting lines, for no longer than some seconds; the rest is lost."""
         thread = self._thread
         if thread is not None:
             self._queue.put(None)

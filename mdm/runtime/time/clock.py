@@ -113,7 +113,7 @@ _LONGEST_LEAD = 400_000
 
 
 def check_seconds(seconds: object, what: str, *, key: str | None = None) -> None:
-    """Refuse what is no length of time.
+    """Refuse a value that is no length of time.
 
     Raises:
         ConfigError: If it is no number above 0, or above 10^9 (which are 31 years).
@@ -258,10 +258,10 @@ class WallClock(Clock):
 
     The offset between the steady clock and the time of day is taken once, so that a correction of the time of day
     never makes it jump; processes on one machine, and machines whose time of day is synchronised, agree on it to
-    within that synchronisation, which is what lets replicas tick together.
+    within that synchronisation, so that replicas tick together.
 
     An idle machine takes some 100 to 400 µs to wake a program. The clock learns how long this one takes, asks to be
-    woken that much earlier, and spins for what is left, which is seldom more than 100 µs: 1 % of a core at 100 Hz.
+    woken that much earlier, and spins for the rest, which is seldom more than 100 µs: 1 % of a core at 100 Hz.
 
     Args:
         spin: Wake early and spin; without it, timers come as late as the machine wakes.

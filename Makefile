@@ -34,23 +34,24 @@ demo: $(DEMO)
 	@echo 'A robot patrols a floor for 40 seconds (examples/patrol/patrol.py; --help tells more)'
 	@$(BIN)/python examples/patrol/patrol.py $(DEMO_OPTIONS)
 
-# In parallel, a test file on one worker as far as may be: its fixtures are made once. For one file, call pytest itself.
-# Hundreds of tests start a Python of their own: without compiled modules on disk each of them compiles the package.
+# In parallel, on a worker more than there are processors, for some tests wait for other processes. For one file, call
+# pytest itself. Hundreds of tests start a Python of their own: without compiled modules on disk each of them compiles the package.
+WORKERS = -n $$($(PYTHON) -c 'import os; print(min(8, os.cpu_count() + 1))') --dist worksteal
 test test-fast: export PYTHONDONTWRITEBYTECODE :=
 test: $(READY)
-	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal
+	$(BIN)/python -m pytest $(WORKERS)
 
 # The sentences of errors that tests are told, written anew: read the change of the files. For some tests alone:
 # make sentences TESTS=tests/config
 TESTS ?= tests
 sentences: export PYTHONDONTWRITEBYTECODE :=
 sentences: $(READY)
-	MDM_SENTENCES=write $(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal $(TESTS)
+	MDM_SENTENCES=write $(BIN)/python -m pytest $(WORKERS) $(TESTS)
 
 # What another interpreter is most likely to change, in little time: what the event loop, threads and actors are made of.
 FAST := tests/actors/actions tests/actors/test_ensemble.py tests/logic tests/runtime
 test-fast: $(READY)
-	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal $(FAST)
+	$(BIN)/python -m pytest $(WORKERS) $(FAST)
 
 # The same on the newest interpreter that there is.
 test-newest:
@@ -67,7 +68,7 @@ wheel-test:
 	$(WHEEL)/env/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt "$$(echo $(WHEEL)/*.whl)[dev]"
 	mkdir $(WHEEL)/copy
 	cp -r tests examples benchmarks docs README.md CHANGELOG.md Makefile pyproject.toml $(WHEEL)/copy
-	cd $(WHEEL)/copy && ../env/bin/mdm --version && ../env/bin/pytest -n logical --maxprocesses 8 --dist worksteal
+	cd $(WHEEL)/copy && ../env/bin/mdm --version && ../env/bin/pytest $(WORKERS)
 
 # Random systems under random faults in virtual time, then robots as real processes that get signals, two at a time; then
 # teams that are sent forged messages; then all that may happen, in a few steps, to three ensembles above each other;

@@ -27,7 +27,7 @@ class Work(smach.State):
         self.work = work
         self.task: asyncio.Future[object] | None = None
 
-    def execute(self, userdata: smach.UserData) -> str:  # noqa: ARG002 - SMACH's signature
+    def execute(self, userdata: smach.UserData) -> str:
         """Have it run, and wait for its end, in SMACH's thread."""
         ended = threading.Event()
 

@@ -92,7 +92,7 @@ class KnownState:
             raise ModelError("the policy is over states: it takes no belief")
         self.current = None
 
-    def update(self, action: int | None, observation: int | None) -> float:  # noqa: ARG002 - as any information
+    def update(self, action: int | None, observation: int | None) -> float:
         """Set the state; None keeps the last one. Return 1."""
         if observation is not None:
             self.current = observation

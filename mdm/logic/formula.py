@@ -177,7 +177,7 @@ class Constant(Formula):
         super().__init__()
         self.value = value
 
-    def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:  # noqa: ARG002
+    def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
         """Return the constant."""
         return self.value
 

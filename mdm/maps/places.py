@@ -282,7 +282,7 @@ class Places(Actor):
         poses.supersedes = lambda _: "pose"  # of those that wait in another thread the newest counts
         self.subscribe(poses, self._on_pose)
 
-    def on_failing(self, error: BaseException) -> None:  # noqa: ARG002 - as of any actor
+    def on_failing(self, error: BaseException) -> None:
         """Let all be unknown at once."""
         self._lose()
 

@@ -146,7 +146,7 @@ class MDP:
         check_finite(expected, self.state_space, self.action_space)
         self._rewards: Vector = read_only(expected)
 
-    def _chances(self, action: int, states: Any, next_states: Any) -> Vector:  # noqa: ARG002 - a POMDP's
+    def _chances(self, action: int, states: Any, next_states: Any) -> Vector:
         """Return P(o | s, a, s') for some transitions, a row for each."""
         raise ModelError("rewards of observations need a POMDP")
 
@@ -275,7 +275,7 @@ class MDP:
             seen,
         )
 
-    def _observations_size(self, transitions: Sequence[Matrix]) -> tuple[int, int]:  # noqa: ARG002 - a POMDP's
+    def _observations_size(self, transitions: Sequence[Matrix]) -> tuple[int, int]:
         """Return the bytes of O, and its entries for an action."""
         return 0, 0
 

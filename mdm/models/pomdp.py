@@ -353,7 +353,7 @@ class POMDP(MDP):
         kinds = list({id(matrix): matrix for matrix in transitions}.values())
         return held_bytes(kinds) * count, num_entries(transitions[0]) * count
 
-    def belief_at_start(self, state: int) -> Vector:  # noqa: ARG002 - for mixed observability
+    def belief_at_start(self, state: int) -> Vector:
         """Return the belief before the first action of an episode that begins in a state."""
         return self.initial_belief
 

@@ -149,7 +149,7 @@ class AlphaVectors(BeliefPolicy):
         return {"actions": self.num_actions}, {"vectors": self.vectors, "actions": whole(self.actions)}
 
     @classmethod
-    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
+    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:
         """Return a packed policy."""
         return cls(arrays["vectors"], listed(arrays["actions"]), sizes["actions"])
 

@@ -90,11 +90,11 @@ class RandomPolicy(Unknowing):
         number = x.number if isinstance(x, Drawn) else self._generator.random()
         return int(number * self.num_actions)
 
-    def weights(self, stage: int = 0) -> Vector:  # noqa: ARG002 - the same at all stages
+    def weights(self, stage: int = 0) -> Vector:
         """Return the probability of each action in each state, A x S."""
         return np.full((self.num_actions, self.num_states), 1 / self.num_actions)
 
-    def batch(self, model: MDP) -> Batch:  # noqa: ARG002 - the weights are enough
+    def batch(self, model: MDP) -> Batch:
         """Return its decisions for a batch of episodes."""
         return ProbabilityBatch(self.weights())
 
@@ -136,16 +136,16 @@ class ConstantPolicy(Unknowing):
             raise ModelError(f"there is no action {action}; the actions are 0 to {num_actions - 1}")
         self._action = int(action)
 
-    def action(self, x: Any, /) -> int:  # noqa: ARG002 - a policy's signature
+    def action(self, x: Any, /) -> int:
         """Return the action."""
         return self._action
 
-    def weights(self, stage: int = 0) -> Vector:  # noqa: ARG002 - the same at all stages
+    def weights(self, stage: int = 0) -> Vector:
         """Return the probability of each action in each state, A x S."""
         result = np.zeros((self.num_actions, self.num_states))
         result[self._action] = 1
         return result
 
-    def batch(self, model: MDP) -> Batch:  # noqa: ARG002 - the action is enough
+    def batch(self, model: MDP) -> Batch:
         """Return its decisions for a batch of episodes."""
         return TableBatch(np.full((1, self.num_states), self._action))

@@ -57,13 +57,13 @@ class TableBatch:
         self._tables = tables
         self._stage = 0
 
-    def begin(self, states: Indices, numbers: Vector) -> Indices:  # noqa: ARG002 - nothing is drawn
+    def begin(self, states: Indices, numbers: Vector) -> Indices:
         """Return the first actions."""
         self._stage = 0
         first: Indices = self._tables[0, states]
         return first
 
-    def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:  # noqa: ARG002
+    def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:
         """Return the next actions; every time step has a decision, so all episodes are at the same stage."""
         self._stage = min(self._stage + 1, len(self._tables) - 1)
         following: Indices = self._tables[self._stage, states]
@@ -89,7 +89,7 @@ class ProbabilityBatch:
         drawn: Indices = (self._levels[:, states] <= numbers).sum(axis=0)
         return drawn
 
-    def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:  # noqa: ARG002
+    def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:
         """Draw the next actions."""
         return self.begin(states, numbers)
 
@@ -109,13 +109,13 @@ class BeliefBatch:
         self._tracker = BatchTracker(model)
         self._policy = policy
 
-    def begin(self, states: Indices, numbers: Vector) -> Indices:  # noqa: ARG002
+    def begin(self, states: Indices, numbers: Vector) -> Indices:
         """Return the first actions."""
         self._tracker.begin(states)
         actions: Indices = self._policy.actions_at(self._tracker.beliefs)
         return actions
 
-    def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:  # noqa: ARG002
+    def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:
         """Return the next actions."""
         self._tracker.update(episodes, actions, seen)
         chosen: Indices = self._policy.actions_at(self._tracker.beliefs[episodes])

@@ -124,7 +124,7 @@ class FiniteStateController(Plan):
         return {"actions": self.num_actions, "start": self.start}, arrays
 
     @classmethod
-    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
+    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:
         """Return a packed policy."""
         table = arrays["successors"]
         if table.ndim != 2:

@@ -122,7 +122,7 @@ class MaskedAlphaVectors(BeliefPolicy):
         return {"actions": self.num_actions, "states": self.num_states}, arrays
 
     @classmethod
-    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
+    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:
         """Return a packed policy."""
         states, values = listed(arrays["states"]), arrays["values"].ravel().tolist()
         parts = pairwise(listed(arrays["starts"]))

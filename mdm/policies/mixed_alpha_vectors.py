@@ -163,7 +163,7 @@ class MixedAlphaVectors(BeliefPolicy):
         return {"actions": self.num_actions}, arrays
 
     @classmethod
-    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
+    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:
         """Return a packed policy."""
         actions, observed = listed(arrays["actions"]), listed(arrays["observed"])
         return cls(arrays["vectors"], actions, observed, sizes["actions"], states=arrays["layout"])

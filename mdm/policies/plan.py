@@ -102,7 +102,7 @@ class Walk:
             raise ModelError("the controller's nodes have no values: it cannot begin from a belief")
         self.current = (self._controllers[0].start_node(distribution(given, what="the belief", size=size)),)
 
-    def update(self, action: int | None, observation: int | tuple[int | None, ...] | None) -> float:  # noqa: ARG002
+    def update(self, action: int | None, observation: int | tuple[int | None, ...] | None) -> float:
         """Follow the edges of an observation.
 
         Args:
@@ -170,7 +170,7 @@ class PlanBatch:
         ]
         self._nodes = np.empty((len(self._controllers), 0), dtype=np.intp)
 
-    def begin(self, states: Indices, numbers: Vector) -> Indices:  # noqa: ARG002 - nothing is drawn
+    def begin(self, states: Indices, numbers: Vector) -> Indices:
         """Return the first actions."""
         alone = self._controllers[0] if len(self._controllers) == 1 else None
         if alone is not None and alone.values is not None:  # begin at the best node for the initial belief
@@ -182,7 +182,7 @@ class PlanBatch:
             self._nodes = np.repeat(starts[:, None], len(states), axis=1)
         return self._at(self._nodes)
 
-    def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:  # noqa: ARG002
+    def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:
         """Return the next actions."""
         parts = np.unravel_index(seen, self._seen)
         for agent, (successors, part) in enumerate(zip(self._successors, parts, strict=True)):

@@ -168,7 +168,7 @@ class Kind:
         sizes, arrays = packed
         return [sorted(sizes.items()), *(part for name in sorted(arrays) for part in (name, arrays[name]))]
 
-    def batch(self, model: MDP) -> Batch | None:  # noqa: ARG002 - for kinds that support it
+    def batch(self, model: MDP) -> Batch | None:
         """Return its decisions for a batch of episodes; None if it decides for one at a time."""
         return None
 
@@ -201,7 +201,7 @@ class StatePolicy(Kind):
     table: Sequence[int] | None = None
     num_states: int
 
-    def information(self, model: MDP | None) -> Information:  # noqa: ARG002 - the state is seen
+    def information(self, model: MDP | None) -> Information:
         """Return the state, which is not known yet."""
         return KnownState()
 
@@ -209,7 +209,7 @@ class StatePolicy(Kind):
         """Return the action for a state's index."""
         raise NotImplementedError
 
-    def weights(self, stage: int = 0) -> Vector:  # noqa: ARG002 - for kinds with stages
+    def weights(self, stage: int = 0) -> Vector:
         """Return the probability of each action in each state, A x S."""
         result = np.zeros((self.num_actions, self.num_states))
         result[[self.action(state) for state in range(self.num_states)], np.arange(self.num_states)] = 1

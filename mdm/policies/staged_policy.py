@@ -57,7 +57,7 @@ class StagedState(KnownState):
         super().reset(belief)
         self._stage = -1
 
-    def update(self, action: int | None, observation: int | None) -> float:  # noqa: ARG002 - as any information
+    def update(self, action: int | None, observation: int | None) -> float:
         """Set the state, at the next stage. Return 1."""
         self._stage += 1
         self.current = Staged(self.current.state if observation is None else observation, self._stage)
@@ -118,7 +118,7 @@ class StagedPolicy(StatePolicy):
         self.values = table
         self.horizon, self.num_states, self.num_actions = table.shape
 
-    def information(self, model: MDP | None) -> Information:  # noqa: ARG002 - the state is seen
+    def information(self, model: MDP | None) -> Information:
         """Return the state at the first stage."""
         return StagedState(self.horizon)
 
@@ -140,7 +140,7 @@ class StagedPolicy(StatePolicy):
         """Return the expected value of the states at the first stage."""
         return float(belief @ self.values[0].max(axis=1))
 
-    def batch(self, model: MDP) -> Batch:  # noqa: ARG002 - tables are enough
+    def batch(self, model: MDP) -> Batch:
         """Return its decisions for a batch of episodes."""
         return TableBatch(self.values.argmax(axis=2))
 
@@ -149,7 +149,7 @@ class StagedPolicy(StatePolicy):
         return {}, {"values": self.values}
 
     @classmethod
-    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
+    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:
         """Return a packed policy."""
         return cls(arrays["values"])
 

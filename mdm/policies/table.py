@@ -33,7 +33,7 @@ _ROUNDING = 1e-12
 class _Table(StatePolicy):
     """A policy with an entry per state."""
 
-    def batch(self, model: MDP) -> Batch:  # noqa: ARG002 - a table is enough
+    def batch(self, model: MDP) -> Batch:
         """Return its decisions for a batch of episodes."""
         return TableBatch(np.array([[self.action(state) for state in range(self.num_states)]]))
 
@@ -93,7 +93,7 @@ class DeterministicPolicy(_Table):
         return {"actions": self.num_actions}, {"actions": whole(self._actions)}
 
     @classmethod
-    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
+    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:
         """Return a packed policy."""
         return cls(listed(arrays["actions"]), sizes["actions"])
 
@@ -138,7 +138,7 @@ class StochasticPolicy(_Table):
         self._cumulative = np.ascontiguousarray(cumulative.T)
         self.seed(seed)
 
-    def information(self, model: MDP | None) -> Information:  # noqa: ARG002 - the state is seen
+    def information(self, model: MDP | None) -> Information:
         """Return the state with random numbers: equal seeds give equal decisions."""
         return DrawnInformation(KnownState(), self._seed)
 
@@ -149,11 +149,11 @@ class StochasticPolicy(_Table):
             raise self._refuse(index)
         return int(self._cumulative[index].searchsorted(number, side="right"))
 
-    def weights(self, stage: int = 0) -> Vector:  # noqa: ARG002 - the same at all stages
+    def weights(self, stage: int = 0) -> Vector:
         """Return the probability of each action in each state, A x S."""
         return self.probabilities
 
-    def batch(self, model: MDP) -> Batch:  # noqa: ARG002 - the table is enough
+    def batch(self, model: MDP) -> Batch:
         """Return its decisions for a batch of episodes."""
         return ProbabilityBatch(self.probabilities)
 
@@ -162,7 +162,7 @@ class StochasticPolicy(_Table):
         return {}, {"probabilities": self.probabilities}
 
     @classmethod
-    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
+    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:
         """Return a packed policy."""
         return cls(arrays["probabilities"], seed=seed)
 
@@ -229,6 +229,6 @@ class QTable(_Table):
         return {}, {"values": self.values}
 
     @classmethod
-    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:  # noqa: ARG003
+    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:
         """Return a packed policy."""
         return cls(arrays["values"])

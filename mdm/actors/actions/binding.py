@@ -135,7 +135,7 @@ class Binding:
             return False
         return self.goes_on(action) if self._asks_action else self.goes_on()
 
-    def within(self, ensemble: Ensemble) -> Binding:  # noqa: ARG002 - most do the same in all
+    def within(self, ensemble: Ensemble) -> Binding:
         """Return the binding to use as an action of an ensemble; by default itself.
 
         A binding with a function that depends on its ensemble's model returns a new binding for each ensemble.

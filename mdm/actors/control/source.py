@@ -126,7 +126,7 @@ class OwnChannels:
             control.subscribe(channel("initial_belief", Belief, retain=True), control.on_initial_belief)
         control.subscribe(channel("control", Control), control.on_control)
 
-    def asked(self, command: CommandName) -> bool:  # noqa: ARG002 - a team passes it on
+    def asked(self, command: CommandName) -> bool:
         """Return that it concerns this ensemble alone."""
         return False
 
@@ -257,7 +257,7 @@ class JointProcess:
     def latch(self) -> None:
         """Go on deciding, as `hold` does."""
 
-    def go_on(self, time: int, *, anew: bool, predict: bool) -> None:  # noqa: ARG002 - nothing was missed
+    def go_on(self, time: int, *, anew: bool, predict: bool) -> None:
         """Publish the team's last decision, unless it is about to be published."""
         if not self._taking:
             self.repeat(time)

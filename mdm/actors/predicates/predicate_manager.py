@@ -351,7 +351,7 @@ class PredicateManager(Actor):
             self.subscribe(updates, follower.update)
             follower.synchronise()
 
-    def on_failing(self, error: BaseException) -> None:  # noqa: ARG002 - as of any actor
+    def on_failing(self, error: BaseException) -> None:
         """Let every predicate be unknown at once; sensors' reports from now on are kept for the next start."""
         self.keep()
         known = tuple(name for name, value in self.values().items() if value is not None)

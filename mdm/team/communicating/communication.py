@@ -75,7 +75,7 @@ class Always:
 
     uses_common_belief = False
 
-    def share(self, knowledge: Knowledge, now: float) -> Sequence[Experience]:  # noqa: ARG002 - the protocol's
+    def share(self, knowledge: Knowledge, now: float) -> Sequence[Experience]:
         """Choose everything that is not shared yet."""
         return knowledge.unshared
 
@@ -95,7 +95,7 @@ class Never:
     uses_common_belief = False
     silent = True
 
-    def share(self, knowledge: Knowledge, now: float) -> Sequence[Experience]:  # noqa: ARG002 - the protocol's
+    def share(self, knowledge: Knowledge, now: float) -> Sequence[Experience]:
         """Choose nothing."""
         return ()
 
@@ -119,7 +119,7 @@ class OnChange:
 
     uses_common_belief = False
 
-    def share(self, knowledge: Knowledge, now: float) -> Sequence[Experience]:  # noqa: ARG002 - the protocol's
+    def share(self, knowledge: Knowledge, now: float) -> Sequence[Experience]:
         """Choose everything after a change, else nothing."""
         last = knowledge.last_shared
         changed = last is None or knowledge.unshared[-1].observation != last.observation
@@ -235,7 +235,7 @@ class ValueOfCommunication:
         except (AttributeError, ModelError) as error:
             raise ConfigError(f"the value of communication needs a policy with values: {error}", key="policy") from None
 
-    def share(self, knowledge: Knowledge, now: float) -> Sequence[Experience]:  # noqa: ARG002 - the protocol's
+    def share(self, knowledge: Knowledge, now: float) -> Sequence[Experience]:
         """Choose everything if that is worth more than the threshold, else nothing."""
         return knowledge.unshared if self.worth(knowledge) > self.threshold else ()
 

@@ -19,7 +19,6 @@ SPACES = {
     "crash, and somebody is impatient": Space(2, "majority", False, crashes=1, impatience=1),
     "three": Space(3, "majority", False, steps=1),
     "commands and a cut": Space(2, "majority", False, steps=0, partitions=1, commands=2, settled=True),
-    "commands and a cut, and both go on": Space(2, "continue", False, steps=0, partitions=1, commands=2, settled=True),
     "commands and a crash": Space(2, "majority", False, steps=0, crashes=1, commands=2, settled=True),
 }
 

@@ -1,4 +1,4 @@
-"""A wheel has the package, whole, for every machine."""
+"""A wheel has the package and the examples, whole, for every machine."""
 
 from __future__ import annotations
 
@@ -28,4 +28,10 @@ def test_a_wheel_is_for_every_machine(tmp_path):
     assert wheel.name.endswith("-py3-none-any.whl")
     with zipfile.ZipFile(wheel) as archive:
         found = {name for name in archive.namelist() if name.startswith("mdm")}
-    assert found == {path.relative_to(ROOT).as_posix() for path in ROOT.glob("mdm/**/*.py")} | {"mdm/py.typed"}
+    code = {path.relative_to(ROOT).as_posix() for path in ROOT.glob("mdm/**/*.py")} | {"mdm/py.typed"}
+    examples = {
+        f"mdm/{path.relative_to(ROOT).as_posix()}"
+        for path in ROOT.glob("examples/**/*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    assert found == code | examples

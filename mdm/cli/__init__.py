@@ -20,9 +20,9 @@ from mdm.compilation import COMPILE_TIME
 from mdm.errors import Error
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
-__all__ = ["VERBS", "main"]
+__all__ = ["VERBS", "main", "make_parser"]
 
 VERBS = {
     "run": ("robots", "run the ensembles of a TOML file, or one agent of a team's"),
@@ -39,8 +39,42 @@ VERBS = {
     "compare": ("policies", "compare the values of several policies"),
     "plot": ("policies", "draw bounds over time, a policy, or a belief over an episode"),
     "map": ("map", "propose, draft, check and show the map of a floor, and make a model from it"),
+    "new": ("projects", "make a small project that runs, and has a test"),
+    "examples": ("projects", "list the examples, or copy one of them"),
+    "completion": ("projects", "print what lets a shell complete the arguments of mdm"),
 }
 """The verbs: the folder of each, which says what it takes, and a line of help."""
+
+
+def make_parser(verbs: Collection[str] = tuple(VERBS), *, lines_alone: bool = False) -> argparse.ArgumentParser:
+    """Return the parser of the command.
+
+    Args:
+        verbs: Whose arguments it has; each loads the folder of its verb.
+        lines_alone: Only a line of help for each verb, which loads nothing.
+    """
+    parser = argparse.ArgumentParser(
+        prog="mdm",
+        description=(
+            "Put MDP and POMDP policies to work: run, trace and simulate decision processes;\ncheck, show and convert "
+            "models and policies."
+        ),
+        epilog=(
+            "example: mdm run examples/patrol/patrol.toml\n\n"
+            "exit status: 0 what was asked is done; 1 it failed, as a sentence on standard error says; 2 wrong usage;\n"
+            "130 ended by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP: what was printed or written then is the result so far"
+        ),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"mdm {mdm.__version__}")
+    added = parser.add_subparsers(dest="verb", metavar="VERB")
+    for verb in verbs:
+        folder, line = VERBS[verb]
+        if lines_alone:
+            added.add_parser(verb, help=line)
+        else:
+            getattr(importlib.import_module(f"mdm.cli.{folder}"), f"add_{verb}")(added, line)
+    return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -56,29 +90,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _main(arguments: Sequence[str] | None, interruption: Interruption) -> int:
-    parser = argparse.ArgumentParser(
-        prog="mdm",
-        description=(
-            "Put MDP and POMDP policies to work: run, trace and simulate decision processes;\ncheck, show and convert "
-            "models and policies."
-        ),
-        epilog=(
-            "example: mdm run examples/patrol/patrol.toml\n\n"
-            "exit status: 0 what was asked is done; 1 it failed, as a sentence on standard error says; 2 wrong usage;\n"
-            "130 ended by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP: what was printed or written then is the result so far"
-        ),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--version", action="version", version=f"mdm {mdm.__version__}")
-    verbs = parser.add_subparsers(dest="verb", metavar="VERB")
     words = sys.argv[1:] if arguments is None else arguments
     # Who names a verb waits for no other; what is no verb is told of with all of them.
-    for verb in words[:1] if words and words[0] in VERBS else VERBS:
-        folder, line = VERBS[verb]
-        if not words or words[0] in {"-h", "--help", "--version"}:
-            verbs.add_parser(verb, help=line)
-        else:
-            getattr(importlib.import_module(f"mdm.cli.{folder}"), f"add_{verb}")(verbs, line)
+    parser = make_parser(
+        words[:1] if words and words[0] in VERBS else VERBS,
+        lines_alone=not words or words[0] in {"-h", "--help", "--version"},
+    )
     try:
         parsed, unknown = parser.parse_known_args(arguments)
         if parsed.verb is None and not unknown:

@@ -1,0 +1,179 @@
+"""``mdm completion``: scripts by which shells complete the arguments of the command, made from its parsers."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from typing import TYPE_CHECKING, NamedTuple
+
+from mdm.cli import make_parser
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+__all__ = ["Command", "commands", "run"]
+
+
+class Command(NamedTuple):
+    """A verb, or the command itself, as shells see it.
+
+    Args:
+        words: The verb with those before it, such as ``mdm map draft``.
+        verbs: Its own verbs, each with a line of help.
+        options: Its options, each with its names, a line of help, whether it takes a value, and the values if they are
+            known.
+        values: The values of its first positional argument, if they are known.
+    """
+
+    words: str
+    verbs: dict[str, str]
+    options: list[tuple[tuple[str, ...], str, bool, tuple[str, ...]]]
+    values: tuple[str, ...]
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the script of a shell; return the exit status."""
+    print(_SCRIPTS[arguments.shell](list(commands(make_parser(), "mdm"))))
+    return 0
+
+
+def commands(parser: argparse.ArgumentParser, words: str) -> Iterator[Command]:
+    """Yield a command and all below it."""
+    verbs: dict[str, str] = {}
+    values: tuple[str, ...] = ()
+    options, below = [], []
+    for action in parser._actions:  # noqa: SLF001 - argparse has no other way to see what a parser takes
+        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
+            verbs = {choice.dest: _text(choice.help) for choice in action._choices_actions}  # noqa: SLF001
+            below = [(each, f"{words} {name}") for name, each in action.choices.items()]
+        elif action.option_strings:
+            known = tuple(map(str, action.choices or ()))
+            options.append((tuple(action.option_strings), _text(action.help), action.nargs != 0, known))
+        elif action.choices and not values:
+            values = tuple(map(str, action.choices))
+    yield Command(words, verbs, options, values)
+    for each, its_words in below:
+        yield from commands(each, its_words)
+
+
+def _text(help_: str | None) -> str:
+    return " ".join((help_ or "").replace("%%", "%").split())
+
+
+def _bash(known: list[Command]) -> str:
+    verbs = "\n".join(
+        f"      {shlex.quote(command.words)}) verbs={shlex.quote(' '.join((*command.verbs, *command.values)))}; "
+        f"options={shlex.quote(' '.join(name for names, *_ in command.options for name in names))} ;;"
+        for command in known
+    )
+    paths = "|".join(shlex.quote(command.words) for command in known)
+    values = "\n".join(
+        f"    {shlex.quote(f'{command.words} {name}')}) words={shlex.quote(' '.join(choices))}; given=1 ;;"
+        for command in known
+        for names, _, takes, choices in command.options
+        if takes
+        for name in names
+    )
+    return f"""# bash completion of mdm; eval "$(mdm completion bash)"
+_mdm() {{
+  local current="${{COMP_WORDS[COMP_CWORD]}}" command=mdm verbs options words= given= place
+  for ((place = 1; place < COMP_CWORD; place++)); do
+    case "$command ${{COMP_WORDS[place]}}" in
+      {paths}) command="$command ${{COMP_WORDS[place]}}" ;;
+    esac
+  done
+  case "$command" in
+{verbs}
+  esac
+  case "$command ${{COMP_WORDS[COMP_CWORD - 1]}}" in
+{values}
+  esac
+  if [[ -z $given && $current == -* ]]; then
+    words=$options
+  elif [[ -z $given ]]; then
+    words=$verbs
+  fi
+  COMPREPLY=($(compgen -W "$words" -- "$current"))
+}}
+complete -o default -F _mdm mdm"""
+
+
+def _zsh(known: list[Command]) -> str:
+    def described(pairs: list[tuple[str, str]]) -> str:
+        return " ".join(shlex.quote(f"{name.replace(':', chr(92) + ':')}:{text}") for name, text in pairs)
+
+    cases = "\n".join(
+        f"    {shlex.quote(command.words)})\n"
+        f"      verbs=({described([*command.verbs.items(), *((value, '') for value in command.values)])})\n"
+        f"      options=({described([(name, text) for names, text, *_ in command.options for name in names])}) ;;"
+        for command in known
+    )
+    paths = "|".join(shlex.quote(command.words) for command in known)
+    values = "\n".join(
+        f"    {shlex.quote(f'{command.words} {name}')})"
+        + (f" compadd -- {' '.join(map(shlex.quote, choices))}; return ;;" if choices else " _files; return ;;")
+        for command in known
+        for names, _, takes, choices in command.options
+        if takes
+        for name in names
+    )
+    return f"""#compdef mdm
+# zsh completion of mdm; eval "$(mdm completion zsh)" after compinit
+_mdm() {{
+  local command=mdm place
+  local -a verbs options
+  for ((place = 2; place < CURRENT; place++)); do
+    case "$command $words[place]" in
+      {paths}) command="$command $words[place]" ;;
+    esac
+  done
+  case "$command" in
+{cases}
+  esac
+  case "$command $words[CURRENT-1]" in
+{values}
+  esac
+  if [[ $words[CURRENT] == -* ]]; then
+    _describe -o option options
+  elif (( $#verbs )); then
+    _describe verb verbs
+  else
+    _files
+  fi
+}}
+compdef _mdm mdm"""
+
+
+def _fish(known: list[Command]) -> str:
+    lines = [
+        "# fish completion of mdm; mdm completion fish > ~/.config/fish/completions/mdm.fish",
+        "function __mdm_at",
+        "  set -l command mdm",
+        "  for word in (commandline -opc)[2..-1]",
+        '    switch "$command $word"',
+        f"      case {' '.join(shlex.quote(command.words) for command in known)}",
+        '        set command "$command $word"',
+        "    end",
+        "  end",
+        '  test "$command" = "$argv"',
+        "end",
+    ]
+    for command in known:
+        begin = f"complete -c mdm -n {shlex.quote(f'__mdm_at {command.words}')}"
+        if command.verbs or command.values:
+            lines.append(f"{begin} -f")
+        lines += (f"{begin} -a {name} -d {_fish_text(text)}" for name, text in command.verbs.items())
+        lines += (f"{begin} -a {value}" for value in command.values)
+        for names, text, takes, choices in command.options:
+            forms = " ".join(f"-l {name[2:]}" if name.startswith("--") else f"-s {name[1:]}" for name in names)
+            value = f" -x -a {_fish_text(' '.join(choices))}" if choices else " -r" if takes else ""
+            lines.append(f"{begin} {forms}{value} -d {_fish_text(text)}")
+    return "\n".join(lines)
+
+
+def _fish_text(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace("'", "\\'")
+    return f"'{escaped}'"
+
+
+_SCRIPTS: dict[str, Callable[[list[Command]], str]] = {"bash": _bash, "zsh": _zsh, "fish": _fish}

@@ -1,0 +1,111 @@
+"""``mdm examples``: the examples, to list and to copy."""
+
+from __future__ import annotations
+
+import difflib
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from mdm.cli.projects.folder import examples, making
+from mdm.cli.usage import UsageError
+
+if TYPE_CHECKING:
+    import argparse
+
+__all__ = ["EXAMPLES", "Example", "run"]
+
+
+class Example(NamedTuple):
+    """An example.
+
+    Args:
+        line: What it shows.
+        paths: Its files and folders, below the folder of examples.
+        command: How to run it, in the folder to which it was copied.
+    """
+
+    line: str
+    paths: tuple[str, ...]
+    command: str
+
+
+_TIGER = ("tiger.pomdp", "tiger.vf")
+_FLOOR = ("patrol/floor.pgm", "patrol/floor.xml", "patrol/floor.yaml", "patrol/labels.png")
+
+EXAMPLES = {
+    "q_table": Example("an MDP robot of one page, from a table of values", ("q_table.py",), "python q_table.py"),
+    "tiger": Example(
+        "a POMDP at a fixed rate, as a program and as a TOML file",
+        ("tiger.py", "tiger.toml", *_TIGER),
+        "python tiger.py",
+    ),
+    "from_arrays": Example(
+        "an MDP and a POMDP from arrays, solved and run by a controller", ("from_arrays.py",), "python from_arrays.py"
+    ),
+    "embedding": Example(
+        "an ensemble beside other tasks of a program, with a sensor in a thread",
+        ("embedding.py",),
+        "python embedding.py",
+    ),
+    "external_belief": Example(
+        "beliefs from a particle filter of your own", ("external_belief.py",), "python external_belief.py"
+    ),
+    "tree_search": Example(
+        "a tree search at each decision, in a process of its own", ("tree_search.py", *_TIGER), "python tree_search.py"
+    ),
+    "rooms": Example(
+        "places of a map as predicates and its ways as actions, in virtual time", ("rooms.py",), "python rooms.py"
+    ),
+    "actions": Example(
+        "behaviour trees and state machines of five libraries as actions", ("actions",), "python ensemble_within.py"
+    ),
+    "patrol": Example(
+        "the demo: a robot patrols a simulated building, in two levels (needs mdm[simulation])",
+        ("patrol",),
+        "python patrol.py",
+    ),
+    "team": Example(
+        "teams, a process an agent: replicated, centralised, communicating (needs mdm[team])",
+        ("team", *_TIGER, *_FLOOR),
+        "mdm team up team/meeting.toml --seconds 20",
+    ),
+}
+"""The examples, by name."""
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """List the examples, or copy one; return the exit status."""
+    if arguments.name is None:
+        if arguments.output is not None:
+            raise UsageError("-o goes with the name of an example")
+        width = max(map(len, EXAMPLES)) + 2
+        for name, example in EXAMPLES.items():
+            print(f"{name:{width}}{example.line}")
+        return 0
+    name = arguments.name.removesuffix(".py").strip("/").replace("-", "_")
+    if name not in EXAMPLES:
+        close = difflib.get_close_matches(name, EXAMPLES, n=1, cutoff=0.4)
+        hint = f"did you mean {close[0]}?" if close else "`mdm examples` lists them"
+        raise UsageError(f"there is no example {arguments.name!r}; {hint}")
+    target = Path(arguments.output or name)
+    with making(target) as made:
+        _copy(EXAMPLES[name], examples(), made)
+    print(f"{target}: {EXAMPLES[name].line}\nRun it there: {EXAMPLES[name].command}")
+    return 0
+
+
+def _copy(example: Example, source: Path, target: Path) -> None:
+    first = source / example.paths[0]
+    base = first if first.is_dir() and len(example.paths) == 1 else source
+    for path in example.paths:
+        if (source / path).is_dir():
+            shutil.copytree(
+                source / path,
+                target / (source / path).relative_to(base),
+                ignore=shutil.ignore_patterns("__pycache__"),
+                dirs_exist_ok=True,
+            )
+        else:
+            (target / path).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source / path, target / path)

@@ -10,7 +10,7 @@ BIN := $(ENVIRONMENT)/bin
 READY := $(ENVIRONMENT)/.ready
 DEMO := $(ENVIRONMENT)/.demo
 
-.PHONY: environment demo test sentences test-fast test-newest wheel-test chaos lint types docs bench clean
+.PHONY: environment demo test sentences public-names test-fast test-newest wheel-test chaos lint types docs bench clean
 
 # The virtual environment: with all that a contributor needs, or at first with what the demo needs alone.
 $(BIN)/python:
@@ -47,6 +47,10 @@ TESTS ?= tests
 sentences: export PYTHONDONTWRITEBYTECODE :=
 sentences: $(READY)
 	MDM_SENTENCES=write $(BIN)/python -m pytest $(WORKERS) $(TESTS)
+
+# The public names with what they take, written anew: a change of this file is a line of the CHANGELOG.
+public-names: $(READY)
+	MDM_PUBLIC_NAMES=write $(BIN)/python -m pytest -q tests/test_reference.py
 
 # What another interpreter is most likely to change, in little time: what the event loop, threads and actors are made of.
 FAST := tests/actors/actions tests/actors/test_ensemble.py tests/logic tests/runtime

@@ -1,4 +1,12 @@
-"""Sphinx builds the pages from Markdown, warnings as errors."""
+"""Sphinx builds the pages from Markdown, warnings as errors; those of the reference are made from the code before."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+import generated
+
+generated.write()
 
 project = "mdm"
 author = "the mdm developers"

@@ -15,6 +15,7 @@ PACKAGE, TESTS = Path(mdm.__file__).parent, ROOT / "tests"  # the package may be
 
 UNTESTED_ALONE = {
     "messages.py": "declares types alone",
+    "faults.py": "declares kinds alone, which test_reference compares with the code",
     "version.py": "a line: test_public",
     "team/layer.py": "a base: the layers of each mode are tested",
     "actors/options.py": "declares types alone",
@@ -89,6 +90,7 @@ ACROSS = {
     "test_documentation.py": "pages",
     "test_docstrings.py": "docstrings",
     "test_public.py": "the public names",
+    "test_reference.py": "the pages of the reference",
     "test_sentences.py": "the golden files of sentences",
     "test_mirror.py": "this",
     "test_wheel.py": "how wheels are built",

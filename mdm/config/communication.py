@@ -31,7 +31,11 @@ _KINDS: dict[str, tuple[Any, tuple[str, ...], tuple[str, ...]]] = {
 
 
 class CommunicationTable(Table, frozen=True):
-    """A communication policy; short form: its name."""
+    """A communication policy; short form: its name.
+
+    Attributes:
+        policy: ``always``, ``never``, ``on_change``, ``budget`` or ``value_of_communication``.
+    """
 
     policy: str
     messages_per_second: float | None = None

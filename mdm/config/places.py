@@ -26,7 +26,13 @@ __all__ = ["PlacesTable", "read_places"]
 
 
 class PlacesTable(Table, frozen=True):
-    """The places of a map, see `mdm.maps.load_map` and `mdm.maps.Places`; and the navigator that drives to them."""
+    """The places of a map, see `mdm.maps.load_map` and `mdm.maps.Places`; and the navigator that drives to them.
+
+    Attributes:
+        building: The file of several floors, in place of the graph and the other files of a map.
+        navigator: A function or class that makes the navigator, ``module:name``; in a team's file it may be a table
+            with one for each agent.
+    """
 
     graph: str | None = None
     building: str | None = None

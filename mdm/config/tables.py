@@ -40,7 +40,17 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class PredicateTable(Table, frozen=True):
-    """A predicate set by code, or one derived by ``formula``, or by ``set`` and ``reset``."""
+    """A predicate set by code, or one derived by ``formula``, or by ``set`` and ``reset``.
+
+    Attributes:
+        sensor: False for a predicate that no code sets: it has a formula, or is a latch.
+        formula: Of other predicates and events, in propositional logic; short form: the formula alone.
+        held_for: Seconds that the formula has to hold before the predicate is true.
+        max_age: Seconds after which a value that was not told again is unknown.
+        set: A predicate or event that makes it true, and it stays so.
+        reset: A predicate or event that makes it false again.
+        initial: Its value until it is told; by default it is unknown.
+    """
 
     sensor: bool = True
     formula: str | None = None
@@ -52,7 +62,11 @@ class PredicateTable(Table, frozen=True):
 
 
 class EventTable(Table, frozen=True):
-    """An event raised by code, or one that occurs when ``formula`` becomes true."""
+    """An event raised by code, or one that occurs when ``formula`` becomes true.
+
+    Attributes:
+        formula: Of predicates; short form: the formula alone.
+    """
 
     formula: str | None = None
 
@@ -75,7 +89,14 @@ class ObservationTable(Table, frozen=True):
 
 
 class ActionTable(Table, frozen=True):
-    """The binding of an action to a function (``call``), another ensemble, or a ``way`` or ``place`` of the map."""
+    """The binding of an action to a function (``call``), another ensemble, or a ``way`` or ``place`` of the map.
+
+    Attributes:
+        call: The function, ``module:name``, or ``module:object.name`` for a method; short form: the function alone.
+        ensemble: Another ensemble of the file, which the action starts and its end stops.
+        way: The label of a way, gone from the place where the robot is.
+        place: The place to go to.
+    """
 
     call: str | None = None
     ensemble: str | None = None
@@ -92,7 +113,11 @@ class ActionTable(Table, frozen=True):
 
 
 class RestartTable(Table, frozen=True):
-    """Supervision by restart."""
+    """Supervision by restart.
+
+    Attributes:
+        restart: How often, at most, within the time.
+    """
 
     restart: Annotated[int, Meta(ge=0)]
     within: Seconds | None = None
@@ -109,7 +134,21 @@ class SearchTable(Table, frozen=True):
 
 
 class EnsembleTable(Table, frozen=True):
-    """An ensemble; nested tables are converted separately, so that their problems are reported with their keys."""
+    """An ensemble; nested tables are converted separately, so that their problems are reported with their keys.
+
+    Attributes:
+        policy: A file, or a list with the index of an action for each state.
+        actions: What each action is bound to, by name or by index.
+        model: A file; needed by policies over beliefs; gives names and rewards.
+        discount: Replaces the model's, above 0 and at most 1.
+        policy_kind: The kind of a matrix in the policy's file; by default told by content and model.
+        rewards: A file with R(s, a), where there is no model.
+        agents: In a team's file, the agents that have this ensemble; by default all.
+        placement: In a team's file, where its layers are.
+        search: A tree search that decides, with the policy as its fallback.
+        states: The factors of the state.
+        observations: The factors of the observation.
+    """
 
     policy: str | list[int]
     actions: dict[str, Any]

@@ -25,14 +25,25 @@ __all__ = ["AllowanceTable", "CeilingTable", "TeamFile", "TeamTable", "read_team
 
 
 class AgentTable(Table, frozen=True):
-    """An agent of a team; short form: its name."""
+    """An agent of a team; short form: its name.
+
+    Attributes:
+        name: Its name, the same in the files of all.
+        endpoint: Where the others reach it, such as ``tcp/192.168.0.7:7447``; by default on its own machine alone.
+    """
 
     name: str
     endpoint: str | None = None
 
 
 class TeamTable(Table, frozen=True):
-    """The team that a file is of, see `mdm.Team`; agents are converted separately."""
+    """The team that a file is of, see `mdm.Team`; agents are converted separately.
+
+    Attributes:
+        port: Agents without an endpoint listen on this machine: the first at this port, the second at the next one.
+        access: A folder with ``authority.pem``, and ``NAME.pem`` and ``NAME.key.pem`` of each agent: mutual TLS.
+        allowance: What each agent may send; by default anything.
+    """
 
     name: str
     agents: list[Any]

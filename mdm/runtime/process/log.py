@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Literal
 
 from mdm.errors import Error
+from mdm.faults import KINDS
 from mdm.runtime.process.writer import StandardError, Writer
 from mdm.runtime.time.virtual import VirtualClock
 
@@ -82,6 +83,7 @@ class Log:
         self._asked = decisions is not None
         self._writer = Writer()
         self._told: list[Fault] = []
+        self._helped: set[str] = set()
         self._safe: set[str] = set()
         if not isinstance(target, str) and not all(hasattr(target, level) for level in ("debug", "info", "error")):
             raise _no_log(target)
@@ -140,7 +142,13 @@ class Log:
             self._writer.put(self._fault, fault)
 
     def _fault(self, fault: Fault) -> None:
-        self._logger.error("fault", time=fault.time / 1e9, source=fault.source, kind=fault.kind, detail=fault.detail)
+        help_ = {}
+        if fault.kind in KINDS and fault.kind not in self._helped:  # once a kind: who reads it knows then
+            self._helped.add(fault.kind)
+            help_ = {"help": KINDS[fault.kind].remedy}
+        self._logger.error(
+            "fault", time=fault.time / 1e9, source=fault.source, kind=fault.kind, detail=fault.detail, **help_
+        )
 
     def _changed(self, mode: Mode) -> None:
         """Handle a mode: safe ones are logged, and the next after them; the others come and go with decisions."""

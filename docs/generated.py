@@ -1,0 +1,307 @@
+"""Makes the pages of the reference from the code, when the site is built: names, keys of files, commands, faults."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import inspect
+import re
+import textwrap
+import types
+import typing
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from mdm.cli import make_parser
+from mdm.faults import KINDS
+
+HERE = Path(__file__).parent / "reference"
+
+PACKAGES = (
+    "mdm",
+    "mdm.messages",
+    "mdm.actors",
+    "mdm.runtime",
+    "mdm.config",
+    "mdm.logic",
+    "mdm.models",
+    "mdm.beliefs",
+    "mdm.policies",
+    "mdm.solvers",
+    "mdm.problems",
+    "mdm.formats",
+    "mdm.maps",
+    "mdm.simulation",
+    "mdm.simulation.building",
+    "mdm.team",
+    "mdm.testing",
+    "mdm.errors",
+)
+"""The packages whose public names are documented."""
+
+TABLES = {
+    "[predicates]": ("mdm.config.tables.PredicateTable", ()),
+    "[events]": ("mdm.config.tables.EventTable", ()),
+    "[ensembles.NAME]": (
+        "mdm.config.tables.EnsembleTable",
+        (
+            "mdm.actors.options.SafetyOptions",
+            "mdm.actors.options.ControlOptions",
+            "mdm.options.ControllerOptions",
+            "mdm.Ensemble",
+        ),
+    ),
+    "[ensembles.NAME.states]": ("mdm.config.tables.StateTable", ("mdm.StateFactor",)),
+    "[ensembles.NAME.observations]": ("mdm.config.tables.ObservationTable", ("mdm.ObservationFactor",)),
+    "[ensembles.NAME.actions]": ("mdm.config.tables.ActionTable", ("mdm.actors.actions.binding.Binding",)),
+    "[ensembles.NAME.search]": ("mdm.config.tables.SearchTable", ("mdm.solvers.TreeSearch",)),
+    "[ensembles.NAME.supervision]": ("mdm.config.tables.RestartTable", ("mdm.runtime.Restart",)),
+    "[ensembles.NAME.placement]": ("mdm.config.tables.PlacementTable", ("mdm.team.Placement",)),
+    "[places]": ("mdm.config.places.PlacesTable", ("mdm.maps.Places", "mdm.maps.load_map")),
+    "[team]": ("mdm.config.team_file.TeamTable", ("mdm.Team",)),
+    "[team] agents": ("mdm.config.team_file.AgentTable", ()),
+    "[team.communication]": (
+        "mdm.config.communication.CommunicationTable",
+        ("mdm.team.communicating.communication.Budget", "mdm.team.communicating.communication.ValueOfCommunication"),
+    ),
+    "[team.allowance]": ("mdm.config.team_file.AllowanceTable", ("mdm.team.transport.allowance.Allowance",)),
+    "[[team.ceilings]]": ("mdm.config.team_file.CeilingTable", ("mdm.team.transport.ceilings.Ceiling",)),
+}
+"""The tables of the TOML file: the struct that reads each, and what else says what its keys mean."""
+
+_SECTIONS = re.compile(
+    r"^(Args|Attributes|Returns|Raises|Yields|Example|Examples|References|Note|Source|Cost):{1,2}$", re.MULTILINE
+)
+_ENTRY = re.compile(r"^ {4}(\w+)(?: \([^)]*\))?: (.*(?:\n {8}.*)*)", re.MULTILINE)
+
+
+def find(path: str) -> Any:
+    """Return what a dotted path names."""
+    module, _, name = path.rpartition(".")
+    return getattr(importlib.import_module(module), name)
+
+
+def entries(thing: Any) -> dict[str, str]:
+    """Return what a docstring says of each argument and attribute."""
+    text = inspect.cleandoc(thing.__doc__ or "")
+    found = {}
+    for section in re.findall(r"^(?:Args|Attributes):\n((?: {4}.*\n?|\n)+)", text, re.MULTILINE):
+        found |= {name: " ".join(meaning.split()) for name, meaning in _ENTRY.findall(section)}
+    return found
+
+
+def markdown(docstring: str) -> str:
+    """Return a docstring as Markdown: its sections as lists, its literals in single backticks."""
+    text = inspect.cleandoc(docstring)
+    text = re.sub(r"``([^`]+)``", r"`\1`", text)
+    parts = _SECTIONS.split(text)
+    out = [parts[0].strip()]
+    for name, body in zip(parts[1::2], parts[2::2], strict=True):
+        inner = textwrap.dedent(body.strip("\n"))
+        if name.startswith("Example"):
+            code, _, rest = inner.partition("\n\n\n")
+            out.append(f"**{name}**\n\n```text\n{code.strip()}\n```\n\n{rest}".rstrip())
+        else:
+            items = re.sub(r"^(\*{0,2}\w[\w. ]*)(?: \([^)]*\))?: ", r"- **\1**: ", inner, flags=re.MULTILINE)
+            items = re.sub(r"\n {4,}", "\n  ", items)
+            out.append(f"**{name}**\n\n{items}")
+    return "\n\n".join(out)
+
+
+def signature(thing: Any) -> str:
+    """Return the signature of a class or function; empty where there is none."""
+    try:
+        given = str(inspect.signature(thing))
+    except (NameError, TypeError, ValueError):  # the types of what is documented are not all at hand
+        return ""
+    return re.sub(r"<(?:class|object|function) ?'?([^'>]*)'?(?: at 0x[0-9a-f]+)?>", r"\1", given).replace("'", "")
+
+
+def members(thing: type) -> dict[str, Any]:
+    """Return the public methods and properties that a class itself documents."""
+    return {
+        name: each
+        for name, each in vars(thing).items()
+        if not name.startswith("_")
+        and isinstance(each, types.FunctionType | property | classmethod | staticmethod)
+        and (each.fget if isinstance(each, property) else each).__doc__
+    }
+
+
+def names(package: str) -> str:
+    """Return the page of a package's public names."""
+    module = importlib.import_module(package)
+    lines = [f"# `{package}`", "", markdown(module.__doc__ or ""), ""]
+    for name in sorted(module.__all__, key=str.lower):
+        thing = getattr(module, name)
+        lines += [f"## `{name}`", ""]
+        if inspect.ismodule(thing):
+            lines += [f"The package [`{thing.__name__}`](names-{thing.__name__}.md).", ""]
+            continue
+        if inspect.isclass(thing) or inspect.isroutine(thing):
+            lines += ["```text", f"{name}{signature(thing)}", "```", "", markdown(thing.__doc__ or ""), ""]
+        else:
+            lines += [f"A constant of type `{type(thing).__name__}`.", ""]
+        for member, each in members(thing).items() if inspect.isclass(thing) else ():
+            function = each.fget if isinstance(each, property) else getattr(each, "__func__", each)
+            form = member if isinstance(each, property) else f"{member}{signature(function)}"
+            lines += ["```text", f"{name}.{form}", "```", "", markdown(function.__doc__ or ""), ""]
+    return "\n".join(lines)
+
+
+def keys(struct: type[msgspec.Struct], others: tuple[str, ...]) -> dict[str, tuple[str, str, str]]:
+    """Return of each key of a table its type, its default, and what it means."""
+    known: dict[str, str] = {}
+    for each in (struct, *map(find, others)):
+        known = entries(each) | known
+    hints = typing.get_type_hints(struct, include_extras=True)
+    return {
+        field.name: (_type(hints[field.name]), _default(field), known.get(field.name, ""))
+        for field in msgspec.structs.fields(struct)
+    }
+
+
+def _type(hint: Any) -> str:
+    origin, given = typing.get_origin(hint), typing.get_args(hint)
+    if origin is typing.Annotated:
+        bounds = given[1]
+        limits = [
+            f"{sign} {value:g}"
+            for sign, value in (("≥", bounds.ge), (">", bounds.gt), ("≤", bounds.le))
+            if value is not None
+        ]
+        return f"{_type(given[0])} {' and '.join(limits)}"
+    if origin in {typing.Union, types.UnionType}:
+        return " or ".join(_type(each) for each in given if each is not type(None))
+    if origin is typing.Literal:
+        return " or ".join(f'`"{each}"`' for each in given)
+    if origin is list:
+        return f"list of {_type(given[0])}"
+    if origin is dict:
+        return f"table of {_type(given[1])}"
+    words = {str: "text", float: "number", int: "whole number", bool: "`true` or `false`"}
+    return words.get(hint, "see below" if hint is Any else getattr(hint, "__name__", str(hint)))
+
+
+def _default(field: Any) -> str:
+    if field.required:
+        return "required"
+    if field.default is msgspec.NODEFAULT or field.default is None or field.default == {}:
+        return ""
+    return f"`{msgspec.json.encode(field.default).decode()}`"
+
+
+def file() -> str:
+    """Return the page of the keys of the TOML file."""
+    lines = [
+        "# Keys of the TOML file",
+        "",
+        "Made from the structs that read it. [The page on the file](../configuration.md) has examples, short forms and",
+        "defaults that depend on others.",
+        "",
+    ]
+    for title, (path, others) in TABLES.items():
+        struct = find(path)
+        lines += [f"## `{title}`", "", markdown(struct.__doc__.partition("\n\nAttributes:")[0]), ""]
+        lines += ["| key | type | default | meaning |", "| --- | --- | --- | --- |"]
+        for key, (kind, default, meaning) in keys(struct, others).items():
+            text = re.sub(r"``([^`]+)``", r"`\1`", meaning).replace("|", "\\|")
+            lines.append(f"| `{key}` | {kind} | {default} | {text} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def parsers(parser: argparse.ArgumentParser, words: str) -> typing.Iterator[tuple[str, argparse.ArgumentParser]]:
+    """Yield a command and all below it."""
+    yield words, parser
+    for action in parser._actions:  # noqa: SLF001 - argparse has no other way to see what a parser takes
+        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
+            for name, each in action.choices.items():
+                yield from parsers(each, f"{words} {name}")
+
+
+def commands() -> str:
+    """Return the page of the commands."""
+    lines = ["# Commands", "", "Each as its `--help` says.", ""]
+    for words, parser in parsers(make_parser(), "mdm"):
+        lines += [f"## `{words}`", "", "```text", parser.format_help().rstrip(), "```", ""]
+    return "\n".join(lines)
+
+
+def faults() -> str:
+    """Return the page of the kinds of faults."""
+    lines = [
+        "# Faults",
+        "",
+        "A `Fault` on the runtime's channel `faults` has a source (the path of the actor), a kind and a sentence.",
+        "These are the kinds that the library reports; the log tells the remedy with the first fault of each.",
+        "",
+        "| kind | what has happened | what to do |",
+        "| --- | --- | --- |",
+    ]
+    lines += (f"| `{kind}` | {known.meaning} | {known.remedy} |" for kind, known in sorted(KINDS.items()))
+    return "\n".join([*lines, ""])
+
+
+STATISTICS = (
+    "mdm.runtime.RuntimeStatistics",
+    "mdm.runtime.ChannelStatistics",
+    "mdm.runtime.ActorStatistics",
+    "mdm.runtime.statistics.DispatcherStatistics",
+    "mdm.runtime.statistics.LoopStatistics",
+    "mdm.runtime.statistics.LogStatistics",
+    "mdm.actors.ensemble.EnsembleStatistics",
+    "mdm.actors.control.control_layer.ControlStatistics",
+    "mdm.actors.actions.action_layer.ActionStatistics",
+    "mdm.actors.control.planner.PlannerStatistics",
+    "mdm.team.member.MemberStatistics",
+    "mdm.team.replicated.ReplicatedStatistics",
+    "mdm.team.centralised.messages.CentralisedStatistics",
+    "mdm.team.communicating.episode.CommunicatingStatistics",
+    "mdm.team.communicating.recollection.RecollectionStatistics",
+    "mdm.team.transport.transport.TransportStatistics",
+)
+"""What the methods `statistics` return."""
+
+
+def statistics() -> str:
+    """Return the page of the statistics."""
+    lines = [
+        "# Statistics",
+        "",
+        "What the methods `statistics()` of a runtime, its channels and its actors return.",
+        "",
+    ]
+    for path in STATISTICS:
+        struct = find(path)
+        known: dict[str, str] = {}
+        for base in struct.__mro__:
+            known = entries(base) | known if base.__doc__ else known
+        about = struct.__doc__.partition("\n\nAttributes:")[0].partition("\n\n    Attributes:")[0]
+        lines += [f"## `{struct.__name__}`", "", markdown(about), ""]
+        lines += ["| field | type | meaning, where the name does not tell it |", "| --- | --- | --- |"]
+        hints: dict[str, Any] = {}
+        for base in reversed(struct.__mro__):
+            hints |= vars(base).get("__annotations__", {})
+        for field in struct.__struct_fields__:
+            text = re.sub(r"``([^`]+)``", r"`\1`", known.get(field, "")).replace("|", "\\|")
+            kind = str(hints[field]).replace("|", "or")
+            lines.append(f"| `{field}` | {kind} | {text} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def pages() -> dict[str, str]:
+    """Return all pages that are made, by the names of their files."""
+    made = {f"names-{package}.md": names(package) for package in PACKAGES}
+    return made | {"file.md": file(), "commands.md": commands(), "faults.md": faults(), "statistics.md": statistics()}
+
+
+def write() -> None:
+    """Write the pages."""
+    for name, text in pages().items():
+        path = HERE / name
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")

@@ -41,6 +41,7 @@ VERBS = {
     "map": ("map", "propose, draft, check and show the map of a floor, and make a model from it"),
     "new": ("projects", "make a small project that runs, and has a test"),
     "examples": ("projects", "list the examples, or copy one of them"),
+    "import-ros1": ("ros1", "take over a package of the original MDM for ROS"),
     "completion": ("projects", "print what lets a shell complete the arguments of mdm"),
 }
 """The verbs: the folder of each, which says what it takes, and a line of help."""
@@ -73,7 +74,7 @@ def make_parser(verbs: Collection[str] = tuple(VERBS), *, lines_alone: bool = Fa
         if lines_alone:
             added.add_parser(verb, help=line)
         else:
-            getattr(importlib.import_module(f"mdm.cli.{folder}"), f"add_{verb}")(added, line)
+            getattr(importlib.import_module(f"mdm.cli.{folder}"), f"add_{verb.replace('-', '_')}")(added, line)
     return parser
 
 

@@ -1,0 +1,414 @@
+"""Programs of the original's layers: the literal calls in C++ by which they are made.
+
+This is no compiler. Calls of a few names are found with their arguments, and texts are followed through one variable or
+``argv``; all other code stays with the robot, and is told with its place.
+"""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from itertools import accumulate
+from pathlib import Path
+
+__all__ = ["Action", "Control", "Declaration", "Program", "Routine", "programs", "read_program"]
+
+_NAME = r"[A-Za-z_]\w*"
+_STRING = re.compile(r'"((?:[^"\\\n]|\\.)*)"')
+_PLAIN = re.compile(r"[A-Za-z0-9_.:/]+")
+_CONNECTIVES = {"And": "and", "Or": "or", "Implies": "implies", "Xor": "xor"}
+_SOURCES = {".cpp", ".cc", ".cxx", ".h", ".hpp"}
+
+
+@dataclass
+class Routine:
+    """A function of the robot.
+
+    Args:
+        name: The function or method.
+        place: ``file:line`` of its body, or of the call that names it.
+        services: The services that its body calls.
+    """
+
+    name: str
+    place: str
+    services: tuple[str, ...] = ()
+
+
+@dataclass
+class Action:
+    """An action that an action layer is given.
+
+    Args:
+        name: As the call says, or else that of the function.
+        place: ``file:line`` of the call.
+        way: Whether it is the label of a way of the map.
+        routine: The function; None for a way.
+    """
+
+    name: str
+    place: str
+    way: bool = False
+    routine: Routine | None = None
+
+
+@dataclass
+class Control:
+    """A controller.
+
+    Args:
+        kind: The class, such as ``ControllerEventMDP``.
+        arguments: Texts, or the number of the word of the command line; None for what is neither.
+        place: ``file:line``.
+    """
+
+    kind: str
+    arguments: list[str | int | None]
+    place: str
+
+
+@dataclass
+class Declaration:
+    """A predicate or an event.
+
+    Args:
+        name: Its name.
+        kind: ``place``, ``formula``, ``latch`` or ``sensor``.
+        place: ``file:line``.
+        event: Whether it is an event.
+        formula: In the syntax of a TOML file; empty where there is none.
+        turns: Of a latch, the predicates that set and reset it.
+        about: The code that tells it, in words; of a sensor.
+    """
+
+    name: str
+    kind: str
+    place: str
+    event: bool = False
+    formula: str = ""
+    turns: tuple[str, str] = ("", "")
+    about: str = ""
+
+
+@dataclass
+class Program:
+    """What a program makes.
+
+    Args:
+        path: Its source.
+        states: The predicates of each state factor, with the place of its call.
+        observations: The events of each observation factor, with the place of its call.
+        controls: Its controllers.
+        actions: Its actions.
+        declarations: Its predicates and events.
+        map: The topological map of its action layer, as `Control.arguments`; None where there is none.
+        notes: What could not be read, with its place.
+    """
+
+    path: Path
+    states: list[tuple[list[str], str]] = field(default_factory=list)
+    observations: list[tuple[list[str], str]] = field(default_factory=list)
+    controls: list[Control] = field(default_factory=list)
+    actions: list[Action] = field(default_factory=list)
+    declarations: list[Declaration] = field(default_factory=list)
+    map: str | int | None = None
+    notes: list[str] = field(default_factory=list)
+
+
+def programs(package: Path) -> dict[str, list[Path]]:
+    """Return the sources of each program of a package: those of CMakeLists.txt, or the file of its name."""
+    found = {path.stem: [path] for path in sorted(package.rglob("*")) if path.suffix in _SOURCES - {".h", ".hpp"}}
+    lists = package / "CMakeLists.txt"
+    if lists.is_file():
+        text = re.sub(r"#[^\n]*", "", lists.read_text(encoding="utf-8", errors="replace"))
+        for name, sources in re.findall(r"\b(?:rosbuild_)?add_executable\s*\(\s*([\w.-]+)([^)]*)\)", text):
+            paths = [package / word for word in sources.split() if Path(word).suffix in _SOURCES]
+            if paths and all(path.is_file() for path in paths):
+                found[name] = paths
+    return found
+
+
+def read_program(paths: list[Path], package: Path) -> Program:
+    """Read the sources of a program, and the headers of its package that they include."""
+    text = _Text()
+    seen: set[Path] = set()
+    queue = list(paths)
+    while queue:
+        path = queue.pop(0)
+        if path in seen:
+            continue
+        seen.add(path)
+        code = path.read_text(encoding="utf-8", errors="replace")
+        text.add(path, code)
+        for name in re.findall(r'#\s*include\s*["<]([^">]+)[">]', code):
+            queue += [one for one in (path.parent / name, package / "include" / name) if one.is_file()]
+    return _Reader(text, paths[0]).program
+
+
+class _Text:
+    """The code of several files as one text without comments, which knows its places."""
+
+    def __init__(self) -> None:
+        self.code = ""
+        self._files: list[tuple[int, Path]] = []
+
+    def add(self, path: Path, code: str) -> None:
+        self._files.append((len(self.code), path))
+        self.code += _uncommented(code) + "\n"
+
+    def place(self, position: int) -> str:
+        start, path = [each for each in self._files if each[0] <= position][-1]
+        lines = list(accumulate((len(line) for line in self.code[start:].splitlines(keepends=True)), initial=0))
+        return f"{path}:{bisect_right(lines, position - start)}"
+
+
+def _uncommented(code: str) -> str:
+    """Return code with blanks in place of its comments."""
+
+    def blank(match: re.Match[str]) -> str:
+        return match[0] if match[0].startswith(('"', "'")) else re.sub(r"[^\n]", " ", match[0])
+
+    return re.sub(r"//[^\n]*|/\*.*?\*/|\"(?:[^\"\\\n]|\\.)*\"|'(?:[^'\\\n]|\\.)+'", blank, code, flags=re.DOTALL)
+
+
+def _closed(code: str, start: int, pair: str = "()") -> int:
+    """Return where the bracket that opens at a place is closed; the end of the code where it is not."""
+    depth, position = 0, start
+    while position < len(code):
+        text = _STRING.match(code, position)
+        if text is not None:
+            position = text.end()
+            continue
+        depth += (code[position] == pair[0]) - (code[position] == pair[1])
+        if depth == 0:
+            return position
+        position += 1
+    return len(code)
+
+
+def _split(arguments: str) -> list[str]:
+    """Return the arguments of a call."""
+    parts, begin, position = [], 0, 0
+    while position < len(arguments):
+        text = _STRING.match(arguments, position)
+        if text is not None:
+            position = text.end()
+        elif arguments[position] in "({":
+            position = _closed(arguments, position, "()" if arguments[position] == "(" else "{}") + 1
+        elif arguments[position] == ",":
+            parts.append(arguments[begin:position].strip())
+            position = begin = position + 1
+        else:
+            position += 1
+    last = arguments[begin:].strip()
+    return [*parts, last] if last else parts
+
+
+def _added(code: str) -> list[str]:
+    """Return the arguments of all calls of `add` in code."""
+    calls = re.finditer(r"\.\s*add\s*\(", code)
+    return [code[call.end() : _closed(code, call.end() - 1)].strip() for call in calls]
+
+
+def _text(expression: str) -> str | None:
+    """Return the text that an expression is; None where it is none."""
+    inner = re.fullmatch(r"(?:std\s*::\s*)?string\s*\((.*)\)", expression.strip(), re.DOTALL)
+    literals = re.fullmatch(r'(?:"(?:[^"\\\n]|\\.)*"\s*)+', (inner[1] if inner else expression).strip())
+    return None if literals is None else "".join(_STRING.findall(literals[0]))
+
+
+class _Reader:
+    def __init__(self, text: _Text, path: Path) -> None:
+        self.text, self.code = text, text.code
+        self.program = Program(path)
+        made = rf"\b(StateLayer|ObservationLayer|\w*ActionLayer|PredicateManager)\s+({_NAME})\s*[;({{]"
+        self._layers = {name: kind for kind, name in re.findall(made, self.code)}
+        self._clients = dict(
+            re.findall(rf'({_NAME})\s*(?:=|\()\s*(?:\w+\s*\.\s*)?serviceClient\s*<[^>]*>\s*\(\s*"([^"]+)"', self.code)
+        )
+        self._factors("addStateFactor", self.program.states)
+        self._factors("addObservationFactor", self.program.observations)
+        self._controls()
+        self._actions()
+        self._predicates()
+
+    def _calls(self, name: str) -> list[tuple[str, list[str], int]]:
+        """Return the calls of a method: on what, with which arguments, and where."""
+        found = []
+        for match in re.finditer(rf"\b({_NAME})\s*(?:\.|->)\s*{name}\s*\(", self.code):
+            end = _closed(self.code, match.end() - 1)
+            found.append((match[1], _split(self.code[match.end() : end]), match.start()))
+        return found
+
+    def _value(self, expression: str) -> str | int | None:
+        """Return a text, or the number of a word of the command line; through one variable."""
+        for _ in range(3):
+            text = _text(expression)
+            if text is not None:
+                return text
+            word = re.fullmatch(r"(?:(?:std\s*::\s*)?string\s*\(\s*)?argv\s*\[\s*(\d+)\s*\]\s*\)?", expression.strip())
+            if word is not None:
+                return int(word[1])
+            if not re.fullmatch(_NAME, expression.strip()):
+                return None
+            name = re.escape(expression.strip())
+            given = re.search(rf"\b{name}\s*=\s*([^;]+);", self.code) or re.search(
+                rf"\bstring\s+{name}\s*\(([^;]*)\)\s*;", self.code
+            )
+            if given is None:
+                return None
+            expression = given[1]
+        return None
+
+    def _factors(self, call: str, into: list[tuple[list[str], str]]) -> None:
+        for _, arguments, start in self._calls(call):
+            place = self.text.place(start)
+            added = _added(", ".join(arguments))
+            if not added and arguments and re.fullmatch(_NAME, arguments[0]):
+                of = rf"\b(?:{arguments[0]}\s*\.|{arguments[0]}\s*=|Dep\s+{arguments[0]}\b)[^;]*;"
+                added = [each for statement in re.findall(of, self.code) for each in _added(statement)]
+            names = [self._value(each) for each in added]
+            if names and all(isinstance(name, str) for name in names):
+                into.append(([str(name) for name in names], place))
+            else:
+                self.program.notes.append(f"{call} ({', '.join(arguments)}), of {place}: its names are not literal")
+
+    def _controls(self) -> None:
+        for match in re.finditer(rf"\b(Controller(?:Event|Timed)(?:MDP|POMDP))\s+{_NAME}\s*([({{])", self.code):
+            pair = "()" if match[2] == "(" else "{}"
+            end = _closed(self.code, match.end() - 1, pair)
+            arguments = [self._value(each) for each in _split(self.code[match.end() : end])]
+            self.program.controls.append(Control(match[1], arguments, self.text.place(match.start())))
+
+    def _actions(self) -> None:
+        navigators = {name for name, kind in self._layers.items() if "Topological" in kind}
+        for name, kind in self._layers.items():
+            if "Topological" in kind:
+                made = re.search(rf"\b{kind}\s+{name}\s*\(", self.code)
+                if made is not None:
+                    given = _split(self.code[made.end() : _closed(self.code, made.end() - 1)])
+                    self.program.map = self._value(given[0]) if given else None
+        for layer, arguments, start in self._calls("addAction"):
+            place = self.text.place(start)
+            first = _text(arguments[0]) if arguments else None
+            if layer in navigators and first is not None and len(arguments) == 1:
+                self.program.actions.append(Action(first, place, way=True))
+                continue
+            callback = arguments[-1] if arguments else ""
+            target = re.search(
+                rf"&?\s*((?:{_NAME}\s*::\s*)*{_NAME})", re.sub(r"^.*?bind\s*(?:<[^>]*>)?\s*\(", "", callback)
+            )
+            if target is None:
+                self.program.notes.append(f"addAction ({', '.join(arguments)}), of {place}: it names no function")
+                continue
+            name = re.sub(r"\s", "", target[1]).rpartition("::")[2]
+            routine = self._routine(name, place)
+            self.program.actions.append(Action(first or name, place, routine=routine))
+
+    def _routine(self, name: str, place: str) -> Routine:
+        """Return a function of the robot, with the services that its body calls."""
+        for match in re.finditer(rf"\b{re.escape(name)}\s*\(", self.code):
+            end = _closed(self.code, match.end() - 1)
+            body = re.match(r"\)\s*(?:const\s*)?\{", self.code[end:])
+            if body is None:
+                continue
+            begin = end + body.end() - 1
+            inner = self.code[begin : _closed(self.code, begin, "{}")]
+            called = [
+                self._clients[client]
+                for client in re.findall(rf"\b({_NAME})\s*\.\s*call\s*\(", inner)
+                if client in self._clients
+            ]
+            called += re.findall(r'service\s*::\s*call\s*\(\s*"([^"]+)"', inner)
+            return Routine(name, self.text.place(match.start()), tuple(called))
+        return Routine(name, place)
+
+    def _predicates(self) -> None:
+        classes = self._classes()
+        for call, event in (("addPredicate", False), ("addEvent", True)):
+            for _, arguments, start in self._calls(call):
+                place = self.text.place(start)
+                variable = (arguments[0] if arguments else "").strip("*& ")
+                declared = self._declaration(variable, classes, event=event)
+                if declared is None:
+                    self.program.notes.append(f"{call} ({', '.join(arguments)}), of {place}: what it adds is not known")
+                else:
+                    self.program.declarations.append(declared)
+
+    def _declaration(self, variable: str, classes: dict[str, Declaration], *, event: bool) -> Declaration | None:
+        made = re.search(rf"\b({_NAME})\s+{re.escape(variable)}\s*([;(])", self.code) if variable else None
+        if made is None:
+            return None
+        place = self.text.place(made.start())
+        arguments = _split(self.code[made.end() : _closed(self.code, made.end() - 1)]) if made[2] == "(" else []
+        kind = made[1]
+        if kind == "TopologicalPredicate":
+            names = [value for value in map(self._value, arguments) if isinstance(value, str)]
+            return Declaration(names[-1], "place", place) if names else None
+        if kind in {"PropLogicPredicate", "PropLogicEvent"} and len(arguments) == 2:
+            name = self._value(arguments[0])
+            formula = self._formula(arguments[1])
+            if not isinstance(name, str):
+                return None
+            if formula is None:
+                return Declaration(name, "sensor", place, event, about=f"{kind} ({arguments[1]})")
+            return Declaration(name, "formula", place, event, formula)
+        found = classes.get(kind)
+        if found is None:
+            return None
+        first = self._value(arguments[0]) if arguments else None
+        if not found.name and isinstance(first, str):
+            return Declaration(first, found.kind, found.place, event, turns=found.turns, about=found.about)
+        return found if found.name else None
+
+    def _classes(self) -> dict[str, Declaration]:
+        """Return the classes of predicates and events that the program derives."""
+        found = {}
+        for match in re.finditer(
+            rf"\bclass\s+({_NAME})\s*:\s*public\s+(?:{_NAME}\s*::\s*)*(Predicate|Event)\b", self.code
+        ):
+            begin = self.code.find("{", match.end())
+            body = self.code[begin : _closed(self.code, begin, "{}")]
+            named = re.search(
+                rf"\b{match[2]}\s*\(\s*(?:{_NAME}\s*,\s*)?(?:std\s*::\s*string\s*\(\s*)?\"([^\"]+)\"", body
+            )
+            latch = re.search(
+                r"if\(getValue\(\)\)\{?if\(getDependencyValue\(\"([^\"]+)\"\)\)\{?setValue\(false\);\}*"
+                r"else\{?if\(getDependencyValue\(\"([^\"]+)\"\)\)\{?setValue\(true\);",
+                re.sub(r"\s", "", body),
+            )
+            place = self.text.place(match.start())
+            about = f"class {match[1]}"
+            needs = re.findall(r'\.\s*add\s*\(\s*"([^"]+)"\s*\)', body)
+            if needs:
+                about += f", which depends on {', '.join(needs)}"
+            found[match[1]] = Declaration(
+                named[1] if named else "",
+                "latch" if latch else "sensor",
+                place,
+                match[2] == "Event",
+                turns=(latch[2], latch[1]) if latch else ("", ""),
+                about=about,
+            )
+        return found
+
+    def _formula(self, expression: str) -> str | None:
+        """Return a formula in the syntax of a TOML file; None where it is not made of literal parts."""
+        name = _text(expression)
+        if name is not None:
+            return name if _PLAIN.fullmatch(name) else f"'{name}'"
+        call = re.match(rf"(?:{_NAME}\s*::\s*)*({_NAME})\s*\(", expression)
+        if call is None or _closed(expression, call.end() - 1) != len(expression) - 1:
+            return None
+        arguments = _split(expression[call.end() : -1])
+        parts = [self._formula(each) for each in arguments]
+        if call[1] == "PV" and len(parts) == 1:
+            return parts[0]
+        if not parts or None in parts:
+            return None
+        if call[1] == "Not" and len(parts) == 1:
+            return f"not {parts[0]}"
+        if call[1] in _CONNECTIVES and len(parts) > 1:
+            return f"({f' {_CONNECTIVES[call[1]]} '.join(map(str, parts))})"
+        return None

@@ -116,7 +116,7 @@ def test_a_map_with_an_image_of_labels(folder, corpus, capsys):
         '<include file="$(find rounds)/launch/move.launch"><arg name="map" value="map.xml"/></include>',
         f"""<include file="$(find rounds)/launch/move.launch"><arg name="map" value="topological_map.xml"/></include>
         <node pkg="map_server" type="map_server" name="map_server" args="{find}/ISR_rviz_map.yaml"/>
-        <node pkg="mdm_topological_tools" type="mdm_pose_labeler_node" name="labels" args="{find}/ISR_label_map.png pose"/>
+        <node pkg="mdm_topological_tools" type="pose_labeler" name="labels" args="{find}/ISR_label_map.png pose"/>
         <rosparam file="{find}/predicate_labels.yaml" command="load" ns="predicate_labels"/>""",
     )
     assert main(["import-ros1", "rounds", "-o", "made"]) == 0

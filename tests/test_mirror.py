@@ -91,6 +91,7 @@ ACROSS = {
     "test_docstrings.py": "docstrings",
     "test_public.py": "the public names",
     "test_reference.py": "the pages of the reference",
+    "test_blocks.py": "the blocks of code on the pages",
     "test_house.py": "the pages for contributors",
     "test_sentences.py": "the golden files of sentences",
     "test_mirror.py": "this",

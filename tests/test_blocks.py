@@ -1,0 +1,94 @@
+"""Every block of code on the pages runs: here, or by the test that is named."""
+
+from __future__ import annotations
+
+import blocks
+import numpy as np
+import pytest
+from cli.ros1 import packages
+from places import ROOT
+
+import mdm
+from mdm.cli import main
+from mdm.models import Factor, Space
+
+RUN = ["docs/start.md", "docs/how-to.md", "docs/moving.md", "docs/solving.md", "docs/safety.md"]
+"""Pages whose blocks run here, one after the other, in a folder of their own."""
+
+ELSEWHERE = {
+    "README.md": "test_documentation: its program is an example, its commands name all verbs",
+    "docs/actions.md": "test_errands: what it shows are parts of the examples, which run",
+    "docs/configuration.md": "test_documentation: its files are checked",
+    "docs/models.md": "test_documentation: its programs print what it says",
+    "docs/problems.md": "test_documentation, test_problem: sizes, values and commands",
+    "docs/teams.md": "test_documentation, test_processes: its programs run",
+    "docs/maps.md": "cli/map/test_robot: its recipes run as they stand; names of other blocks are of no program",
+}
+"""Pages whose blocks are run by tests of their own."""
+
+
+def files(folder, page):
+    """Put what a page speaks of into a folder."""
+    if page == "docs/solving.md":
+        tiger = mdm.problems.tiger(discount=0.95)
+        mdm.save_model(tiger, folder / "tiger.pomdp")
+        mdm.save_policy(mdm.solve(tiger, gap=1).policy, folder / "tiger.vf")
+        for name in "ab":
+            assert main(["solve", "tiger.pomdp", "--gap", "1", "--history", f"{name}.json"]) == 0
+        cells = ["left", "middle", "right"]
+        states = Space([Factor("robot", cells), Factor("target", cells)])
+        chase = mdm.models.MDP(
+            [np.eye(9)] * 2, np.arange(18.0).reshape(9, 2), discount=0.9, states=states, actions=["go", "tag"]
+        )
+        mdm.save_model(chase, folder / "tag.pomdpx")
+        mdm.save_policy(mdm.solve(chase).policy, folder / "tag.npz")
+    elif page == "docs/moving.md":
+        package = packages.rounds(folder).rename(folder / "mdm_example")
+        for path in [path for path in package.rglob("*") if path.is_file()]:
+            path.write_text(path.read_text().replace("rounds", "mdm_example"))
+
+
+class Motors:
+    """What a page takes for given."""
+
+    @staticmethod
+    def cut():
+        """Cut the power."""
+
+
+def scope(page):
+    """Return the names that a page takes for given."""
+    return {"mdm": mdm, "motors": Motors} if page == "docs/safety.md" else {}
+
+
+@pytest.mark.parametrize("page", RUN)
+def test_every_block_runs(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    files(tmp_path, page)
+    names, folder = scope(page), tmp_path
+    for block in blocks.blocks(page):
+        if "not-run" not in block.info:
+            folder = blocks.run(
+                block, tmp_path if block.language == "console" and "cd " in block.text else folder, names
+            )
+
+
+def test_every_page_with_blocks_is_run_somewhere():
+    pages = ["README.md", *(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*.md"))]
+    made = {"docs/reference/names", "docs/reference/commands", "docs/reference/faults", "docs/reference/file"}
+    told = {page for page in pages if blocks.blocks(page) and not page.startswith(tuple(made))}
+    languages = {block.language for page in told for block in blocks.blocks(page)}
+    assert languages <= {"python", "console", "toml", "text", "xml"}
+    runnable = {
+        page
+        for page in told
+        if any(block.language != "text" and "not-run" not in block.info for block in blocks.blocks(page))
+    }
+    assert runnable == {*RUN, *ELSEWHERE}
+
+
+def test_what_does_not_run_says_why():
+    every = [block for page in (*RUN, *ELSEWHERE) for block in blocks.blocks(page)]
+    reasons = [block.info["not-run"] for block in every if "not-run" in block.info]
+    assert all(len(reason.split()) > 2 for reason in reasons)
+    assert len(reasons) <= 5

@@ -103,7 +103,7 @@ def test_an_evaluation_tells_what_it_knows(mdm, interrupts, number, status):
     assert any("1000 episodes of" in line for line in output)
     assert output[-1].startswith("interrupted ")
     assert len(told) == 500
-    assert told[-1].endswith(" of 10000 episodes")
+    assert told[-1].split("  about ")[0].endswith(" of 10000 episodes")
 
 
 def test_an_evaluation_of_no_episode_says_so(mdm, interrupts):

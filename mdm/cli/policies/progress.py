@@ -14,32 +14,36 @@ if TYPE_CHECKING:
     from mdm.cli.interruption import Interruption
     from mdm.solvers import Progress
 
-__all__ = ["ProgressLine", "bound", "counting"]
+__all__ = ["ProgressLine", "bound", "counting", "to_go"]
 
 _OFTEN = 0.1
+_FIRST = 2.0
 _SELDOM = 60.0
 
 
 class ProgressLine:
     """Prints progress.
 
-    A terminal has one line that is updated at most ten times a second. Elsewhere lines are printed after 1, 2, 4, ...
-    seconds and then once a minute. Once it cannot be printed, as when the terminal has gone, it stops: the work that it
-    is about goes on.
+    A terminal has one line, after two seconds, which is updated at most ten times a second. Elsewhere lines are printed
+    after 1, 2, 4, ... seconds and then once a minute. Once it cannot be printed, as when the terminal has gone, it stops:
+    the work that it is about goes on.
 
     Args:
         stream: The output; by default standard error.
+        limit: Seconds after which the work ends at the latest, if that is known.
     """
 
-    def __init__(self, stream: TextIO | None = None) -> None:
+    def __init__(self, stream: TextIO | None = None, *, limit: float | None = None) -> None:
         self._stream = sys.stderr if stream is None else stream
         self._live = self._stream is not None and self._stream.isatty()
-        self._next = 0.0 if self._live else 1.0
+        self._next = _FIRST if self._live else 1.0
+        self._limit = math.inf if limit is None else limit
         self._shown = False
 
     def __call__(self, progress: Progress) -> None:
         """Print a solver's progress if it is due."""
-        self.tell(progress.seconds, lambda: _text(progress))
+        left = f"  at most {to_go(self._limit - progress.seconds)}" if math.isfinite(self._limit) else ""
+        self.tell(progress.seconds, lambda: f"{_text(progress)}{left}")
 
     def tell(self, seconds: float, text_of: Callable[[], str]) -> None:
         """Print a text after so many seconds, if one is due."""
@@ -76,7 +80,8 @@ def counting(interruption: Interruption, what: str = "") -> Iterator[Callable[[i
 
     def count(ended: int, episodes: int) -> bool:
         seconds = perf_counter() - began
-        line.tell(seconds, lambda: f"{seconds:.1f} s  {what}{ended} of {episodes} episodes")
+        left = f"  about {to_go(seconds * (episodes - ended) / ended)}" if ended else ""
+        line.tell(seconds, lambda: f"{seconds:.1f} s  {what}{ended} of {episodes} episodes{left}")
         return interruption.asked()
 
     with interruption.deferred():
@@ -84,6 +89,15 @@ def counting(interruption: Interruption, what: str = "") -> Iterator[Callable[[i
             yield count
         finally:
             line.end()
+
+
+def to_go(seconds: float) -> str:
+    """Return how much time is left as text."""
+    seconds = max(round(seconds), 0)
+    if seconds < 100:
+        return f"{seconds} s to go"
+    minutes, rest = divmod(seconds, 60)
+    return f"{minutes} min {rest} s to go" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min to go"
 
 
 def bound(value: float) -> str:

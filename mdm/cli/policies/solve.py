@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _solve(model: MDP, solver: str, options: dict[str, Any], arguments: argparse.Namespace) -> Solution:
     """Solve a model and print the progress; Ctrl-C or SIGTERM ends it with the best result so far."""
-    interruption, line = arguments.interruption, ProgressLine()
+    interruption, line = arguments.interruption, ProgressLine(limit=arguments.time)
     warned = arguments.output is not None
 
     def tell(progress: Progress) -> bool:

@@ -7,7 +7,7 @@ import io
 import pytest
 
 from mdm.cli.interruption import Interruption
-from mdm.cli.policies.progress import ProgressLine, bound, counting
+from mdm.cli.policies.progress import ProgressLine, bound, counting, to_go
 from mdm.solvers import Progress
 
 
@@ -16,15 +16,21 @@ class Terminal(io.StringIO):
         return True
 
 
+def lines_of(terminal):
+    return [line for line in terminal.getvalue().split("\r\x1b[K") if line]
+
+
 def test_progress_is_a_line_on_a_terminal_and_a_few_lines_elsewhere():
     shown, told = Terminal(), io.StringIO()
     for stream in (shown, told):
-        line = ProgressLine(stream)
+        line = ProgressLine(stream, limit=60.0)
         for tenth in range(1, 100):
             line(Progress(tenth / 20, -float("inf"), 7.0, tenth, 3, 10**6))
         line.end()
     assert "\n" not in shown.getvalue()
-    assert 20 < shown.getvalue().count("\r") < 60
+    assert 20 < shown.getvalue().count("\r") < 40
+    assert shown.getvalue().startswith("\r\x1b[K2.0 s ")
+    assert lines_of(shown)[0].endswith("MB  at most 58 s to go")
     assert shown.getvalue().endswith("\r\x1b[K")
     lines = told.getvalue().splitlines()
     assert [line.split()[0] for line in lines] == ["1.0", "2.0", "4.0"]
@@ -42,6 +48,15 @@ def test_episodes_are_counted(monkeypatch, capsys):
     told = capsys.readouterr().err.splitlines()
     assert told[0] == "1.0 s  policy 1 of 2  0 of 10 episodes"
     assert [line.split()[0] for line in told] == ["1.0", "2.0", "4.0", "8.0"]
+    assert told[2] == "4.0 s  policy 1 of 2  3 of 10 episodes  about 9 s to go"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(-3.0, "0 s"), (0.4, "0 s"), (99.4, "99 s"), (100, "1 min 40 s"), (3599, "59 min 59 s"), (7260, "2 h 1 min")],
+)
+def test_the_time_to_go(seconds, text):
+    assert to_go(seconds) == f"{text} to go"
 
 
 @pytest.mark.parametrize(

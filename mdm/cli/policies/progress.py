@@ -24,9 +24,9 @@ _SELDOM = 60.0
 class ProgressLine:
     """Prints progress.
 
-    A terminal has one line, after two seconds, which is updated at most ten times a second. Elsewhere lines are printed
-    after 1, 2, 4, ... seconds and then once a minute. Once it cannot be printed, as when the terminal has gone, it stops:
-    the work that it is about goes on.
+    A terminal has one line, after two seconds, which is updated at most ten times a second. Elsewhere lines are
+    printed after 1, 2, 4, ... seconds and then once a minute. Once it cannot be printed, as when the terminal has gone,
+    it stops: the work that it is about goes on.
 
     Args:
         stream: The output; by default standard error.

@@ -243,7 +243,10 @@ class Journal:
             if free and robot.mode == "deciding" and robot.control.event_driven and robot.action.life == "running":
                 waiting = robot.statistics().waiting
                 self._check_pauses(name, waiting)
-                if self._living.get(path) or robot.action.lives.pending or waiting:
+                lives = robot.action.lives
+                # One that another of its group has replaced comes to its end, for at most its grace, and is told of.
+                coming = lives.replaced and self._live(name)
+                if self._living.get(path) or lives.pending or coming or waiting:
                     continue
                 _, status, lasted, _ = last = self._last.get(path, ("", "", True, 0))
                 if robot.liveness.since is not None:

@@ -70,8 +70,10 @@ def test_a_belief_chooses_the_first_node_where_values_are_known():
     assert known.current == (1,)
     known.reset()
     assert known.current == (0,)
-    with refused(ModelError):
-        JointController([PLAN, ROUND]).information(None).reset(np.array([0.4, 0.6]))
+    several = JointController([FiniteStateController([0, 1], [[0], [1]], values=[[1, 0], [0, 1]])] * 2)
+    for without in (JointController([PLAN, ROUND]), PLAN, several):
+        with refused(ModelError):
+            without.information(None).reset(np.array([0.4, 0.6]))
 
 
 def test_a_snapshot_goes_on_from_its_nodes():

@@ -239,16 +239,18 @@ class Journal:
         """Hold that whatever decides does something, or waits for what it names, or is idle and told so in time."""
         for name, robot in self.robots.items():
             path = self.path(name)
-            free = robot.life == "running" and not (robot.failing or robot.safety.ending or self.runtime.ending)
+            # Where one above it ends, nothing of it starts any more, until its turn to end has come.
+            ending = any(self.robots[above].safety.ending for above in self.above(name) if above in self.robots)
+            free = robot.life == "running" and not (robot.failing or ending or self.runtime.ending)
             if free and robot.mode == "deciding" and robot.control.event_driven and robot.action.life == "running":
                 waiting = robot.statistics().waiting
                 self._check_pauses(name, waiting)
                 lives = robot.action.lives
-                # One that another of its group has replaced comes to its end, for at most its grace, and is told of.
-                coming = lives.replaced and self._live(name)
+                _, status, lasted, when = last = self._last.get(path, ("", "", True, 0))
+                # One that another of its group has replaced comes to its end, for at most its grace.
+                coming = lives.replaced and self.now() < when + 1e9
                 if self._living.get(path) or lives.pending or coming or waiting:
                     continue
-                _, status, lasted, _ = last = self._last.get(path, ("", "", True, 0))
                 if robot.liveness.since is not None:
                     self._check_told(name, robot.liveness.since, last)
                 elif lasted or status != "succeeded":

@@ -22,6 +22,7 @@ ELSEWHERE = {
     "docs/models.md": "test_documentation: its programs print what it says",
     "docs/problems.md": "test_documentation, test_problem: sizes, values and commands",
     "docs/teams.md": "test_documentation, test_processes: its programs run",
+    "docs/tutorial.md": "test_examples: its steps print what it says; test_examples of mdm examples copies them",
     "docs/maps.md": "cli/map/test_robot: its recipes run as they stand; names of other blocks are of no program",
 }
 """Pages whose blocks are run by tests of their own."""

@@ -59,6 +59,32 @@ def test_embedding():
     assert lines[-1] == "the program went on meanwhile: True"
 
 
+STEPS = re.findall(r"```text (\w+\.py)\n(.*?)```", (ROOT / "docs" / "tutorial.md").read_text(), re.DOTALL)
+
+
+@pytest.mark.parametrize(("step", "told"), STEPS)
+def test_the_steps_of_the_tutorial_print_what_its_page_says(step, told):
+    pytest.importorskip("navground")
+    assert run(f"tutorial/{step}") == told
+
+
+def test_the_patrol_of_the_tutorial_goes_safe_and_on():
+    pytest.importorskip("navground")
+    lives = run("tutorial/step4_actions.py")
+    assert [line.split()[-1] for line in lines_with(lives, " in ")][:4] == [
+        "LRM",
+        "SouthCorridor",
+        "WestCorridor",
+        "ElevatorHallway",
+    ]
+    modes = [line.split()[2] for line in lines_with(run("tutorial/step7_safety.py"), " s  ")]
+    assert modes == ["deciding", "safe", "deciding", "safe"]
+
+
+def lines_with(text, part):
+    return [line for line in text.splitlines() if part in line]
+
+
 def test_tiger():
     lines = run("tiger.py").splitlines()
     assert len(lines) == 20

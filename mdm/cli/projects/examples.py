@@ -60,6 +60,11 @@ EXAMPLES = {
     "actions": Example(
         "behaviour trees and state machines of five libraries as actions", ("actions",), "python ensemble_within.py"
     ),
+    "tutorial": Example(
+        "the tutorial's steps, from predicates to a safe patrol (needs mdm[simulation])",
+        ("tutorial", *_FLOOR),
+        "python tutorial/step1_predicates.py",
+    ),
     "patrol": Example(
         "the demo: a robot patrols a simulated building, in two levels (needs mdm[simulation])",
         ("patrol",),

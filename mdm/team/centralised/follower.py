@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections import deque
 from typing import TYPE_CHECKING
 
 import msgspec
 
 from mdm.messages import Action, Fault
-from mdm.team.agreement.proposals import BARS, HOLD, STARTS, STOP
+from mdm.team.agreement.proposals import HOLD, STARTS
 from mdm.team.centralised.messages import (
     CentralisedStatistics,
     Decision,
@@ -17,6 +16,7 @@ from mdm.team.centralised.messages import (
     decode_decision,
     encode,
 )
+from mdm.team.centralised.proposals import Proposals
 from mdm.team.layer import TeamLayer
 from mdm.team.sharing.commanding import PENDING
 from mdm.team.transport.bounds import UNREADABLE, can_be
@@ -35,7 +35,6 @@ __all__ = ["CentralisedFollower"]
 _RETRY = 0.05
 _RETRY_NS = round(_RETRY * 1e9)
 _PATIENCE = 1.0
-_MOST_WAITING = 64
 _CONTROLLER = frozenset({"lost_controller"})
 
 
@@ -55,24 +54,19 @@ class CentralisedFollower(TeamLayer):
         super().__init__("outpost", team, ensemble, link, placement)
         self._key = link.key(ensemble.name, "part")
         self._controller = controlling(team, ensemble, placement)
-        self._pending: deque[Proposal] = deque()
-        self._number = 0
+        self.proposals = Proposals(replace=self.ownership.takes == "state")
         self._retry: Timer | None = None
         self._sent_at = 0
         self._life = 0
         self._last: Decision | None = None
         self._here = False
-        self._still = False
-        self._waits: int | None = None
-        """The number under which the controller is told of the stop that was taken here; 0 before it can be."""
-        self._since = 0
-        """The step of the controller after which a start ends the stop that was taken here."""
         self._unsaid = 0
 
     def on_start(self) -> None:
         """Listen to the own layers and to the controller."""
         self._retry = None
         self._last = None
+        self.proposals.begin()
         super().on_start()
         self.listen(join(self.team.name, self._controller, self.ensemble.name, "decision"), self._on_decision)
         self.call_later(_PATIENCE, self._on_patience)
@@ -81,68 +75,52 @@ class CentralisedFollower(TeamLayer):
 
     def request(self, command: str, token: str) -> None:
         """Ask the controller for it, if it is there; a stop holds here until a start that was asked for after it."""
-        if command == STOP:
-            self._still, self._waits = True, 0
-            self._discard("a stop was asked for after it")
-        if not self._here or self._last is None:
+        pending = self.proposals.ask(command, token, reachable=self._here and self._last is not None)
+        self._send_due()
+        if not pending:
             self.report_void(token, f"agent {self._controller!r}, which decides, is not there")
-            return
-        self._queue(None, command, token)
-        if command == STOP:
-            self._waits = self._number
 
     @property
     def still(self) -> bool:
         """Whether this agent carries out no decisions."""
-        return self._still
+        return self.proposals.still
 
     @property
     def knows(self) -> object:
         """The last decision of the controller that is known here."""
         return [self._life, 0 if self._last is None else self._last.step]
 
-    def _discard(self, reason: str) -> None:
-        """Discard the pending commands, but for stops, and report that."""
-        for proposal in [
-            proposal for proposal in self._pending if proposal.command is not None and proposal.command not in BARS
-        ]:
-            self._pending.remove(proposal)
-            self.report_void(proposal.token, reason)
-
     def propose(self, part: bytes | None) -> None:
         """Send this agent's part of the next step."""
         if not self.team.event_driven:
             self.link.send(self._key, encode(Proposal(0, self.tick, part, None)), priority="step")
         elif part is not None and (self._here or self.ownership.takes == "state"):
-            self._queue(part, None)
+            self.proposals.observe(part)
+            self._send_due()
         elif part is not None:
             self._unsaid += 1
 
-    def _queue(self, part: bytes | None, command: str | None, token: str = "") -> None:
-        """Send a proposal until the controller acknowledges it; of states, one that was not sent yet is replaced."""
-        waiting = self._pending
-        if self.ownership.takes == "state" and len(waiting) > 1 and waiting[-1].command is None and command is None:
-            waiting.pop()
-        elif len(waiting) == _MOST_WAITING:
-            del waiting[next((place for place in range(1, len(waiting)) if waiting[place].command is None), 1)]
-            self._unsaid += 1
-        self._number += 1
-        step = 0 if self._last is None else self._last.step
-        waiting.append(Proposal(self._number, 0, part, command, token, self._life, step))
-        if len(waiting) == 1:
+    def _send_due(self) -> None:
+        """Report the commands that are void, and send the proposal that is due."""
+        void, self.proposals.void = self.proposals.void, []
+        for token, reason in void:
+            self.report_void(token, reason)
+        if self.proposals.due:
+            self.proposals.due = False
             self._send()
 
     def _send(self) -> None:
         """Send the oldest pending proposal, now and every 50 ms until the controller acknowledges it."""
-        if self._pending:
-            self.link.send(self._key, encode(self._pending[0]), priority="step")
+        first = self.proposals.first
+        if first is not None:
+            self.link.send(self._key, encode(first), priority="step")
             self._sent_at = self.runtime.clock.now()
             if self._retry is None:
                 self._retry = self.call_at(self._sent_at + _RETRY_NS, self._resend)
 
     def _resend(self) -> None:
         due, self._retry = self._sent_at + _RETRY_NS, None
-        if self._pending and due > self.runtime.clock.now():  # it is another one, said since
+        if self.proposals.first is not None and due > self.runtime.clock.now():  # it is another one, said since
             self._retry = self.call_at(due, self._resend)
         else:
             self._send()
@@ -169,46 +147,22 @@ class CentralisedFollower(TeamLayer):
         if sample.incarnation != self._life:
             self._life = sample.incarnation
             self._last = None
-            self._leave_term()
-            if self._still:
-                self._waits = 0  # it knows of no stop that a life of the controller before it decided
+            self.proposals.follow(self._life, self._lost)
+            self._send_due()
             if self.ownership.takes == "state" and self.team.event_driven:
                 self.propose_values(self.own)  # a controller that has just begun knows nothing
-        self._receive_acknowledgement(decision)
+        taken = decision.taken.get(self.agent, 0)
+        if can_be(taken, self.runtime.clock.now(), 1000):
+            self.proposals.acknowledge(taken, self._bar(decision)[0])
+            self._send_due()
         if (void := decision.void.get(self.agent)) and self.commands.outcomes.get(void) == PENDING:
             self.report_void(void, "a stop came before it")
         self._apply(decision)
 
-    def _receive_acknowledgement(self, decision: Decision) -> None:
-        """Discard the proposal that the controller acknowledges, and send the next.
-
-        Where it acknowledges more than was sent, or a command under that number which is none, another has spoken in
-        this agent's name: the pending proposals are then sent under new numbers.
-        """
-        taken, waiting = decision.taken.get(self.agent, 0), self._pending
-        if not can_be(taken, self.runtime.clock.now(), 1000):
-            return
-        if not waiting:
-            self._number = max(self._number, taken)
-        elif taken >= waiting[0].number:
-            first = waiting[0]
-            life, number, _ = decision.bars.get(self.agent, (0, 0, 0))
-            barred = life == self.link.transport.incarnation and number >= first.number
-            if taken <= self._number and (barred or first.command not in BARS):
-                waiting.popleft()
-            else:
-                self._renumber(max(taken, self._number))
-            self._send()
-
-    def _renumber(self, last: int) -> None:
-        """Give the pending proposals the numbers after another."""
-        numbers = {proposal.number: last + place for place, proposal in enumerate(self._pending, 1)}
-        self._pending = deque(
-            msgspec.structs.replace(proposal, number=numbers[proposal.number]) for proposal in self._pending
-        )
-        self._number = last + len(numbers)
-        if self._waits is not None:
-            self._waits = numbers.get(self._waits, self._waits)
+    def _bar(self, decision: Decision) -> tuple[int, int]:
+        """Return the number of this agent's last stop or hold that the controller has taken, and the step it became."""
+        life, number, step = decision.bars.get(self.agent, (0, 0, 0))
+        return (number, step) if life == self.link.transport.incarnation else (0, 0)
 
     def _apply(self, decision: Decision) -> None:
         """Carry out this agent's component of a decision, once.
@@ -222,25 +176,26 @@ class CentralisedFollower(TeamLayer):
             decision.step < last.step or (decision.step == last.step and not _same(decision, last))
         ):
             last = None
-            self._since = min(self._since, decision.step)
+            self.proposals.doubt(decision.step)
         control, safety = self.ensemble.control, self.ensemble.safety
-        held = self._still
-        self._settle(decision)
+        held = self.still
+        self.proposals.settle(decision.step, self._bar(decision), running=decision.running, started=decision.started)
+        self._send_due()
         if last is not None and decision.step == last.step:
             safety.reopen(_CONTROLLER, now)
             return
         control.running = decision.running
-        self.report_held(settled=self._waits is None)
+        self.report_held(settled=self.proposals.settled)
         if decision.command is not None:
             self.forget()
             self.commands.done(decision.token)
         if not decision.running:
             safety.stop(now)
-        elif self.ensemble.mode == "stopped" and not self._still:
+        elif self.ensemble.mode == "stopped" and not self.still:
             safety.start(now)
         action = decision.action
         goes_on = last is not None and last.running and decision.command in {HOLD, *STARTS} and not held
-        if self._still or goes_on:
+        if self.still or goes_on:
             pass  # nothing new is decided, or nothing of it is for this agent
         elif decision.running and action is not None:
             if decision.impossible is not None:
@@ -257,48 +212,24 @@ class CentralisedFollower(TeamLayer):
         )
         self.assess(now)
 
-    def _settle(self, decision: Decision) -> None:
-        """Take note of stops, and of starts that were asked for after them."""
-        life, number, step = decision.bars.get(self.agent, (0, 0, 0))
-        if self._waits is not None:
-            if self._waits == 0:
-                self._queue(None, HOLD)
-                self._waits = self._number
-            elif life == self.link.transport.incarnation and number >= self._waits:
-                self._waits, self._since = None, min(step, decision.step)
-        elif not decision.running:
-            self._still, self._since = True, decision.step
-        if self._still and self._waits is None and decision.running and decision.started > self._since:
-            self._still = False
-
     # -- Liveness ------------------------------------------------------------------------------------------------
 
     def update_live(self, link: Link) -> None:
         """Update whether the controller is live."""
         was, self._here = self._here, self._controller in link.live
         if was and not self._here:
-            self._leave_term()
-            self._forget_events()
+            self.proposals.leave(self._lost)
+            self._send_due()
+            if self.ownership.takes != "state":  # what was observed is too old for the next controller
+                self._unsaid += self.proposals.forget()
             text = f"agent {self._controller!r}, which decides, is gone"
             self.report_loss([self._controller], "lost_controller", text, lambda: not self._here)
         self.assess(self.runtime.clock.now())
 
-    def _forget_events(self) -> None:
-        """Discard the pending observations, which are too old for the next controller."""
-        if self.ownership.takes != "state":
-            self._unsaid += len(self._pending)
-            self._pending.clear()
-
-    def _leave_term(self) -> None:
-        """Drop the commands that the controller has not taken: they were asked for before it was lost."""
-        reason = f"agent {self._controller!r}, which decides, was lost before it had it"
-        void = [proposal for proposal in self._pending if proposal.command is not None]
-        self._pending = deque(proposal for proposal in self._pending if proposal.command is None)
-        for proposal in void:
-            if proposal.command != HOLD:
-                self.report_void(proposal.token, reason)
-        if self._waits is not None:
-            self._waits = 0
+    @property
+    def _lost(self) -> str:
+        """Why commands are void that the controller has not taken."""
+        return f"agent {self._controller!r}, which decides, was lost before it had it"
 
     def assess(self, now: int) -> None:
         """Go safe, hold or go on, by who is there; the way back from a lost controller is its next decision."""
@@ -319,7 +250,7 @@ class CentralisedFollower(TeamLayer):
             leader=self._controller,
             step=0 if self._last is None else self._last.step,
             digest="" if self._last is None else self._last.digest,
-            late=self._unsaid,
+            late=self._unsaid + self.proposals.dropped,
             malformed=self.malformed,
         )
 

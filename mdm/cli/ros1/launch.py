@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 __all__ = ["Launch", "Node", "read_launch", "roots"]
 
 _SUBSTITUTION = re.compile(r"\$\(\s*(\w+)\s*([^)]*)\)")
-_MOST_INCLUDES = 100
+_MOST_INCLUDES = 1000
+_LONGEST = 100_000
 _TRUE, _FALSE = {"true", "1", "True"}, {"false", "0", "False"}
 
 
@@ -108,17 +109,21 @@ class _Reader:
     def __init__(self, package: Path) -> None:
         self.package = package
         self.launch = Launch()
-        self._depth = 0
+        self._within: list[Path] = []
+        self._included = 0
 
     def read(self, path: Path, given: dict[str, str], namespace: str) -> None:
-        self._depth += 1
-        if self._depth > _MOST_INCLUDES:
+        if path in self._within:
             raise Error(f"{path}: launch files include each other without end")
+        self._included += 1
+        if self._included > _MOST_INCLUDES:
+            raise Error(f"{path}: there are more than {_MOST_INCLUDES:,} includes")
+        self._within.append(path)
         elements = [element for element in stream(Source(path), {"launch"}) if element.tag == "launch"]
         if len(elements) != 1:
             raise Error(f"{path}: a <launch> was expected")
         self._walk(elements[0], dict(given), dict(given), namespace, {})
-        self._depth -= 1
+        self._within.pop()
 
     def _walk(
         self, parent: Element, known: dict[str, str], given: dict[str, str], namespace: str, remappings: dict[str, str]
@@ -271,7 +276,10 @@ class _Reader:
                 return rest
             raise _Unknown(f"{match[0]} is known on the robot alone")
 
-        return _SUBSTITUTION.sub(substituted, text)
+        made = _SUBSTITUTION.sub(substituted, text)
+        if len(made) > _LONGEST:
+            raise Error(f"{self._within[-1]}: {text[:60]!r} becomes longer than {_LONGEST:,} characters")
+        return made
 
     def _note(self, element: Element, text: str) -> None:
         self.launch.notes.append(f"{text}, of {element.source.path}:{element.line}")

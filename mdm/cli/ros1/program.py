@@ -301,6 +301,8 @@ class _Reader:
             )
             if target is None:
                 self.program.notes.append(f"addAction ({', '.join(arguments)}), of {place}: it names no function")
+                name = first or f"action{len(self.program.actions)}"  # actions count by their order
+                self.program.actions.append(Action(name, place, routine=Routine(name, place)))
                 continue
             name = re.sub(r"\s", "", target[1]).rpartition("::")[2]
             routine = self._routine(name, place)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
 from cli.ros1 import packages
 
+from mdm import Error
 from mdm.cli.ros1.launch import read_launch, roots
 
 
@@ -34,6 +36,22 @@ def test_arguments_conditions_and_defaults(tmp_path):
     assert list(found) == ["a"]
     assert found["a"].arguments == ["3", "two words", "red", "b"]
     assert found["a"].place.endswith("main.launch:2")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (
+            "<launch><arg name='a' value='xx'/>" + "<arg name='a' value='$(arg a)$(arg a)'/>" * 60 + "</launch>",
+            "becomes longer than 100,000 characters",
+        ),
+        ("<launch>" + "<include file='$(find robot)/launch/b.launch'/>" * 40 + "</launch>", "more than 1,000 includes"),
+    ],
+)
+def test_what_grows_without_bound_is_refused(tmp_path, text, told):
+    other = "<launch>" + "<include file='$(find robot)/launch/c.launch'/>" * 40 + "</launch>"
+    with pytest.raises(Error, match=told):  # which of the files is told by its path
+        nodes(tmp_path, text, **{"launch/b.launch": other, "launch/c.launch": "<launch></launch>"})
 
 
 def test_what_is_included_is_no_root(tmp_path):

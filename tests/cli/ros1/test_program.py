@@ -61,6 +61,14 @@ def test_names_that_are_made_are_told(tmp_path):
     assert note.endswith("program.cpp:3: its names are not literal")
 
 
+def test_an_action_that_is_not_read_keeps_its_place(tmp_path):
+    program = read(
+        tmp_path, "ActionLayer al;\nal.addAction ( &go );\nal.addAction ( [] () {} );\nal.addAction ( &stop );"
+    )
+    assert [action.name for action in program.actions] == ["go", "action1", "stop"]
+    assert len(program.notes) == 1
+
+
 @given(st.text(st.sampled_from('ab(){}",;/*\\\n '), max_size=60))
 def test_no_text_breaks_it(tmp_path_factory, text):
     program = read(tmp_path_factory.mktemp("code"), f"{text}\npm.addPredicate ( x ); al.addAction ( {text}")

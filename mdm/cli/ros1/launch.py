@@ -237,6 +237,8 @@ class _Reader:
                     own[child.attribute("name")] = self._text(child.attributes["value"], known)
                 except _Unknown as error:
                     self._note(child, f"<param> {child.attribute('name')!r}: {error}")
+            elif child.tag == "rosparam" and child.text.strip():
+                own |= dict(re.findall(r"^\s*([\w/]+)\s*:\s*([^\s#][^#\n]*?)\s*(?:#.*)?$", child.text, re.MULTILINE))
         arguments: list[str] | None
         try:
             arguments = shlex.split(self._text(element.attributes.get("args", ""), known))
@@ -270,6 +272,8 @@ class _Reader:
                 if rest not in known:
                     raise _Unknown(f"the argument {rest!r} has no value")
                 return known[rest]
+            if kind == "dirname":
+                return str(self._within[-1].parent)
             if kind == "optenv" and " " in rest:
                 return rest.split(maxsplit=1)[1]
             if kind == "anon":

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from mdm.cli.files import check
 from mdm.cli.projects.folder import making
 from mdm.cli.ros1.launch import Launch, Node, read_launch, roots
-from mdm.cli.ros1.program import Action, Control, Declaration, Program, programs, read_program
+from mdm.cli.ros1.program import Action, Control, Declaration, Program, Text, programs, read_program
 from mdm.errors import Error, ModelWarning
 from mdm.formats import load_model
 
@@ -221,7 +221,7 @@ class _Package:
     def _labels(self) -> Path | None:
         for node in self.launch.nodes:
             if "pose_labeler" in node.type and node.arguments:
-                return self._file(node, 1, "the image of labels")
+                return self._file(node, (1,), "the image of labels")
         return None
 
     def _label_names(self) -> Path | None:
@@ -238,7 +238,7 @@ class _Package:
         servers.sort(key=lambda node: "/map" in node.remappings or "map" in node.remappings)
         if not servers:
             raise Error(f"{self.folder}: an image of labels needs a map: no launch file starts a map_server with one")
-        path = self._file(servers[0], 1, "the map")
+        path = self._file(servers[0], (1,), "the map")
         text = path.read_text(encoding="utf-8")
         image = re.search(r"^(image\s*:\s*)(\S+)", text, re.MULTILINE)
         if image is None:
@@ -252,16 +252,16 @@ class _Package:
 
     # -- Files ---------------------------------------------------------------------------------------------------
 
-    def _file(self, node: Node, given: str | int | None, what: str) -> Path:
-        """Return a file that a program is given, as a text or as a word of its command line."""
-        if isinstance(given, int):
-            words = node.arguments or []
-            if given > len(words):
-                raise Error(f"{node.place}: {node.name!r} has no argument {given}, which is {what}")
-            given = words[given - 1]
+    def _file(self, node: Node, given: Text | None, what: str) -> Path:
+        """Return a file that a program is given: by its name, or by words of its command line."""
         if given is None:
             raise Error(f"{node.place}: {what} is not a literal name in the program {node.type!r}")
-        path = Path(given) if Path(given).is_absolute() else self.folder / given
+        words = node.arguments or []
+        missing = [part for part in given if isinstance(part, int) and part > len(words)]
+        if missing:
+            raise Error(f"{node.place}: {node.name!r} has no argument {missing[0]}, which is {what}")
+        name = "".join(words[part - 1] if isinstance(part, int) else part for part in given)
+        path = Path(name) if Path(name).is_absolute() else self.folder / name
         if not path.is_file():
             raise Error(f"{node.place}: there is no file {path}, {what}")
         return path
@@ -285,9 +285,7 @@ class _Package:
             f"[ensembles.{_key(ensemble.name)}]",
         ]
         files = [
-            self._file(node, given, f"a file of {control.kind}")
-            for given in control.arguments
-            if isinstance(given, str | int)
+            self._file(node, given, f"a file of {control.kind}") for given in control.arguments if given is not None
         ]
         model = next((path for path in files if path.suffix in _MODELS), None)
         policy = next((path for path in files if path is not model), None)

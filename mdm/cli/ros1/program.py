@@ -12,11 +12,15 @@ from dataclasses import dataclass, field
 from itertools import accumulate
 from pathlib import Path
 
-__all__ = ["Action", "Control", "Declaration", "Program", "Routine", "programs", "read_program"]
+__all__ = ["Action", "Control", "Declaration", "Program", "Routine", "Text", "programs", "read_program"]
+
+Text = tuple[str | int, ...]
+"""A text as its parts, one after the other: literals, and numbers of words of the command line."""
 
 _NAME = r"[A-Za-z_]\w*"
 _STRING = re.compile(r'"((?:[^"\\\n]|\\.)*)"')
 _PLAIN = re.compile(r"[A-Za-z0-9_.:/]+")
+_VARIABLES = 5
 _CONNECTIVES = {"And": "and", "Or": "or", "Implies": "implies", "Xor": "xor"}
 _SOURCES = {".cpp", ".cc", ".cxx", ".h", ".hpp"}
 
@@ -59,12 +63,12 @@ class Control:
 
     Args:
         kind: The class, such as ``ControllerEventMDP``.
-        arguments: Texts, or the number of the word of the command line; None for what is neither.
+        arguments: Of each the parts that make its text, see `Text`; None for what cannot be known.
         place: ``file:line``.
     """
 
     kind: str
-    arguments: list[str | int | None]
+    arguments: list[Text | None]
     place: str
 
 
@@ -112,7 +116,7 @@ class Program:
     controls: list[Control] = field(default_factory=list)
     actions: list[Action] = field(default_factory=list)
     declarations: list[Declaration] = field(default_factory=list)
-    map: str | int | None = None
+    map: Text | None = None
     notes: list[str] = field(default_factory=list)
 
 
@@ -122,6 +126,9 @@ def programs(package: Path) -> dict[str, list[Path]]:
     lists = package / "CMakeLists.txt"
     if lists.is_file():
         text = re.sub(r"#[^\n]*", "", lists.read_text(encoding="utf-8", errors="replace"))
+        project = re.search(r"\bproject\s*\(\s*([\w.-]+)", text)
+        if project is not None:
+            text = text.replace("${PROJECT_NAME}", project[1])
         for name, sources in re.findall(r"\b(?:rosbuild_)?add_executable\s*\(\s*([\w.-]+)([^)]*)\)", text):
             paths = [package / word for word in sources.split() if Path(word).suffix in _SOURCES]
             if paths and all(path.is_file() for path in paths):
@@ -187,8 +194,8 @@ def _closed(code: str, start: int, pair: str = "()") -> int:
     return len(code)
 
 
-def _split(arguments: str) -> list[str]:
-    """Return the arguments of a call."""
+def _split(arguments: str, at: str = ",") -> list[str]:
+    """Return the arguments of a call, or the parts of a sum."""
     parts, begin, position = [], 0, 0
     while position < len(arguments):
         text = _STRING.match(arguments, position)
@@ -196,7 +203,7 @@ def _split(arguments: str) -> list[str]:
             position = text.end()
         elif arguments[position] in "({":
             position = _closed(arguments, position, "()" if arguments[position] == "(" else "{}") + 1
-        elif arguments[position] == ",":
+        elif arguments[position] == at:
             parts.append(arguments[begin:position].strip())
             position = begin = position + 1
         else:
@@ -206,9 +213,9 @@ def _split(arguments: str) -> list[str]:
 
 
 def _added(code: str) -> list[str]:
-    """Return the arguments of all calls of `add` in code."""
+    """Return what all calls of `add` in code add; the number of a predicate manager may come before it."""
     calls = re.finditer(r"\.\s*add\s*\(", code)
-    return [code[call.end() : _closed(code, call.end() - 1)].strip() for call in calls]
+    return ["".join(_split(code[call.end() : _closed(code, call.end() - 1)])[-1:]) for call in calls]
 
 
 def _text(expression: str) -> str | None:
@@ -241,25 +248,32 @@ class _Reader:
             found.append((match[1], _split(self.code[match.end() : end]), match.start()))
         return found
 
-    def _value(self, expression: str) -> str | int | None:
-        """Return a text, or the number of a word of the command line; through one variable."""
-        for _ in range(3):
-            text = _text(expression)
-            if text is not None:
-                return text
-            word = re.fullmatch(r"(?:(?:std\s*::\s*)?string\s*\(\s*)?argv\s*\[\s*(\d+)\s*\]\s*\)?", expression.strip())
-            if word is not None:
-                return int(word[1])
-            if not re.fullmatch(_NAME, expression.strip()):
-                return None
-            name = re.escape(expression.strip())
-            given = re.search(rf"\b{name}\s*=\s*([^;]+);", self.code) or re.search(
-                rf"\bstring\s+{name}\s*\(([^;]*)\)\s*;", self.code
-            )
-            if given is None:
-                return None
-            expression = given[1]
-        return None
+    def _value(self, expression: str, depth: int = 0) -> Text | None:
+        """Return the parts of a text: literals, and words of the command line; through a few variables."""
+        parts = _split(expression, "+")
+        if len(parts) > 1:
+            values = [self._value(part, depth) for part in parts]
+            return None if None in values else tuple(each for value in values if value for each in value)
+        text = _text(expression)
+        if text is not None:
+            return (text,)
+        word = re.fullmatch(r"(?:(?:std\s*::\s*)?string\s*\(\s*)?argv\s*\[\s*(\d+)\s*\]\s*\)?", expression.strip())
+        if word is not None:
+            return (int(word[1]),)
+        if not re.fullmatch(_NAME, expression.strip()) or depth == _VARIABLES:
+            return None
+        name = re.escape(expression.strip())
+        given = re.search(rf"\b{name}\s*=\s*([^;]+);", self.code) or re.search(
+            rf"\bstring\s+{name}\s*\(([^;]*)\)\s*;", self.code
+        )
+        return None if given is None else self._value(given[1], depth + 1)
+
+    def _literal(self, expression: str) -> str | None:
+        """Return the text of an expression; None where it is not known from the program alone."""
+        value = self._value(expression)
+        if value is None or not all(isinstance(part, str) for part in value):
+            return None
+        return "".join(map(str, value))
 
     def _factors(self, call: str, into: list[tuple[list[str], str]]) -> None:
         for _, arguments, start in self._calls(call):
@@ -268,9 +282,9 @@ class _Reader:
             if not added and arguments and re.fullmatch(_NAME, arguments[0]):
                 of = rf"\b(?:{arguments[0]}\s*\.|{arguments[0]}\s*=|Dep\s+{arguments[0]}\b)[^;]*;"
                 added = [each for statement in re.findall(of, self.code) for each in _added(statement)]
-            names = [self._value(each) for each in added]
-            if names and all(isinstance(name, str) for name in names):
-                into.append(([str(name) for name in names], place))
+            names = [name for each in added if (name := self._literal(each)) is not None]
+            if names and len(names) == len(added):
+                into.append((names, place))
             else:
                 self.program.notes.append(f"{call} ({', '.join(arguments)}), of {place}: its names are not literal")
 
@@ -291,11 +305,11 @@ class _Reader:
                     self.program.map = self._value(given[0]) if given else None
         for layer, arguments, start in self._calls("addAction"):
             place = self.text.place(start)
-            first = _text(arguments[0]) if arguments else None
+            first = next((text for each in arguments if (text := _text(each)) is not None), None)
             if layer in navigators and first is not None and len(arguments) == 1:
                 self.program.actions.append(Action(first, place, way=True))
                 continue
-            callback = arguments[-1] if arguments else ""
+            callback = next((each for each in arguments if _text(each) is None), "")
             target = re.search(
                 rf"&?\s*((?:{_NAME}\s*::\s*)*{_NAME})", re.sub(r"^.*?bind\s*(?:<[^>]*>)?\s*\(", "", callback)
             )
@@ -346,12 +360,12 @@ class _Reader:
         arguments = _split(self.code[made.end() : _closed(self.code, made.end() - 1)]) if made[2] == "(" else []
         kind = made[1]
         if kind == "TopologicalPredicate":
-            names = [value for value in map(self._value, arguments) if isinstance(value, str)]
+            names = [value for value in map(self._literal, arguments) if value is not None]
             return Declaration(names[-1], "place", place) if names else None
         if kind in {"PropLogicPredicate", "PropLogicEvent"} and len(arguments) == 2:
-            name = self._value(arguments[0])
+            name = self._literal(arguments[0])
             formula = self._formula(arguments[1])
-            if not isinstance(name, str):
+            if name is None:
                 return None
             if formula is None:
                 return Declaration(name, "sensor", place, event, about=f"{kind} ({arguments[1]})")
@@ -359,8 +373,8 @@ class _Reader:
         found = classes.get(kind)
         if found is None:
             return None
-        first = self._value(arguments[0]) if arguments else None
-        if not found.name and isinstance(first, str):
+        first = self._literal(arguments[0]) if arguments else None
+        if not found.name and first is not None:
             return Declaration(first, found.kind, found.place, event, turns=found.turns, about=found.about)
         return found if found.name else None
 

@@ -38,6 +38,23 @@ def test_arguments_conditions_and_defaults(tmp_path):
     assert found["a"].place.endswith("main.launch:2")
 
 
+def test_folders_and_parameters_in_yaml(tmp_path):
+    found = nodes(
+        tmp_path,
+        """<launch><include file="$(dirname)/more/part.launch.xml" ns="in"/></launch>""",
+        **{
+            "launch/more/part.launch.xml": """<launch><node pkg="robot" type="t" name="a" args="$(dirname)">
+            <rosparam>
+              decision_period: 0.5   # seconds
+              is_sparse: true
+            </rosparam></node></launch>"""
+        },
+    )
+    assert found["a"].arguments == [str(tmp_path / "robot" / "launch" / "more")]
+    assert found["a"].namespace == "/in"
+    assert found["a"].parameters == {"decision_period": "0.5", "is_sparse": "true"}
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, strategies as st
 
-from mdm.cli.ros1.program import read_program
+from mdm.cli.ros1.program import programs, read_program
 
 
 def read(tmp_path, code):
@@ -42,6 +42,7 @@ def test_a_formula_that_is_not_literal_is_the_robot_s(tmp_path):
     "code",
     [
         'sl.addStateFactor(StateDep().add("A").add("B"));',
+        'sl.addStateFactor ( StateDep().add ( 0, "A" ).add ( 0, "B" ) );',
         'StateDep d = StateDep().add ( "A" ).add ( "B" );\nsl.addStateFactor ( d );',
         'StateDep d;\nd.add ( "A" );\nd.add ( "B" );\nsl.addStateFactor ( d );',
         'const string a = "A";\nsl.addStateFactor ( StateDep().add ( a ).add ( std::string ( "B" ) ) );',
@@ -59,6 +60,37 @@ def test_names_that_are_made_are_told(tmp_path):
     assert program.states == []
     (note,) = program.notes
     assert note.endswith("program.cpp:3: its names are not literal")
+
+
+@pytest.mark.parametrize(
+    ("argument", "expected"),
+    [
+        ('"a/policy"', ("a/policy",)),
+        ("argv[2]", (2,)),
+        ('folder + "/policy"', (1, "/policy")),
+        ("path", (1, "/x", "/policy")),
+        ("path + made ( 3 )", None),
+        ("other", None),
+    ],
+)
+def test_arguments_of_controllers(tmp_path, argument, expected):
+    code = 'const std::string folder = argv[1];\nstring path = folder + "/x" + "/policy";\nstring other = other;\n'
+    program = read(tmp_path, f"{code}ControllerEventMDP cl ( {argument} );")
+    assert [control.arguments for control in program.controls] == [[expected]]
+
+
+def test_an_action_may_be_named_before_or_after_its_function(tmp_path):
+    program = read(tmp_path, 'ActionLayer al;\nal.addAction ( work, "Work" );\nal.addAction ( "Rest", &rest );\n')
+    assert [(action.name, action.routine.name) for action in program.actions] == [("Work", "work"), ("Rest", "rest")]
+
+
+def test_programs_by_the_name_of_the_project(tmp_path):
+    (tmp_path / "CMakeLists.txt").write_text(
+        "project(robot)\nadd_executable(${PROJECT_NAME}_watch a.cpp b.cpp) # one\n"
+    )
+    for name in "ab":
+        (tmp_path / f"{name}.cpp").touch()
+    assert [path.name for path in programs(tmp_path)["robot_watch"]] == ["a.cpp", "b.cpp"]
 
 
 def test_an_action_that_is_not_read_keeps_its_place(tmp_path):

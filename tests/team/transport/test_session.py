@@ -80,14 +80,16 @@ def test_a_session_that_is_closed_leaves_no_thread_and_no_file():
         await net.open(net.transport("a"), net.transport("b"))
 
     async def many():
-        before = None
+        counts = []
         loop, one_thread = asyncio.get_running_loop(), ThreadPoolExecutor(1)
-        for _ in range(3):
+        for _ in range(6):
             await loop.run_in_executor(one_thread, LOOPBACK, main)
             gc.collect()
-            count = len(os.listdir("/proc/self/fd")), threading.active_count()  # noqa: PTH208
-            before = before or count
-            assert count == before
+            counts.append((len(os.listdir("/proc/self/fd")), threading.active_count()))  # noqa: PTH208
+        files, threads = zip(*counts, strict=True)
+        # Zenoh's own threads close the last of its files a little later; one a session would be five by now.
+        assert files[-1] - files[0] < 3, files
+        assert len(set(threads)) == 1, threads
 
     asyncio.run(many())
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         actors,
         beliefs,
         config,
+        estimation,
         formats,
         logic,
         maps,
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
         bind,
         run_subprocess,
     )
+    from mdm.actors.drift import DriftMonitor
     from mdm.beliefs import BeliefTracker
     from mdm.config import System, load_system
     from mdm.controller import Controller, Step
@@ -84,6 +86,7 @@ __all__ = [
     "ControlLayer",
     "Controller",
     "DeadlockError",
+    "DriftMonitor",
     "Drive",
     "Ensemble",
     "Error",
@@ -117,6 +120,7 @@ __all__ = [
     "beliefs",
     "bind",
     "config",
+    "estimation",
     "evaluate",
     "formats",
     "load_model",
@@ -145,7 +149,7 @@ __all__ = [
 
 _PACKAGES = (
     *("beliefs", "maps", "models", "policies", "problems", "simulation", "solvers", "team", "testing"),
-    *("actors", "config", "formats", "logic", "messages", "runtime"),
+    *("actors", "config", "estimation", "formats", "logic", "messages", "runtime"),
 )
 _HOMES = {
     "actors": (
@@ -153,6 +157,7 @@ _HOMES = {
         *("ObservationFactor", "ObservationLayer", "OnEvent", "PredicateManager", "Sensor"),
         *("StateFactor", "StateLayer", "bind", "run_subprocess"),
     ),
+    "actors.drift": ("DriftMonitor",),
     "beliefs": ("BeliefTracker",),
     "controller": ("Controller", "Step"),
     "config": ("System", "load_system"),

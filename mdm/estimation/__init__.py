@@ -4,12 +4,12 @@ from mdm.estimation.chains import Chain, Chains, Stay, chains_of
 from mdm.estimation.drift import Alarm, DriftTest
 from mdm.estimation.gibbs import Intervals, sample
 from mdm.estimation.hidden import Evidence, Fit, evidence_of, fit
-from mdm.estimation.intervals import probabilities, rates
+from mdm.estimation.intervals import probability_intervals, rate_intervals
 from mdm.estimation.observations import Frequencies, frequencies
 from mdm.estimation.rates import Holding, Rates, durations_of, moran, rates_of
 from mdm.estimation.reestimation import reestimated
 from mdm.estimation.rendering import as_data, as_text
-from mdm.estimation.report import Statistics, statistics
+from mdm.estimation.report import Report, statistics
 from mdm.estimation.returns import returns_of
 from mdm.estimation.rows import Row, counted, transition_rows
 
@@ -24,8 +24,8 @@ __all__ = [
     "Holding",
     "Intervals",
     "Rates",
+    "Report",
     "Row",
-    "Statistics",
     "Stay",
     "as_data",
     "as_text",
@@ -36,8 +36,8 @@ __all__ = [
     "fit",
     "frequencies",
     "moran",
-    "probabilities",
-    "rates",
+    "probability_intervals",
+    "rate_intervals",
     "rates_of",
     "reestimated",
     "returns_of",

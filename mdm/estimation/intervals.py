@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Vector
 
-__all__ = ["LEVEL", "PRIOR", "Interval", "check_level", "probabilities", "rates"]
+__all__ = ["LEVEL", "PRIOR", "Interval", "check_level", "probability_intervals", "rate_intervals"]
 
 LEVEL = 0.95
 """The probability of the intervals, by default."""
@@ -53,7 +53,7 @@ def check_level(level: object) -> float:
     raise ModelError(f"the level of an interval is more than 0 and less than 1, not {level!r}")
 
 
-def probabilities(counts: npt.ArrayLike, *, level: float = LEVEL) -> Interval:
+def probability_intervals(counts: npt.ArrayLike, *, level: float = LEVEL) -> Interval:
     """Return the probabilities of a row, from the counts of the k entries that it may have.
 
     The posterior of an entry counted n_j times of n is Beta(n_j + 1/2, n - n_j + (k - 1)/2).
@@ -63,7 +63,7 @@ def probabilities(counts: npt.ArrayLike, *, level: float = LEVEL) -> Interval:
         level: The probability of the intervals.
 
     Example:
-        >>> interval = probabilities([8, 2])
+        >>> interval = probability_intervals([8, 2])
         >>> [round(float(x), 3) for x in (interval.estimates[0], interval.low[0], interval.high[0])]
         [0.773, 0.493, 0.95]
     """
@@ -79,13 +79,13 @@ def probabilities(counts: npt.ArrayLike, *, level: float = LEVEL) -> Interval:
     return Interval(heads / heads.sum(), betaincinv(heads, tails, tail), betaincinv(heads, tails, 1 - tail))
 
 
-def rates(counts: npt.ArrayLike, exposure: npt.ArrayLike, *, level: float = LEVEL) -> Interval:
+def rate_intervals(counts: npt.ArrayLike, exposure: npt.ArrayLike, *, level: float = LEVEL) -> Interval:
     """Return rates a second, from counts of jumps and the seconds in which they could have come.
 
     The posterior of n jumps in t seconds is Gamma(n + 1/2, t). The time of stays that were cut short belongs to t.
 
     Example:
-        >>> interval = rates([10], 20.0)
+        >>> interval = rate_intervals([10], 20.0)
         >>> [round(float(x[0]), 3) for x in interval]
         [0.525, 0.257, 0.887]
     """

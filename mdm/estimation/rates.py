@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdm.errors import ModelError
-from mdm.estimation.intervals import LEVEL, rates
+from mdm.estimation.intervals import LEVEL, rate_intervals
 from mdm.estimation.rows import support, without_staying
 from mdm.models.durations import Durations
 
@@ -163,7 +163,7 @@ def holding(stays: Iterable[Stay], *, level: float = LEVEL) -> Holding:
     exposure, count = sum(ended) + sum(cut), len(ended)
     if exposure <= 0:
         return Holding(0.0, count, math.nan, 0.0, math.inf, None)
-    interval = rates([count], exposure, level=level)
+    interval = rate_intervals([count], exposure, level=level)
     low, high = 1 / float(interval.high[0]), _inverse(float(interval.low[0]))
     mean = exposure / count if count else math.nan
     positive = np.array([seconds for seconds in ended if seconds > 0])
@@ -206,7 +206,7 @@ def rates_of(model: MDP, stays: Iterable[Stay], *, level: float = LEVEL) -> tupl
         symbols, _ = without_staying(state, symbols, probability)
         followed = [stay.next_state for stay in row if stay.ended]
         counts = np.array([followed.count(symbol) for symbol in symbols.tolist()], dtype=np.float64)
-        result.append(Rates(action, state, held, symbols, counts, *rates(counts, held.exposure, level=level)))
+        result.append(Rates(action, state, held, symbols, counts, *rate_intervals(counts, held.exposure, level=level)))
     return tuple(result)
 
 

@@ -9,14 +9,14 @@ import msgspec
 import numpy as np
 
 if TYPE_CHECKING:
-    from mdm.estimation.report import Statistics
+    from mdm.estimation.report import Report
 
 __all__ = ["as_data", "as_text"]
 
 _SHOWN = 20
 
 
-def as_data(report: Statistics) -> dict[str, Any]:
+def as_data(report: Report) -> dict[str, Any]:
     """Return a report as plain data for JSON, without the new model and the durations; no number is not finite."""
     fields = {name: getattr(report, name) for name in report.__struct_fields__ if name not in {"model", "durations"}}
     result: dict[str, Any] = _finite(msgspec.to_builtins(fields))
@@ -31,14 +31,14 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def as_text(report: Statistics) -> str:
+def as_text(report: Report) -> str:
     """Return a report as lines for people: at most 20 rows of each kind, all of which `as_data` has."""
     lines = [*_head(report), *_rows_text(report), *_rates_text(report), *_frequencies_text(report)]
     lines += [f"note: {note}" for note in report.notes]
     return "\n".join(lines)
 
 
-def _head(report: Statistics) -> list[str]:
+def _head(report: Report) -> list[str]:
     states = "hidden states" if report.hidden else "known states"
     lines = [f"{report.ensemble}: {report.decisions} decisions in {report.chains} chains, {report.kind}, {states}"]
     if report.discarded:
@@ -58,7 +58,7 @@ def _head(report: Statistics) -> list[str]:
     return lines
 
 
-def _rows_text(report: Statistics) -> list[str]:
+def _rows_text(report: Report) -> list[str]:
     lines = []
     impossible = [(row, symbol, count) for row in report.rows for symbol, count in row.impossible]
     for row, symbol, count in impossible[:_SHOWN]:
@@ -82,7 +82,7 @@ def _rows_text(report: Statistics) -> list[str]:
     return lines
 
 
-def _rates_text(report: Statistics) -> list[str]:
+def _rates_text(report: Report) -> list[str]:
     if not report.rates:
         return []
     lines = ["", "how long states last" + " " * 20 + "  ends   seconds  interval"]
@@ -95,7 +95,7 @@ def _rates_text(report: Statistics) -> list[str]:
     return lines
 
 
-def _frequencies_text(report: Statistics) -> list[str]:
+def _frequencies_text(report: Report) -> list[str]:
     if not report.frequencies:
         return []
     lines = ["", "observations" + " " * 28 + "  times  expected"]

@@ -38,8 +38,8 @@ __all__ = [
     "FitReport",
     "FrequencyReport",
     "RateReport",
+    "Report",
     "RowReport",
-    "Statistics",
     "statistics",
 ]
 
@@ -134,7 +134,7 @@ class FitReport(msgspec.Struct, frozen=True):
     rounds: int
 
 
-class Statistics(msgspec.Struct, frozen=True):
+class Report(msgspec.Struct, frozen=True):
     """All that the decisions of an ensemble tell of its model.
 
     Attributes:
@@ -197,7 +197,7 @@ def statistics(
     level: float = LEVEL,
     false_discoveries: float = FALSE_DISCOVERIES,
     seed: int = 0,
-) -> Statistics:
+) -> Report:
     """Return all that the decisions of an ensemble tell of its model.
 
     Args:
@@ -249,7 +249,7 @@ def _check_fit(model: MDP, chains: Chains) -> None:
 
 def _of_states(
     chains: Chains, model: MDP, *, step: float | None, policy: Sequence[int] | None, level: float, rate: float
-) -> Statistics:
+) -> Report:
     stays = list(chains.stays())
     jumps = chains.kind == "jumps"
     rows = transition_rows(model, counted(stays), chains.kind, level=level)
@@ -265,7 +265,7 @@ def _of_states(
     told = verdicts(rows, rate=rate)
     names = model.state_space
     reports = [_row("T", row, verdict, loss, model, names) for row, verdict, loss in zip(rows, told, lost, strict=True)]
-    return Statistics(
+    return Report(
         ensemble=chains.ensemble,
         kind=chains.kind,
         hidden=False,
@@ -287,7 +287,7 @@ def _of_states(
     )
 
 
-def _of_hidden(chains: Chains, model: MDP, *, level: float, rate: float, seed: int) -> Statistics:
+def _of_hidden(chains: Chains, model: MDP, *, level: float, rate: float, seed: int) -> Report:
     pomdp = model.pomdp
     assert pomdp is not None
     if any(decision.cause == "tick" for chain in chains.chains for decision in chain.decisions):
@@ -307,7 +307,7 @@ def _of_hidden(chains: Chains, model: MDP, *, level: float, rate: float, seed: i
     if pomdp.event_observations:
         notes.append("observations of events, P(o | s, a, s'), are those of the model; T alone was estimated")
     seen = None if pomdp.event_observations else list(fitted.observations)
-    return Statistics(
+    return Report(
         ensemble=chains.ensemble,
         kind=chains.kind,
         hidden=True,

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from mdm.estimation.intervals import LEVEL, probabilities
+from mdm.estimation.intervals import LEVEL, probability_intervals
 from mdm.models.matrices import Matrix, is_compressed
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def row_of(
     counts = np.array([followed.get(symbol, 0) for symbol in symbols.tolist()], dtype=np.float64)
     known = set(symbols.tolist())
     impossible = tuple(sorted((symbol, count) for symbol, count in followed.items() if symbol not in known))
-    interval = probabilities(counts, level=level) if len(counts) else (counts, counts, counts)
+    interval = probability_intervals(counts, level=level) if len(counts) else (counts, counts, counts)
     return Row(action, state, symbols, model, counts, *interval, impossible)
 
 

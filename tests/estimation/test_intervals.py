@@ -8,12 +8,12 @@ from hypothesis import given, strategies as st
 from scipy import stats
 
 from mdm import ModelError
-from mdm.estimation.intervals import check_level, probabilities, rates
+from mdm.estimation.intervals import check_level, probability_intervals, rate_intervals
 
 
 @given(st.lists(st.integers(0, 1000), min_size=2, max_size=8), st.floats(0.5, 0.99))
 def test_probabilities_are_those_of_jeffreys_posterior(counts, level):
-    interval = probabilities(counts, level=level)
+    interval = probability_intervals(counts, level=level)
     tail = (1 - level) / 2
     for place, count in enumerate(counts):
         rest = sum(counts) - count + (len(counts) - 1) / 2
@@ -25,12 +25,12 @@ def test_probabilities_are_those_of_jeffreys_posterior(counts, level):
 
 
 def test_the_only_entry_of_a_row_is_certain():
-    assert [list(each) for each in probabilities([7])] == [[1.0]] * 3
+    assert [list(each) for each in probability_intervals([7])] == [[1.0]] * 3
 
 
 @given(st.lists(st.integers(0, 1000), min_size=1, max_size=8), st.floats(1e-3, 1e6))
 def test_rates_are_those_of_jeffreys_posterior(counts, exposure):
-    interval = rates(counts, exposure)
+    interval = rate_intervals(counts, exposure)
     for place, count in enumerate(counts):
         posterior = stats.gamma(count + 0.5, scale=1 / exposure)
         assert interval.estimates[place] == pytest.approx(posterior.mean())
@@ -49,7 +49,7 @@ def test_a_row_s_interval_covers_as_often_as_it_says_on_the_average(size):
         chances = stats.binom.pmf(counts[:, None], visits, rows.ravel())
         covered = (low[:, None] <= rows.ravel()) & (rows.ravel() <= high[:, None])
         assert 0.93 < (chances * covered).sum(axis=0).mean() < 0.97
-        ours = [probabilities([n, *[(visits - n) / (size - 1)] * (size - 1)]) for n in counts.tolist()]
+        ours = [probability_intervals([n, *[(visits - n) / (size - 1)] * (size - 1)]) for n in counts.tolist()]
         assert [each.low[0] for each in ours] == pytest.approx(low.tolist())
 
 

@@ -40,9 +40,7 @@ def test_a_row_s_loss_is_the_difference_of_two_models(seed, sparse, outcomes):
     row = row_of(int(policy[3]), 3, np.arange(5), np.array(model.transition(int(policy[3]), 3)), counts)
     values = Values(model, policy)
     assert values.start == pytest.approx(value(model, policy))
-    transitions = np.array(
-        [model.transition_matrix(a).toarray() if sparse else model.transition_matrix(a) for a in (0, 1)]
-    )
+    transitions = np.array([[model.transition(action, state) for state in range(5)] for action in (0, 1)])
     transitions[row.action, 3] = row.estimates
     rewards = model.outcome_rewards.array(1000) if outcomes else model.rewards
     other = MDP(transitions, rewards, discount=0.9, initial_belief=model.initial_belief)

@@ -16,9 +16,8 @@ def test_expected_frequencies_are_the_predictions_of_a_belief_tracker():
     random = np.random.default_rng(2)
     actions = random.choice(3, 41, p=[0.8, 0.1, 0.1]).tolist()
     symbols = random.integers(0, 2, 40).tolist()
-    found = {
-        each.action: each for each in frequencies(tiger, evidence_of(tiger, chains_of(heard(actions, symbols)).chains))
-    }
+    evidence = evidence_of(tiger, chains_of(heard(actions, symbols)).chains)
+    found = {each.action: each for each in frequencies(tiger, evidence)}
     tracker, counts, wanted = mdm.BeliefTracker(tiger), np.zeros((3, 2)), np.zeros((3, 2))
     for action, symbol in zip(actions, symbols, strict=False):
         counts[action, symbol] += 1

@@ -58,7 +58,7 @@ def test_moran_s_test_refuses_exponential_times_as_often_as_it_says(count):
 
 
 def test_moran_s_statistic_is_bartlett_s_for_variances_of_two_degrees():
-    """An exponential time is a variance of two degrees of freedom, for which Bartlett's test of equality is the same."""
+    """An exponential time is a variance of two degrees of freedom: Bartlett's test of equality is the same."""
     times = [0.5, 1.5, 4.0, 0.7, 2.2]
     count, pooled = len(times), float(np.mean(times))
     freedom = 2

@@ -62,7 +62,7 @@ def sample(
     old = Matrices.of(model)
     possible = old.transitions > 0, old.observations > 0
     events = old.observations.ndim > 3
-    size = old.transitions.size * max(len(evidence.masks), 1) + evidence.first.size * (evidence.actions.shape[1] + 1)
+    size = old.transitions.size * max(len(evidence.masks), 1) + evidence.steps * len(model.state_space)
     count = max(2, min(_SAMPLERS, _TOGETHER // size))
     current = Matrices(
         np.repeat(fit.transitions[None], count, axis=0), np.repeat(fit.observations[None], count, axis=0)
@@ -93,37 +93,43 @@ def _draw(counts: Vector, possible: npt.NDArray[np.bool_], random: np.random.Gen
 def _counts(evidence: Evidence, joint: Vector, current: Matrices, random: np.random.Generator) -> tuple[Vector, Vector]:
     """Draw the states of all chains for each sampler, and count: C x A x S x S', and C x A x S' x O."""
     samplers, actions, symbols, states, _ = joint.shape
-    kinds, going, live = evidence.kinds, evidence.going, evidence.live
-    steps, chains = kinds.shape
+    kinds, places = evidence.kinds, evidence.places
     forth = np.ascontiguousarray(np.moveaxis(joint, 0, 2)).reshape(actions * symbols, samplers, states, states)
     back = np.ascontiguousarray(np.swapaxes(forth, 2, 3))
-    beliefs = np.zeros((steps + 1, chains, samplers, states))
-    beliefs[0] = evidence.first[:, None]
-    for step, count in enumerate(going):
-        after = np.matmul(beliefs[step, :count, :, None], forth[kinds[step, :count]])[:, :, 0]
-        np.divide(after, after.sum(axis=-1, keepdims=True), out=beliefs[step + 1, :count])
+    beliefs = np.empty((evidence.steps, samplers, states))
+    belief = np.repeat(evidence.first[:, None], samplers, axis=1)
+    last = belief.copy()
+    for place in places:
+        count = place.stop - place.start
+        beliefs[place] = belief[:count]
+        after = np.matmul(belief[:count, :, None], forth[kinds[place]])[:, :, 0]
+        belief = last[:count] = after / after.sum(axis=-1, keepdims=True)
     every = np.arange(samplers)
-    path = np.zeros((steps + 1, chains, samplers), dtype=np.intp)
-    numbers = random.random((steps + 1, chains, samplers, 1))
-    for step in range(steps, -1, -1):
-        count, ended = (0 if step == steps else going[step]), (chains if step == 0 else going[step - 1])
-        weights = beliefs[step, :ended]
-        if count:  # the state that follows is drawn
-            weights[:count] *= back[kinds[step, :count, None], every, path[step + 1, :count]]
-        levels = weights.cumsum(axis=-1)
-        drawn = (levels <= numbers[step, :ended] * levels[..., -1:]).sum(axis=-1)
-        np.minimum(drawn, states - 1, out=path[step, :ended])
-    wide = live[:, :, None] & np.ones(samplers, dtype=bool)
-    who = np.broadcast_to(every, wide.shape)[wide]
-    acted = np.broadcast_to(evidence.actions.T[:, :, None], wide.shape)[wide]
-    seen = np.broadcast_to(evidence.symbols.T[:, :, None], wide.shape)[wide]
-    before, after_ = path[:-1][wide], path[1:][wide]
+    path = np.empty((2, evidence.steps, samplers), dtype=np.intp)  # before, and after each step
+    state = _chosen(last, random)
+    for place in reversed(places):
+        count = place.stop - place.start
+        path[1, place] = state[:count]
+        weights = beliefs[place] * back[kinds[place, None], every, state[:count]]
+        path[0, place] = state[:count] = _chosen(weights, random)
+    who = np.broadcast_to(every, path.shape[1:]).ravel()
+    acted, seen = np.repeat(evidence.actions, samplers), np.repeat(evidence.symbols, samplers)
+    before, after_ = path.reshape(2, -1)
     transitions = _bins((samplers, actions, states, states), who, acted, before, after_)
     if current.observations.ndim > 4:
         return transitions, np.zeros(0)
     told, which = _complete(evidence, current, who, acted, after_, seen, random)
     shape = (samplers, actions, states, current.observations.shape[-1])
     return transitions, _bins(shape, who[which], acted[which], after_[which], told)
+
+
+def _chosen(weights: Vector, random: np.random.Generator) -> npt.NDArray[np.intp]:
+    """Draw a place by weights, along the last axis."""
+    levels = weights.cumsum(axis=-1)
+    numbers = random.random((*levels.shape[:-1], 1))
+    # A number of 0 to 1, times the sum, is below the last level but for rounding.
+    drawn: npt.NDArray[np.intp] = (levels[..., :-1] <= numbers * levels[..., -1:]).sum(axis=-1)
+    return drawn
 
 
 def _bins(shape: tuple[int, ...], *places: npt.NDArray[np.intp]) -> Vector:
@@ -147,7 +153,6 @@ def _complete(
     partly = widths[seen[which]] > 1
     if partly.any():
         at = np.flatnonzero(which)[partly]
-        levels = np.cumsum(current.observations[who[at], acted[at], state[at]] * evidence.masks[seen[at]], axis=-1)
-        drawn = (levels <= random.random(len(at))[:, None] * levels[:, -1:]).sum(axis=-1)
-        symbols[partly] = np.minimum(drawn, evidence.masks.shape[1] - 1)
+        weights = current.observations[who[at], acted[at], state[at]] * evidence.masks[seen[at]]
+        symbols[partly] = _chosen(weights, random)
     return symbols, which

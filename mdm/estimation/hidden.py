@@ -13,6 +13,7 @@ Expected counts are no counts: intervals that take them as seen cover four fifth
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
@@ -34,10 +35,14 @@ __all__ = ["Evidence", "Fit", "Matrices", "evidence_of", "expected", "fit", "lik
 
 _LARGEST = 8_000_000
 """The most numbers in the matrices of all actions and observed symbols."""
+_MOST = 50_000_000
+"""The most numbers in the beliefs before all steps."""
 _GAIN = 1e-3
 """The gain of log likelihood below which there is no further round."""
 _ROUNDS = 100
 _ROUNDS_A_ROW = 10
+_GAIN_A_ROW = 0.02
+"""The same for a single row, whose likelihood is compared: a p-value is told to 2 % so."""
 
 Observed = int | tuple[int | None, ...] | None
 
@@ -76,20 +81,22 @@ class Matrices(NamedTuple):
 
 
 class Evidence(msgspec.Struct, frozen=True):
-    """Chains of actions and observations as arrays, the longest chain first: N chains of at most L steps.
+    """N chains of actions and observations as arrays, the longest first: M steps in all, at most L in a chain.
+
+    Steps lie in the order of their place in the chain: the first ones of all chains, then the second ones, and so on.
 
     Attributes:
         first: The belief before the first action of each chain, N x S.
-        lengths: The number of steps of each chain, N.
-        actions: The actions, N x L.
-        symbols: What was observed after each, as places in ``masks``, N x L.
+        starts: Where the steps of each place in the chain begin, and the end of the last: L + 1.
+        actions: The action of each step, M.
+        symbols: What was observed after it, as places in ``masks``, M.
         masks: For each symbol that was observed the observations that it may be, K x O: one, or several where
             components are missing, or all.
         impossible: Actions and observations of probability 0, with their count; chains are cut there.
     """
 
     first: npt.NDArray[np.float64]
-    lengths: npt.NDArray[np.intp]
+    starts: npt.NDArray[np.intp]
     actions: npt.NDArray[np.intp]
     symbols: npt.NDArray[np.intp]
     masks: npt.NDArray[np.bool_]
@@ -98,23 +105,17 @@ class Evidence(msgspec.Struct, frozen=True):
     @property
     def steps(self) -> int:
         """The number of steps of all chains."""
-        return int(self.lengths.sum())
+        return len(self.actions)
 
     @property
-    def going(self) -> list[int]:
-        """How many chains, from the first on, have each step: L numbers."""
-        steps = np.arange(self.actions.shape[1])
-        return [int(count) for count in np.searchsorted(-self.lengths, -steps, side="left")]
-
-    @property
-    def live(self) -> npt.NDArray[np.bool_]:
-        """Which steps there are: L x N."""
-        return np.arange(self.actions.shape[1])[:, None] < self.lengths
+    def places(self) -> list[slice]:
+        """The steps of each place in the chain, L slices; those of place t are of the first chains."""
+        return [slice(*pair) for pair in pairwise(self.starts.tolist())]
 
     @property
     def kinds(self) -> npt.NDArray[np.intp]:
-        """The place of each step's action and symbol among all pairs of them: L x N."""
-        return np.ascontiguousarray((self.actions * len(self.masks) + self.symbols).T)
+        """The place of each step's action and symbol among all pairs of them, M."""
+        return self.actions * len(self.masks) + self.symbols
 
 
 class Fit(msgspec.Struct, frozen=True):
@@ -229,20 +230,23 @@ def _mask(model: POMDP, symbol: Observed) -> npt.NDArray[np.bool_]:
 def _arrays(model: POMDP, found: tuple[list[_Part], dict[tuple[int, Observed], int]]) -> Evidence:
     parts, impossible = found
     parts.sort(key=lambda part: -len(part.actions))
-    lengths = np.array([len(part.actions) for part in parts], dtype=np.intp)
-    longest = int(lengths.max(initial=0))
+    longest = len(parts[0].actions) if parts else 0
     places: dict[Observed, int] = {}
-    actions = np.zeros((len(parts), longest), dtype=np.intp)
-    symbols = np.zeros((len(parts), longest), dtype=np.intp)
-    for place, part in enumerate(parts):
-        actions[place, : lengths[place]] = part.actions
-        symbols[place, : lengths[place]] = [places.setdefault(symbol, len(places)) for symbol in part.symbols]
+    actions: list[int] = []
+    symbols: list[int] = []
+    starts, going = [0], len(parts)
+    for step in range(longest):
+        while len(parts[going - 1].actions) <= step:
+            going -= 1
+        actions += [part.actions[step] for part in parts[:going]]
+        symbols += [places.setdefault(part.symbols[step], len(places)) for part in parts[:going]]
+        starts.append(len(actions))
     states, count = len(model.state_space), len(model.observation_space)
     return Evidence(
         np.array([part.first for part in parts]).reshape(len(parts), states),
-        lengths,
-        actions,
-        symbols,
+        np.array(starts, dtype=np.intp),
+        np.array(actions, dtype=np.intp),
+        np.array(symbols, dtype=np.intp),
         np.array([_mask(model, symbol) for symbol in places]).reshape(len(places), count),
         tuple((action, symbol, times) for (action, symbol), times in impossible.items()),
     )
@@ -260,35 +264,36 @@ def moves(matrices: Matrices, masks: npt.NDArray[np.bool_]) -> Vector:
 
 
 def passes(evidence: Evidence, joint: Vector) -> tuple[Vector, float]:
-    """Return the beliefs before each step, L + 1 x N x S, and the log likelihood of all steps."""
-    flat, kinds, going = joint.reshape(-1, *joint.shape[-2:]), evidence.kinds, evidence.going
-    beliefs = np.zeros((len(kinds) + 1, *evidence.first.shape))
-    sums = np.ones((len(kinds), len(evidence.first), 1))
-    beliefs[0] = evidence.first
-    for step, count in enumerate(going):
-        after = np.matmul(beliefs[step, :count, None], flat[kinds[step, :count]])[:, 0]
-        total = sums[step, :count] = after.sum(axis=1, keepdims=True)
-        np.divide(after, total, out=beliefs[step + 1, :count])
-    return beliefs, float(np.log(sums).sum())
+    """Return the belief before each step, M x S, and the log likelihood of all steps."""
+    flat, kinds = joint.reshape(-1, *joint.shape[-2:]), evidence.kinds
+    before = np.empty((evidence.steps, joint.shape[-1]))
+    sums = np.empty((evidence.steps, 1))
+    belief = evidence.first
+    for place in evidence.places:
+        belief = before[place] = belief[: place.stop - place.start]
+        after = np.matmul(belief[:, None], flat[kinds[place]])[:, 0]
+        total = sums[place] = after.sum(axis=1, keepdims=True)
+        belief = after / total
+    return before, float(np.log(sums).sum())
 
 
 def expected(evidence: Evidence, joint: Vector) -> tuple[Vector, float]:
     """Return how often each transition is expected, with what was observed, and the log likelihood: A x K x S x S'."""
-    beliefs, total = passes(evidence, joint)
-    flat, kinds, going = joint.reshape(-1, *joint.shape[-2:]), evidence.kinds, evidence.going
-    later = np.ones((len(kinds) + 1, *evidence.first.shape))
-    for step in range(len(kinds) - 1, -1, -1):
-        count = going[step]
-        back = np.matmul(flat[kinds[step, :count]], later[step + 1, :count, :, None])[..., 0]
-        np.divide(back, back.sum(axis=1, keepdims=True), out=later[step, :count])
-    live = evidence.live
-    before, after, group = beliefs[:-1][live], later[1:][live], kinds[live]
+    before, total = passes(evidence, joint)
+    flat, kinds = joint.reshape(-1, *joint.shape[-2:]), evidence.kinds
+    later = np.empty(before.shape)  # what is observed after each step, by the state that it leads to
+    running = np.ones(evidence.first.shape)
+    for place in reversed(evidence.places):
+        count = place.stop - place.start
+        later[place] = running[:count]
+        back = np.matmul(flat[kinds[place]], later[place][:, :, None])[..., 0]
+        np.divide(back, back.sum(axis=1, keepdims=True), out=running[:count])
     counts = np.zeros(flat.shape)
-    for kind in np.unique(group):
-        which = group == kind
-        back = after[which] @ flat[kind].T
-        weights = 1 / (before[which] * back).sum(axis=1, keepdims=True)
-        counts[kind] = (before[which] * weights).T @ after[which]
+    for kind in np.unique(kinds):
+        which = kinds == kind
+        after = later[which]
+        weights = 1 / (before[which] * (after @ flat[kind].T)).sum(axis=1, keepdims=True)
+        counts[kind] = (before[which] * weights).T @ after
     return (counts * flat).reshape(joint.shape), total
 
 
@@ -349,6 +354,8 @@ def fit(model: POMDP, evidence: Evidence, *, rounds: int = _ROUNDS) -> Fit:
 
 
 def _check_size(matrices: Matrices, evidence: Evidence) -> None:
+    if evidence.steps * matrices.transitions.shape[1] > _MOST:
+        raise ModelError(f"{evidence.steps} decisions are too many to estimate at once where states are hidden")
     size = matrices.transitions.size * max(len(evidence.masks), 1)
     if size > _LARGEST:
         raise ModelError(
@@ -386,7 +393,7 @@ def _gain(old: Matrices, evidence: Evidence, place: int, action: int, state: int
     for _ in range(_ROUNDS_A_ROW):
         counts, likelihood = expected(evidence, moves(current, evidence.masks))
         first = likelihood if math.isnan(first) else first
-        if likelihood - last < _GAIN:
+        if likelihood - last < _GAIN_A_ROW:
             break
         last = likelihood
         row = _tally(counts, current, evidence)[place][action, state]

@@ -42,11 +42,10 @@ def frequencies(model: POMDP, evidence: Evidence) -> tuple[Frequencies, ...]:
     """
     size = len(model.observation_space)
     matrices = Matrices.of(model)
-    beliefs, _ = passes(evidence, moves(matrices, evidence.masks))
+    before, _ = passes(evidence, moves(matrices, evidence.masks))
     single = evidence.masks.sum(axis=1) == 1
     symbols = evidence.masks.argmax(axis=1)
-    live = evidence.live
-    acted, seen, before = evidence.actions.T[live], evidence.symbols.T[live], beliefs[:-1][live]
+    acted, seen = evidence.actions, evidence.symbols
     every = moves(matrices, np.eye(size, dtype=bool))
     result = []
     for action in np.unique(acted).tolist():

@@ -62,7 +62,7 @@ def test_several_chains_of_several_lengths_count_as_each_alone():
     told = [([0, 1, 0], [2, 1]), ([1, 1, 0, 0, 1], [0, 0, 3, None]), ([0], []), ([1, 0], [3])]
     alone = [evidence_of(model, chains_of(heard(*each)).chains) for each in told]
     together = evidence_of(model, chains_of([each for one in told for each in heard(*one)]).chains)
-    assert (together.steps, together.lengths.tolist()) == (7, [4, 2, 1])
+    assert (together.steps, np.diff(together.starts).tolist()) == (7, [3, 2, 1, 1])
     matrices = Matrices.of(model)
     results = [expected(each, moves(matrices, each.masks)) for each in alone if each.steps]
     counts, likelihood = expected(together, moves(matrices, together.masks))
@@ -129,7 +129,7 @@ def test_an_impossible_observation_is_told_and_cuts_the_chain():
     told[3] = decision(3, 3, "observation", None, 0, observation=2, belief=np.array([0.0, 1.0]))
     evidence = evidence_of(model, chains_of(told).chains)
     assert evidence.impossible == ((0, 2, 1),)
-    assert (evidence.lengths.tolist(), evidence.first.tolist()) == ([2, 1], [[0.5, 0.5], [0.0, 1.0]])
+    assert (np.diff(evidence.starts).tolist(), evidence.first.tolist()) == ([2, 1], [[0.5, 0.5], [0.0, 1.0]])
 
 
 def test_a_model_that_waits_is_refused_and_at_a_fixed_rate_is_not():

@@ -101,7 +101,7 @@ class System(Actor):
         self._tell(task, f"task {task.__name__!r} has returned: what it drove gets nothing more from it")
 
     def _tell(self, task: Callable[[System], Any], detail: str) -> None:
-        self.runtime.faults.publish(Fault(self.runtime.clock.now(), f"tasks/{task.__name__}", "task", detail))
+        self.runtime.faults.publish(Fault(self.runtime.now(), f"tasks/{task.__name__}", "task", detail))
 
     def tree(self) -> str:
         """Return the names of all ensembles, indented below their parents."""

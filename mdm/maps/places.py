@@ -279,6 +279,7 @@ class Places(Actor):
         self._forget()
         self.share(self.predicates)
         poses = self.channel("pose", PoseUpdate)
+        poses.input = True
         poses.supersedes = lambda _: "pose"  # of those that wait in another thread the newest counts
         self.subscribe(poses, self._on_pose)
 
@@ -294,7 +295,7 @@ class Places(Actor):
     # -- Poses ---------------------------------------------------------------------------------------------------
 
     def _on_pose(self, pose: PoseUpdate) -> None:
-        now = self.runtime.clock.now()
+        now = self.runtime.now()
         here = Pose(pose.x, pose.y, pose.yaw, floor=pose.floor)
         if not here.is_finite or (pose.floor != self._floor and pose.floor not in self._levels):
             self._on_bad_pose(here, now)
@@ -434,11 +435,9 @@ class Places(Actor):
         changes = tuple((name, value) for name, value in values.items() if told.get(name, told) is not value)
         self._told = values
         self._witness = next(((name, value) for name, value in values.items() if value is not None), None)
-        with self.predicates.batch():
-            for change in changes:
-                self.predicates.take((change,))
-            if events := self._events():
-                self.predicates.occur(*events)
+        events = self._events()
+        if changes or events:
+            self.predicates.derive(changes, tuple(events))
 
     def _events(self) -> list[str]:
         events = []
@@ -459,7 +458,7 @@ class Places(Actor):
             self._timer = self.call_at(since + self._max_age, self._look)
 
     def _look(self) -> None:
-        now, seconds = self.runtime.clock.now(), f"{self._max_age / 1e9:g} s"
+        now, seconds = self.runtime.now(), f"{self._max_age / 1e9:g} s"
         if self._located and now >= self._seen + self._max_age:
             self.report("stale", f"there was no pose for {seconds} that counts: places are unknown")
             self._lose()

@@ -1,0 +1,82 @@
+"""Records for tests: written by the process, read by the official reader."""
+
+from __future__ import annotations
+
+import fcntl
+from pathlib import Path
+
+import msgspec
+from mcap.reader import make_reader
+
+from mdm import messages
+from mdm.recording import schemas
+from mdm.recording.writer import RecordWriter
+
+HEAD = {"format": "1", "mdm": "0.1.0", "clock": "virtual", "epoch": "0"}
+PATIENCE = 60.0
+"""Seconds after which a test has failed; nothing waits so long."""
+
+
+def encoded(message):
+    return msgspec.json.encode(message, enc_hook=lambda array: array.tolist())
+
+
+def decision(number, *, name="Go", ensemble="patrol", **fields):
+    given = {
+        "state": number % 3,
+        "observation": None,
+        "belief": None,
+        "action": 1,
+        "action_name": name,
+        "reward": 0.5,
+        "cause": "state",
+        "epoch": number,
+        **fields,
+    }
+    return messages.Decision(time=number * 1_000_000, ensemble=ensemble, **given)
+
+
+class Writing:
+    """A record that is open, and takes messages by the names of topics."""
+
+    def __init__(self, path, head=HEAD, **options):
+        self.writer = RecordWriter(path, **options)
+        self.writer.open()
+        if head is not None:
+            self.writer.metadata("mdm", head)
+        self.topics = {}
+
+    def write(self, topic, message, kind=None):
+        kind = kind or type(message)
+        if topic not in self.topics:
+            self.topics[topic] = self.writer.topic(topic, schemas.name(kind), schemas.schema(kind))
+        self.writer.write(self.topics[topic], message.time, encoded(message))
+
+    def close(self):
+        self.writer.close(PATIENCE)
+        assert self.writer.failure is None
+        return self.writer.path
+
+
+def written(path, messages, head=HEAD, **options):
+    """Write pairs of topic and message; return the path."""
+    record = Writing(path, head, **options)
+    for topic, message in messages:
+        record.write(topic, message)
+        record.writer.flush()
+    return record.close()
+
+
+def official(path):
+    """Return what the official reader reads, checksums included: topic, time, sequence, publish time, data."""
+    with Path(path).open("rb") as file:
+        return [
+            (channel.topic, message.log_time, message.sequence, message.publish_time, message.data)
+            for _, channel, message in make_reader(file, validate_crcs=True).iter_messages(log_time_order=False)
+        ]
+
+
+def wait_until_written(path):
+    """Wait until no process records to a file any more."""
+    with Path(path).open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_SH)

@@ -102,8 +102,11 @@ class _File:
         self.topics: dict[int, Topic] = {}
         self.chunks: list[_Chunk] = []
         self.counts: Counter[str] = Counter()
-        self.numbers: list[int] = []
-        """The first and the last number of messages, of each chunk."""
+        self.first: int | None = None
+        self.last: int | None = None
+        """The numbers of the first message and of the last one."""
+        self.gaps = 0
+        """How many numbers between them no message has."""
         self.torn: str | None = None
         self.whole = 0
         """Bytes from the start that are whole."""
@@ -197,22 +200,26 @@ class _File:
         data = self.unpack(content)
         position, size = 0, len(data)
         counts: Counter[int] = Counter()
-        first, last, numbers = 2**64, 0, []
+        first, last, before, gaps = 2**64, 0, self.last, self.gaps
         while position < size:
             kind, length = _RECORD.unpack_from(data, position)
             if kind == _MESSAGE:
                 _, _, channel, sequence, stamp, _ = _STAMPED.unpack_from(data, position)
                 counts[channel] += 1
-                numbers.append(sequence)
                 first, last = min(first, stamp), max(last, stamp)
+                if before is None:
+                    self.first = sequence
+                else:
+                    gaps += _between(before, sequence)
+                before = sequence
             else:
                 self._describe(kind, data[position + _RECORD.size : position + _RECORD.size + length])
             position += _RECORD.size + length
         if position != size or not set(counts) <= set(self.topics):
             raise _Torn("a chunk is damaged")
-        self.numbers += (numbers[0], numbers[-1]) if numbers else ()
         for channel, count in counts.items():
             self.counts[self.topics[channel].name] += count
+        self.last, self.gaps = before, gaps
         self.chunks.append(_Chunk(self.whole + _RECORD.size, len(content), first, last, frozenset(counts)))
 
     def unpack(self, content: bytes) -> bytes:
@@ -272,6 +279,14 @@ class _File:
                         if channel in wanted and since <= stamp < until:
                             yield wanted[channel], stamp, sequence, data[position + _STAMPED.size : end]
                     position = end
+
+
+def _between(before: int, after: int) -> int:
+    """Return how many numbers are left out between those of two messages, which begin anew after 32 bits."""
+    step = (after - before) % 2**32
+    if not 0 < step < 2**31:
+        raise _Torn("a chunk is not in its place")
+    return step - 1
 
 
 def _string(content: bytes, position: int) -> tuple[str, int]:
@@ -390,8 +405,11 @@ class Record:
 
     def _lost(self) -> int:
         """Return how many numbers of messages are left out, or how many the end says."""
-        numbers = [number for file in self._files for number in file.numbers]
-        gaps = max(numbers) - min(numbers) + 1 - self.counts.total() if numbers else 0
+        gaps, before = 0, None if self.number else -1
+        for file in self._files:
+            if file.first is not None:
+                gaps += file.gaps + (0 if before is None else (file.first - before - 1) % 2**32)
+                before = file.last
         return max(gaps, _number(self.metadata, _END, "lost"))
 
     def messages(

@@ -274,15 +274,29 @@ def test_a_file_that_changes_while_it_is_read_is_told(tmp_path, read):
         list(messages)
 
 
-def test_lost_messages_show_in_the_numbers_of_a_torn_record(read):
+def numbered(*numbers):
+    """Return a record without an end, whose messages have these numbers, a chunk each."""
     content = io.BytesIO()
     file = File(content, "mdm/0.1.0", chunk=100)
     file.metadata("mdm", HEAD)
     topic = file.topic("decisions", "mdm.Decision", json.dumps(schema(Decision)).encode())
-    for number in (3, 4, 9, 10):
+    for number in numbers:
         file.add_message(topic, number, encoded(decision(number)), number, number)
     file.flush()
-    assert read(content.getvalue()).lost == 4
+    return content.getvalue()
+
+
+def test_lost_messages_show_in_the_numbers_of_a_torn_record(read):
+    assert read(numbered(0, 1, 2)).lost == 0
+    assert read(numbered(3, 4, 9, 10)).lost == 7
+    assert read(numbered(0, 2**31 - 1, 2**32 - 2, 1)).counts["decisions"] == 4
+
+
+@pytest.mark.parametrize("numbers", [(0, 1, 1, 2), (0, 1, 0, 1), (5, 4)])
+def test_a_chunk_that_is_not_in_its_place_is_a_tear(read, numbers):
+    record = read(numbered(*numbers))
+    assert "a chunk is not in its place" in record.torn
+    assert [each.sequence for each in record.messages()] == list(numbers[: len(numbers) // 2])
 
 
 def test_what_json_cannot_say_of_numbers(tmp_path):

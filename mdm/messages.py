@@ -25,6 +25,7 @@ __all__ = [
     "Fault",
     "Heading",
     "Idle",
+    "Journey",
     "Message",
     "Mode",
     "ModeName",
@@ -121,6 +122,13 @@ class Heading(Message, frozen=True, gc=False):
     source: str | None
     target: str
     why: str
+
+
+class Journey(Message, frozen=True, gc=False):
+    """A drive to the goal of ``place`` is under way, or none where that is None; ``arrived`` where it has ended there."""
+
+    place: str | None
+    arrived: bool = False
 
 
 class Progress(Message, frozen=True, gc=False):

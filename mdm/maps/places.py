@@ -12,7 +12,7 @@ from mdm.errors import ConfigError, Error, MapError
 from mdm.maps.graph import Pose
 from mdm.maps.map import Floors, Map
 from mdm.maps.raster import Labels, border_distance, lookup
-from mdm.messages import PoseUpdate
+from mdm.messages import Journey, PoseUpdate
 from mdm.runtime import Actor
 from mdm.runtime.time.clock import check_seconds
 
@@ -205,8 +205,23 @@ class Places(Actor):
 
     def set_out(self, place: str | None) -> None:
         """Take it that a drive to a place's goal is under way, or none."""
-        self._heads_for = None if place is None else self._nodes.get(place)
-        self._near_since = None
+        self._travel(place)
+
+    def _travel(self, place: str | None, *, arrived: bool = False) -> None:
+        """Publish how a drive stands: it is input, which a record keeps."""
+        journey = Journey(self.runtime.now(), place, arrived)
+        if self.life == "running":
+            self.channel("journeys", Journey).publish(journey)
+        else:
+            self._on_journey(journey)
+
+    def _on_journey(self, journey: Journey) -> None:
+        goal = None if journey.place is None else self._nodes.get(journey.place)
+        if journey.arrived and goal is not None:
+            self._reach(goal)
+        else:
+            self._heads_for = goal
+            self._near_since = None
 
     async def arrive(self, place: str) -> None:
         """Take it that a drive has come to a place's goal: by the last pose, or by one that comes within ``max_age``.
@@ -220,7 +235,7 @@ class Places(Actor):
         if goal is None or goal != self._nodes.get(place) or self._pose is None:
             return
         if self._is_near(goal, self._pose):
-            self._reach(goal)
+            self._travel(place, arrived=True)
             return
         self._arrives = arrives = asyncio.get_running_loop().create_future()
 
@@ -232,7 +247,7 @@ class Places(Actor):
         try:
             if await arrives:
                 # Only now: what is decided there comes after the end of the drive, and does not pre-empt it.
-                self._reach(goal)
+                self._travel(place, arrived=True)
             elif self._pose is not None:
                 far = self._distance(goal, self._pose)
                 if math.isinf(far):
@@ -282,6 +297,9 @@ class Places(Actor):
         poses.input = True
         poses.supersedes = lambda _: "pose"  # of those that wait in another thread the newest counts
         self.subscribe(poses, self._on_pose)
+        journeys = self.channel("journeys", Journey)
+        journeys.input = True
+        self.subscribe(journeys, self._on_journey)
 
     def on_failing(self, error: BaseException) -> None:
         """Let all be unknown at once."""

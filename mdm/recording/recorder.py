@@ -21,7 +21,7 @@ from mdm.checks import is_whole
 from mdm.errors import ConfigError
 from mdm.messages import ActionLife, Decision, Fault
 from mdm.recording import schemas
-from mdm.recording.stimuli import Began, Ended, Finished, GoesOn, Lasts, Late, Raised, Said, Stimulus, Ticked
+from mdm.recording.stimuli import Began, Ended, Failed, Finished, GoesOn, Kept, Lasts, Late, Raised, Said, Stimulus, Ticked
 from mdm.recording.writer import RecordWriter
 from mdm.version import __version__
 
@@ -40,6 +40,7 @@ _AFTER = 0.05
 _SLICE = 100_000
 """Nanoseconds that encoding takes before the event loop has its turn."""
 _BOUND = 100_000
+_Kept = tuple[dict[str, "bool | None"], dict[str, int]]
 _SAID, _CALLED, _LIVED, _DECIDED, _SENT = range(5)
 
 
@@ -258,16 +259,26 @@ class Recorder:
             self._put((_SAID, time, channel.name, message, "outside", "", 0))
 
     async def comes(self, actor: str, step: str) -> None:
-        """Let an actor come to a step of its start."""
+        """Let an actor come to a step of its life."""
 
     def came(self, actor: str, step: Any, time: int) -> None:
-        """Note that an actor has come to a step of its start; hear the channels that there are by then."""
+        """Note that an actor has come to a step of its life; hear the channels that there are by then."""
         self._put((Began(time, actor, step),))
         assert self._runtime is not None
         if self.channels and step == "run":
             for channel in self._runtime.channels:
                 if channel.name in self.channels and channel.name not in self._topics:
                     self._hear(channel.name, channel)
+
+    def failed(self, actor: str, error: str, time: int) -> None:
+        """Note that an actor has failed."""
+        self._put((Failed(time, actor, error),))
+
+    def kept(self, actor: str, values: dict[str, bool | None], times: dict[str, int], time: int) -> _Kept:
+        """Note the values that sensors have told a predicate manager before it starts."""
+        if values:
+            self._put((Kept(time, actor, dict(values), dict(times)),))
+        return values, times
 
     def rates(self, actor: str, ticker: Any) -> None:
         """Let an actor tick."""

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import msgspec
 
-__all__ = ["Began", "Ended", "Finished", "GoesOn", "Lasts", "Late", "Raised", "Said", "Stimulus", "Ticked", "Where"]
+__all__ = ["Began", "Ended", "Failed", "Finished", "GoesOn", "Kept", "Lasts", "Late", "Raised", "Said", "Stimulus", "Ticked", "Where"]
 
 Where = Literal["outside", "call", "task", "turn"]
 """Where users' code said something: outside of all turns; within the call of an action, or in its task, both of a life
@@ -22,10 +22,28 @@ class _Stimulus(msgspec.Struct, frozen=True, gc=False, tag_field="kind", tag=str
 
 
 class Began(_Stimulus, frozen=True, gc=False):
-    """An actor came to a step of its start: ``start`` when `on_start` is called, ``run`` when `on_running` is."""
+    """An actor came to a step of its life: its start when `on_start` is called, ``run`` when `on_running` is.
+
+    An ensemble comes to its ``stop`` when its end begins, for good or before it starts anew.
+    """
 
     actor: str
-    step: Literal["start", "run"]
+    step: Literal["start", "run", "stop"]
+
+
+class Failed(_Stimulus, frozen=True, gc=False):
+    """An actor failed, by itself or with another that did before."""
+
+    actor: str
+    error: str
+
+
+class Kept(_Stimulus, frozen=True, gc=False):
+    """Sensors had told a predicate manager values before it started; ``times`` says when, where that is known."""
+
+    actor: str
+    values: dict[str, bool | None]
+    times: dict[str, int]
 
 
 class Said(_Stimulus, frozen=True, gc=False):
@@ -101,5 +119,5 @@ class Finished(_Stimulus, frozen=True, gc=False):
     """The runtime began to end."""
 
 
-Stimulus = Began | Said | Ticked | Lasts | Ended | Raised | GoesOn | Late | Finished
+Stimulus = Began | Failed | Kept | Said | Ticked | Lasts | Ended | Raised | GoesOn | Late | Finished
 """One of them; ``kind`` in JSON is the name of its class in small letters."""

@@ -7,7 +7,7 @@ from collections import Counter, defaultdict, deque
 from typing import TYPE_CHECKING, Any
 
 from mdm.messages import Decision
-from mdm.recording.stimuli import Began, Ended, GoesOn, Lasts, Late, Raised, Said
+from mdm.recording.stimuli import Began, Ended, GoesOn, Kept, Lasts, Late, Raised, Said
 from mdm.replay.difference import Difference, unlike
 from mdm.replay.stand_in import AsRecordedError, StandIn
 
@@ -58,9 +58,11 @@ class Player:
             self._expected[decision.ensemble].append((number, decision))
             self.count += 1
         self._next = 0
+        self._compared = False
         self._said: dict[tuple[str, int], list[Said]] = defaultdict(list)
         self._raised: dict[tuple[str, int], Raised] = {}
         self._lasting: set[tuple[str, int]] = set()
+        self._kept: dict[tuple[str, int], tuple[dict[str, bool | None], dict[str, int]]] = {}
         self._ended: set[tuple[str, int]] = set()
         self._goes_on: dict[tuple[str, int, int], bool] = {}
         self._late: dict[tuple[str, int, int], int] = {}
@@ -87,12 +89,14 @@ class Player:
             self._goes_on[stimulus.ensemble, stimulus.epoch, stimulus.time] = stimulus.answer
         elif isinstance(stimulus, Late):
             self._late[stimulus.ensemble, stimulus.epoch, stimulus.time] = stimulus.latency
+        elif isinstance(stimulus, Kept):
+            self._kept[stimulus.actor, stimulus.time] = stimulus.values, stimulus.times
         elif isinstance(stimulus, Began):
             self._begins[stimulus.actor, stimulus.step] += 1
         elif isinstance(stimulus, Ended):
             self._ended.add((stimulus.ensemble, stimulus.life))
 
-    # -- Starts ------------------------------------------------------------------------------------------------------
+    # -- Starts and ends -----------------------------------------------------------------------------------------------
 
     async def comes(self, actor: str, step: str) -> None:
         """Wait until the record comes to this step; one that it does not have is taken at once."""
@@ -132,6 +136,15 @@ class Player:
     def came(self, actor: str, step: str, time: int) -> None:
         """Take it that an actor comes to a step."""
         self._steps.add((actor, step))
+
+    def failed(self, actor: str, error: str, time: int) -> None:
+        """Take a failure."""
+
+    def kept(
+        self, actor: str, values: dict[str, bool | None], times: dict[str, int], time: int
+    ) -> tuple[dict[str, bool | None], dict[str, int]]:
+        """Return what sensors had told before the actor's start."""
+        return self._kept.get((actor, time), ({}, {}))
 
     # -- Input -----------------------------------------------------------------------------------------------------
 
@@ -213,7 +226,9 @@ class Player:
         action: int,
         reward: float | None,
     ) -> None:
-        """Compare a decision with that of the record."""
+        """Compare a decision with that of the record, as long as that goes on."""
+        if self._compared:
+            return
         belief = None if current is None else output.belief_of(current)
         name = output.name_of(action)
         made = Decision(time, output.ensemble, epoch, cause, state, observation, belief, action, name, reward)
@@ -233,7 +248,8 @@ class Player:
             self.differences.append(difference)
 
     def missed(self, until: int) -> None:
-        """Take it that decisions of the record up to a time are not made any more."""
+        """Take it that decisions of the record up to a time are not made any more, and compare no further ones."""
+        self._compared = True
         left = sorted(
             (item for expected in self._expected.values() for item in expected if item[1].time <= until),
             key=lambda item: item[0],

@@ -16,7 +16,7 @@ from mdm.errors import Error
 from mdm.messages import Control, Decision, Tick
 from mdm.recording import Record
 from mdm.recording.recorder import environment
-from mdm.recording.stimuli import Began, Ended, Finished, Said, Ticked
+from mdm.recording.stimuli import Began, Ended, Failed, Finished, Said, Ticked
 from mdm.replay.clock import ReplayClock
 from mdm.replay.difference import Difference
 from mdm.replay.player import Player
@@ -115,18 +115,20 @@ class _Entered:
     ) -> None:
         self._runtime, self._player, self._clock = runtime, player, clock
         self._tops, self._stimuli, self._most = tops, stimuli, most
+        self._program: list[asyncio.Task[None]] = []
         player.say = self._say
 
     async def __aenter__(self) -> None:
         driver = asyncio.create_task(self._drive())
         async with self._runtime:
-            starts = [asyncio.create_task(self._runtime.start(top)) for top in self._tops]
+            program = self._program
+            program += [asyncio.create_task(self._runtime.start(top)) for top in self._tops]
             try:
                 await driver
             finally:
-                for start in starts:
-                    start.cancel()
-                await asyncio.gather(*starts, return_exceptions=True)
+                for task in program:
+                    task.cancel()
+                await asyncio.gather(*program, return_exceptions=True)
                 self._runtime.dispatcher.tape = None
 
     async def __aexit__(self, *_: object) -> None:
@@ -165,7 +167,10 @@ class _Entered:
     async def _give(self, stimulus: Stimulus) -> None:
         player = self._player
         if isinstance(stimulus, Began):
+            self._ask(stimulus)
             await player.admit(stimulus, _PATIENCE)
+        elif isinstance(stimulus, Failed):
+            self._fail(stimulus)
         elif isinstance(stimulus, Said) and stimulus.where == "task":
             found = player.stand_ins.get((stimulus.ensemble, stimulus.life))
             if found is not None and not found[1].done:
@@ -181,6 +186,21 @@ class _Entered:
         elif isinstance(stimulus, Ended):
             await self._end(stimulus)
         await self._settle()
+
+    def _ask(self, began: Began) -> None:
+        """Stop or start anew an actor at the top, where the program has done so."""
+        for top in self._tops:
+            if top.path == began.actor and not top.failing:
+                if began.step == "stop" and top.life == "running":
+                    self._program.append(asyncio.create_task(self._runtime.stop(top)))
+                elif began.step == "start" and top.life in {"stopped", "failed"}:
+                    self._program.append(asyncio.create_task(self._runtime.start(top)))
+
+    def _fail(self, failed: Failed) -> None:
+        """Have an actor fail, unless it has with another, or by itself."""
+        actor = _actor_at(self._runtime.root, failed.actor)
+        if actor is not None and not actor.failing:
+            actor.fail(AsRecordedError(failed.error))
 
     async def _end(self, ended: Ended) -> None:
         found = self._player.stand_ins.get((ended.ensemble, ended.life))
@@ -211,7 +231,7 @@ class _Entered:
     def _command(self, said: Said) -> bool:
         """Give an ensemble a command, by which one that has not started keeps it; return whether there is one."""
         ensemble: Any = _actor_at(self._runtime.root, said.channel.rpartition("/")[0])
-        if not hasattr(ensemble, "publish_state"):
+        if ensemble is None or not hasattr(ensemble, "publish_state"):
             return False
         command = said.message.command
         if command == "resume":
@@ -225,7 +245,7 @@ def _actor_at(root: Actor, path: str) -> Actor | None:
     waiting = [root]
     while waiting:
         actor = waiting.pop()
-        if actor.path == path and actor is not root and hasattr(actor, "publish_state"):
+        if actor.path == path and actor is not root:
             return actor
         waiting += actor.children
     return None

@@ -381,10 +381,16 @@ class Actor:
         if isinstance(error, LEAVING) and self.__runtime is not None:
             self.__runtime.abort(error)
             return
+        dispatcher = None if self.__runtime is None else self.__runtime.dispatcher
+        if dispatcher is not None and dispatcher.time < 0 and not dispatcher.active:
+            dispatcher.deliver(Subscription(None, None, lambda _: self.fail(error)), None)  # which has one time
+            return
         if self.life in {"created", "stopped", "failed"} or self.__request in {"restart", "fail"}:
             if self.__runtime is not None:
                 self.report("exception", describe(error))
             return
+        if dispatcher is not None and dispatcher.tape is not None:
+            dispatcher.tape.failed(self.path, describe(error), dispatcher.now())
         self.__failures += 1
         if self.path or not getattr(error, "escalated", False):  # the root and a system have no name of their own
             self.report("exception", describe(error))
@@ -526,7 +532,7 @@ class Actor:
                 if failed is None:
                     if not self.__asked("stop"):  # else some of its children may not have been started
                         self.__change("running")
-                        await self.__comes("run", self.__run_on)
+                        await self.reach("run", self.__run_on)
                     if start is not None:
                         start.done()
                     if self.__requested is not None:
@@ -561,14 +567,14 @@ class Actor:
                 errors.append(failure(error))
             done.set()
 
-        await self.__comes("start", begin)
+        await self.reach("start", begin)
         if not done.is_set():  # a turn that was cut short comes first
             await done.wait()
         if errors:
             raise errors[0]
 
-    async def __comes(self, step: Literal["start", "run"], handler: Callable[[None], None]) -> None:
-        """Come to a step of the start, in a turn of its own; a tape may have it wait for its time."""
+    async def reach(self, step: Literal["start", "run", "stop"], handler: Callable[[None], None]) -> None:
+        """Come to a step of its life, in a turn of its own; a tape may have it wait for its time."""
         dispatcher = self.runtime.dispatcher
         tape = dispatcher.tape
         if tape is None:

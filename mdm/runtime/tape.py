@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from mdm.runtime.time.scheduler import Ticker
     from mdm.runtime.work import Work
 
-__all__ = ["Acting", "Deciding", "Tape"]
+__all__ = ["Acting", "Deciding", "Kept", "Tape"]
+
+Kept = tuple[dict[str, "bool | None"], dict[str, int]]
+"""The values that sensors told before a start, and when, in nanoseconds, where that is known."""
 
 
 class Symbols(Protocol):
@@ -91,10 +94,16 @@ class Tape(Protocol):
         """A message was published on a channel of input, in the turn of a time or as the beginning of it."""
 
     async def comes(self, actor: str, step: str) -> None:
-        """An actor is about to come to a step of its start: ``start`` or ``run``."""
+        """An actor is about to come to a step of its life: ``start``, ``run`` or ``stop``."""
 
     def came(self, actor: str, step: str, time: int) -> None:
-        """An actor has come to a step of its start."""
+        """An actor has come to a step of its life."""
+
+    def failed(self, actor: str, error: str, time: int) -> None:
+        """An actor has failed, by itself or with another."""
+
+    def kept(self, actor: str, values: dict[str, bool | None], times: dict[str, int], time: int) -> Kept:
+        """Return the values that sensors told a predicate manager before it starts: those given, or the record's."""
 
     def rates(self, actor: str, ticker: Ticker) -> None:
         """An actor is to tick."""

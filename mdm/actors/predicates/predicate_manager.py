@@ -327,6 +327,9 @@ class PredicateManager(Actor):
         now = self.runtime.now()
         self._begun = self._home is self.runtime
         self._home = self.runtime
+        if (tape := self.runtime.dispatcher.tape) is not None:
+            backlog = self._backlog
+            backlog.values, backlog.times = tape.kept(self.path, backlog.values, backlog.times, now)
         if self._begun:
             self._backlog.expire(now, self._max_age)
         self._network = self.network()

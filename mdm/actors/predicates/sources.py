@@ -102,35 +102,36 @@ class Backlog:
 
     Attributes:
         values: By predicate.
+        times: When they were told, in nanoseconds, where that is known.
     """
 
-    __slots__ = ("_times", "values")
+    __slots__ = ("times", "values")
 
     def __init__(self) -> None:
         self.values: dict[str, bool | None] = {}
-        self._times: dict[str, int] = {}
+        self.times: dict[str, int] = {}
 
     def put(self, readings: Iterable[tuple[str, bool | None]], time: int | None) -> None:
         """Take values, told at a time in nanoseconds; None before the first start, when there is no clock."""
         for name, value in readings:
             self.values[name] = value
             if time is not None:
-                self._times[name] = time
+                self.times[name] = time
 
     def expire(self, now: int, limits: Mapping[str, int]) -> None:
         """Let values expire that are older than their limits, in nanoseconds."""
         for name, limit in limits.items():
-            if now - self._times.get(name, now) > limit:
+            if now - self.times.get(name, now) > limit:
                 self.values.pop(name, None)
 
     def told(self, name: str, now: int) -> int:
         """Return when a sensor was told its value; now, where that is not known."""
-        return self._times.get(name, now)
+        return self.times.get(name, now)
 
     def clear(self) -> None:
         """Forget everything."""
         self.values.clear()
-        self._times.clear()
+        self.times.clear()
 
 
 if sys.version_info >= (3, 12):

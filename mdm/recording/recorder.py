@@ -21,7 +21,7 @@ from mdm.checks import is_whole
 from mdm.errors import ConfigError
 from mdm.messages import ActionLife, Decision, Fault
 from mdm.recording import schemas
-from mdm.recording.stimuli import Began, Ended, Failed, Finished, GoesOn, Kept, Lasts, Late, Raised, Said, Stimulus, Ticked
+from mdm.recording.stimuli import Began, Ended, Failed, Finished, GoesOn, Kept, Lasts, Late, Raised, Said, Stimulus, Ticked, count_messages
 from mdm.recording.writer import RecordWriter
 from mdm.version import __version__
 
@@ -202,8 +202,8 @@ class Recorder:
         elif kind == _DECIDED:
             self._add("decisions", self._decision(*item[1:]))
         elif kind == _SAID:
-            _, time, name, message, where, ensemble, life = item
-            self._add("stimuli", Said(time, name, type(message).__name__, message, where, ensemble, life))
+            _, time, name, message, *source = item
+            self._add("stimuli", Said(time, name, type(message).__name__, message, *source))
         elif kind == _CALLED:
             _, ensemble, life, action, time = item
             self._add("lives", ActionLife(time, ensemble, life, action, "running"))
@@ -250,13 +250,13 @@ class Recorder:
         if dispatcher.active and dispatcher.time >= 0:
             for ensemble, layer in self._layers.items():
                 if life := layer.calls:
-                    self._put((_SAID, time, channel.name, message, "call", ensemble, life))
+                    self._put((_SAID, time, channel.name, message, "call", ensemble, life, 0))
                     return
-            self._put((_SAID, time, channel.name, message, "turn", "", 0))
+            self._put((_SAID, time, channel.name, message, "turn", "", 0, count_messages(runtime.channels)))
         elif self._tasks and (source := self._tasks.get(asyncio.current_task())) is not None:
-            self._put((_SAID, time, channel.name, message, "task", *source))
+            self._put((_SAID, time, channel.name, message, "task", *source, 0))
         else:
-            self._put((_SAID, time, channel.name, message, "outside", "", 0))
+            self._put((_SAID, time, channel.name, message, "outside", "", 0, 0))
 
     async def comes(self, actor: str, step: str) -> None:
         """Let an actor come to a step of its life."""

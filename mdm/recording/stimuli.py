@@ -6,15 +6,56 @@ of actions as events. ``time`` is that of the turn which the stimulus begins, in
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-__all__ = ["Began", "Ended", "Failed", "Finished", "GoesOn", "Kept", "Lasts", "Late", "Raised", "Said", "Stimulus", "Ticked", "Where"]
+from mdm.messages import (
+    Action,
+    Answer,
+    Control,
+    EventUpdate,
+    Observation,
+    PredicateUpdate,
+    Question,
+    SensorUpdate,
+    State,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from mdm.runtime.channel import Channel
+
+__all__ = [
+    "Began",
+    "Ended",
+    "Failed",
+    "Finished",
+    "GoesOn",
+    "Kept",
+    "Lasts",
+    "Late",
+    "Raised",
+    "Said",
+    "Stimulus",
+    "Ticked",
+    "Where",
+    "count_messages",
+]
 
 Where = Literal["outside", "call", "task", "turn"]
 """Where users' code said something: outside of all turns; within the call of an action, or in its task, both of a life
 with a number; or elsewhere within a turn, as in a handler of their own."""
+
+_COUNTED = frozenset(
+    {Action, Answer, Control, EventUpdate, Observation, PredicateUpdate, Question, SensorUpdate, State}
+)
+
+
+def count_messages(channels: Iterable[Channel[Any]]) -> int:
+    """Return how many messages the channels have carried that lead to decisions: how far a turn has come."""
+    return sum([channel.published for channel in channels if channel.type in _COUNTED])
 
 
 class _Stimulus(msgspec.Struct, frozen=True, gc=False, tag_field="kind", tag=str.lower):
@@ -50,7 +91,8 @@ class Said(_Stimulus, frozen=True, gc=False):
     """A message was published on a channel that the library takes input from.
 
     ``type`` is the message's class; ``ensemble`` and ``life`` are those of the action whose code said it, where
-    ``where`` is ``call`` or ``task``.
+    ``where`` is ``call`` or ``task``. Where it is ``turn``, ``after`` is how many messages had been published by then,
+    see `count_messages`: its place in that turn.
     """
 
     channel: str
@@ -59,6 +101,7 @@ class Said(_Stimulus, frozen=True, gc=False):
     where: Where = "outside"
     ensemble: str = ""
     life: int = 0
+    after: int = 0
 
 
 class Ticked(_Stimulus, frozen=True, gc=False):

@@ -51,6 +51,8 @@ class Player:
         self.stand_ins: dict[tuple[str, int], tuple[StandIn, Work]] = {}
         self.tickers: dict[str, Ticker] = {}
         self.say: Callable[[Said], None] = lambda _: None
+        # What users' handlers said within turns, and was not said yet.
+        self.turns: deque[Said] = deque()
         self.since: deque[Stimulus] = deque(maxlen=_SINCE)
         self._tolerance, self._most = tolerance, most
         self._expected: dict[str, deque[tuple[int, Decision]]] = defaultdict(deque)
@@ -81,6 +83,8 @@ class Player:
         """Put what answers a question where it is found when that is asked."""
         if isinstance(stimulus, Said) and stimulus.where == "call":
             self._said[stimulus.ensemble, stimulus.life].append(stimulus)
+        elif isinstance(stimulus, Said) and stimulus.where == "turn":
+            self.turns.append(stimulus)
         elif isinstance(stimulus, Raised):
             self._raised[stimulus.ensemble, stimulus.life] = stimulus
         elif isinstance(stimulus, Lasts):

@@ -16,7 +16,7 @@ from mdm.errors import Error
 from mdm.messages import Control, Decision, Tick
 from mdm.recording import Record
 from mdm.recording.recorder import environment
-from mdm.recording.stimuli import Began, Ended, Failed, Finished, Said, Ticked
+from mdm.recording.stimuli import Began, Ended, Failed, Finished, Said, Ticked, count_messages
 from mdm.replay.clock import ReplayClock
 from mdm.replay.difference import Difference
 from mdm.replay.player import Player
@@ -84,7 +84,6 @@ def replay(record: Record | str | Path, actors: Actor | Sequence[Actor], *, most
     async def main() -> None:
         runtime = Runtime(clock=clock, log=False, watchdog=None, signals=False)
         runtime.dispatcher.tape = player
-        runtime.dispatcher.unlimited = True
         async with _Entered(runtime, player, clock, tops, stimuli, most):
             pass
 
@@ -117,6 +116,7 @@ class _Entered:
         self._tops, self._stimuli, self._most = tops, stimuli, most
         self._program: list[asyncio.Task[None]] = []
         player.say = self._say
+        runtime.dispatcher.watch = self._say_in_turn
 
     async def __aenter__(self) -> None:
         driver = asyncio.create_task(self._drive())
@@ -177,7 +177,11 @@ class _Entered:
                 await found[0].do(lambda: self._say(stimulus))
             else:
                 self._say(stimulus)
-        elif isinstance(stimulus, Said) and stimulus.where != "call":
+        elif isinstance(stimulus, Said) and stimulus.where == "turn":
+            if player.turns and player.turns[0] is stimulus:  # else its turn has come
+                player.turns.popleft()
+                self._say(stimulus)
+        elif isinstance(stimulus, Said) and stimulus.where == "outside":
             self._say(stimulus)
         elif isinstance(stimulus, Ticked):
             ticker = player.tickers.get(stimulus.actor)
@@ -215,6 +219,16 @@ class _Entered:
             error = asyncio.CancelledError()
         stand_in.end(error)
         await work.over
+
+    def _say_in_turn(self) -> None:
+        """Publish what users' handlers said in the running turn, once that has come as far as it had then."""
+        runtime, turns = self._runtime, self._player.turns
+        while (
+            turns
+            and turns[0].time == runtime.dispatcher.time
+            and turns[0].after == count_messages(runtime.channels)
+        ):
+            self._say(turns.popleft())
 
     def _say(self, said: Said) -> None:
         """Publish what was said, on its channel, in the present turn or as the beginning of one."""

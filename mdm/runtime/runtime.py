@@ -250,14 +250,14 @@ class Runtime:
         if self.ending:
             return
         self.ending = True
-        if self.dispatcher.tape is not None:
-            self.dispatcher.tape.finishes(self.now())
         if self.dispatcher.active:
             self._tell_of_end()
         else:  # in one turn, so that what one of them publishes reaches no other before that has been told
             self.dispatcher.deliver(Subscription(None, None, lambda _: self._tell_of_end()), None)
 
     def _tell_of_end(self) -> None:
+        if self.dispatcher.tape is not None:
+            self.dispatcher.tape.finishes(self.now())
         waiting: list[Actor] = [self.root]
         while waiting:
             actor = waiting.pop()

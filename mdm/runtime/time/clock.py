@@ -158,6 +158,7 @@ class Clock(ABC):
 
     Attributes:
         due: When the next timer is due, or earlier, where that one was cancelled.
+        firing: Whether timers fire.
     """
 
     def __init__(self) -> None:
@@ -165,7 +166,7 @@ class Clock(ABC):
         self._heap: list[tuple[int, int, int, Timer]] = []
         self._order = count()
         self._sweep_at = _SWEEP
-        self._firing = False
+        self.firing = False
         self._loop: asyncio.AbstractEventLoop | None = None
 
     @abstractmethod
@@ -187,7 +188,7 @@ class Clock(ABC):
             self._sweep()
         heapq.heappush(self._heap, (when, rank, next(self._order), timer))
         if when < self.due:
-            if self._firing:  # what fires looks at it next
+            if self.firing:  # what fires looks at it next
                 self.due = when
             else:
                 self._arm_next()
@@ -269,9 +270,9 @@ class Clock(ABC):
             one_rank: Leave timers of a further rank of an instant to the next call, when tasks that those before have
                 resumed have run.
         """
-        heap, left, nested, due = self._heap, _MOST, self._firing, self.due
+        heap, left, nested, due = self._heap, _MOST, self.firing, self.due
         fired = (-1, 0)
-        self._firing = True
+        self.firing = True
         try:
             while heap and left:
                 when, rank, _, timer = heap[0]
@@ -283,7 +284,7 @@ class Clock(ABC):
                     fired = (when, rank)
                     timer.fire()
         finally:
-            self._firing = nested
+            self.firing = nested
             self._look_at_next()
             if not nested and (by < before or self.due != due):  # else the request to be called is as it was
                 self._arm_next()

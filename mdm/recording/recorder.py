@@ -280,6 +280,10 @@ class Recorder:
         """Note that the runtime begins to end."""
         self._put((Finished(time),))
 
+    def note(self, stimulus: Stimulus) -> None:
+        """Note a stimulus as it is."""
+        self._put((stimulus,))
+
     def acts(self, ensemble: str, layer: _Acting) -> None:
         """Know an action layer."""
         self._layers[ensemble] = layer

@@ -10,7 +10,26 @@ from typing import Any, Literal
 
 import msgspec
 
-__all__ = ["Began", "Ended", "Finished", "GoesOn", "Lasts", "Late", "Raised", "Said", "Stimulus", "Ticked", "Where"]
+__all__ = [
+    "Answered",
+    "Began",
+    "Commanded",
+    "Ended",
+    "Finished",
+    "GoesOn",
+    "Joined",
+    "Lasts",
+    "Late",
+    "Opened",
+    "Raised",
+    "Received",
+    "Said",
+    "Seen",
+    "Stimulus",
+    "Ticked",
+    "Unsent",
+    "Where",
+]
 
 Where = Literal["outside", "call", "task", "turn"]
 """Where users' code said something: outside of all turns; within the call of an action, or in its task, both of a life
@@ -97,9 +116,80 @@ class Late(_Stimulus, frozen=True, gc=False):
     latency: int
 
 
+class Joined(_Stimulus, frozen=True, gc=False):
+    """An agent of a team began its link to the others, in a life of this number."""
+
+    agent: str
+    incarnation: int
+
+
+class Opened(_Stimulus, frozen=True, gc=False):
+    """An agent's link to its team was open."""
+
+    agent: str
+
+
+class Seen(_Stimulus, frozen=True, gc=False):
+    """Agents of the team were live, by the numbers of their lives."""
+
+    agent: str
+    live: dict[str, int]
+
+
+class Received(_Stimulus, frozen=True, gc=False):
+    """A message of another agent came, under a key that an expression has; ``sent`` is when, by its owner's clock."""
+
+    agent: str
+    expression: str
+    key: str
+    owner: str
+    incarnation: int
+    sent: int
+    body: bytes
+
+
+class Unsent(_Stimulus, frozen=True, gc=False):
+    """A message of this agent was held back, the one of this number that it put."""
+
+    agent: str
+    number: int
+
+
+class Answered(_Stimulus, frozen=True, gc=False):
+    """An actor got an answer of another agent that it had asked for."""
+
+    actor: str
+    body: bytes
+
+
+class Commanded(_Stimulus, frozen=True, gc=False):
+    """Somebody asked this agent, from outside, for a command to the team."""
+
+    ensemble: str
+    command: str
+    token: str | None
+
+
 class Finished(_Stimulus, frozen=True, gc=False):
     """The runtime began to end."""
 
 
-Stimulus = Began | Said | Ticked | Lasts | Ended | Raised | GoesOn | Late | Finished
+Stimulus = (
+    Began
+    | Said
+    | Ticked
+    | Lasts
+    | Ended
+    | Raised
+    | GoesOn
+    | Late
+    | Joined
+    | Opened
+    | Seen
+    | Received
+    | Unsent
+    | Answered
+    | Commanded
+    | Finished
+)
 """One of them; ``kind`` in JSON is the name of its class in small letters."""

@@ -7,32 +7,52 @@ time. Users' functions are not called: stand-ins last as long as they did, and s
 from __future__ import annotations
 
 import asyncio
+from collections import defaultdict
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from mdm import messages
+from mdm.actors import Ensemble
 from mdm.errors import Error
 from mdm.messages import Control, Decision, Tick
 from mdm.recording import Record
 from mdm.recording.recorder import environment
-from mdm.recording.stimuli import Began, Ended, Finished, Said, Ticked
+from mdm.recording.stimuli import (
+    Answered,
+    Began,
+    Commanded,
+    Ended,
+    Finished,
+    Joined,
+    Opened,
+    Received,
+    Said,
+    Seen,
+    Ticked,
+    Unsent,
+)
 from mdm.replay.clock import ReplayClock
 from mdm.replay.difference import Difference
 from mdm.replay.player import Player
 from mdm.replay.stand_in import AsRecordedError
+from mdm.replay.transport import ReplayTransport
 from mdm.runtime import Actor, Runtime, run
+from mdm.runtime.channel import Subscription
+from mdm.team.layer import TeamLayer
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from mdm.recording.stimuli import Stimulus
+    from mdm.runtime.tape import Tape
 
-__all__ = ["Replayed", "replay"]
+__all__ = ["Replayed", "replay", "transports_of"]
 
 _PATIENCE = 3600.0
 """Seconds of virtual time within which an actor that the record has comes to its start."""
+_ROUNDS = 100
 _BITS = ("numpy", "numba", "blas", "machine")
 
 
@@ -59,7 +79,26 @@ class Replayed(msgspec.Struct, frozen=True):
         return not self.differences
 
 
-def replay(record: Record | str | Path, actors: Actor | Sequence[Actor], *, most: int = 100) -> Replayed:
+def transports_of(record: Record) -> dict[str, ReplayTransport]:
+    """Return the transports of the recorded agents of teams, by agent: their members are to be built with these."""
+    lives: dict[str, int] = {}
+    unsent: dict[str, set[int]] = defaultdict(set)
+    for each in record.messages(["stimuli"]):
+        stimulus = each.message
+        if isinstance(stimulus, Joined):
+            lives.setdefault(stimulus.agent, stimulus.incarnation)
+        elif isinstance(stimulus, Unsent):
+            unsent[stimulus.agent].add(stimulus.number)
+    return {agent: ReplayTransport(agent, life, frozenset(unsent[agent])) for agent, life in lives.items()}
+
+
+def replay(
+    record: Record | str | Path,
+    actors: Actor | Sequence[Actor],
+    *,
+    most: int = 100,
+    transports: Mapping[str, ReplayTransport] = {},
+) -> Replayed:
     """Run what a record has once more, in virtual time, and compare every decision.
 
     Args:
@@ -67,6 +106,7 @@ def replay(record: Record | str | Path, actors: Actor | Sequence[Actor], *, most
         actors: The system, or the actors at the top, built as for the run and not started. Their functions are not
             called.
         most: How many differences are kept; at the last of them the replay ends.
+        transports: Of agents of a team, those that `transports_of` returned, with which their members were built.
 
     Raises:
         Error: If the record has no beginning.
@@ -83,9 +123,10 @@ def replay(record: Record | str | Path, actors: Actor | Sequence[Actor], *, most
 
     async def main() -> None:
         runtime = Runtime(clock=clock, log=False, watchdog=None, signals=False)
-        runtime.dispatcher.tape = player
+        tape: Tape = player
+        runtime.dispatcher.tape = tape
         runtime.dispatcher.unlimited = True
-        async with _Entered(runtime, player, clock, tops, stimuli, most):
+        async with _Entered(runtime, player, clock, tops, stimuli, most, transports):
             pass
 
     run(main, virtual=True)
@@ -112,9 +153,11 @@ class _Entered:
         tops: list[Actor],
         stimuli: list[Stimulus],
         most: int,
+        transports: Mapping[str, ReplayTransport],
     ) -> None:
         self._runtime, self._player, self._clock = runtime, player, clock
         self._tops, self._stimuli, self._most = tops, stimuli, most
+        self._transports = transports
         player.say = self._say
 
     async def __aenter__(self) -> None:
@@ -180,7 +223,38 @@ class _Entered:
                 ticker.tick(Tick(stimulus.time, stimulus.number, 0, stimulus.missed))
         elif isinstance(stimulus, Ended):
             await self._end(stimulus)
+        else:
+            await self._give_team(stimulus)
         await self._settle()
+
+    async def _give_team(self, stimulus: Stimulus) -> None:
+        """Give what came from teammates, or from outside to a team."""
+        transport = self._transports.get(getattr(stimulus, "agent", ""))
+        if isinstance(stimulus, Commanded):
+            self._order(stimulus)
+        elif isinstance(stimulus, Answered):
+            asker: Any = next((actor for actor in _actors(self._runtime.root) if actor.path == stimulus.actor), None)
+            if asker is not None:
+                asker.repeat_answer(stimulus.body)
+        elif transport is not None and isinstance(stimulus, Received):
+            transport.receive(stimulus)
+        elif transport is not None and isinstance(stimulus, Seen):
+            transport.see(stimulus.live)
+        elif transport is not None and isinstance(stimulus, Opened):
+            before = self._player.noted
+            transport.release()
+            for _ in range(_ROUNDS):
+                if self._player.noted > before:
+                    break
+                await asyncio.sleep(0)
+
+    def _order(self, commanded: Commanded) -> None:
+        """Have a command carried out that was asked for from outside."""
+        layers = (actor for actor in _actors(self._runtime.root) if isinstance(actor, TeamLayer))
+        layer: Any = next((one for one in layers if one.ensemble.name == commanded.ensemble), None)
+        if layer is not None:
+            turn = Subscription[Any](None, layer, lambda token: layer.command(commanded.command, token))
+            self._runtime.dispatcher.deliver(turn, commanded.token)
 
     async def _end(self, ended: Ended) -> None:
         found = self._player.stand_ins.get((ended.ensemble, ended.life))
@@ -210,8 +284,10 @@ class _Entered:
 
     def _command(self, said: Said) -> bool:
         """Give an ensemble a command, by which one that has not started keeps it; return whether there is one."""
-        ensemble: Any = _actor_at(self._runtime.root, said.channel.rpartition("/")[0])
-        if not hasattr(ensemble, "publish_state"):
+        path = said.channel.rpartition("/")[0]
+        ensembles = (actor for actor in _actors(self._runtime.root) if isinstance(actor, Ensemble))
+        ensemble = next((one for one in ensembles if one.path == path), None)
+        if ensemble is None:
             return False
         command = said.message.command
         if command == "resume":
@@ -221,11 +297,9 @@ class _Entered:
         return True
 
 
-def _actor_at(root: Actor, path: str) -> Actor | None:
-    waiting = [root]
-    while waiting:
-        actor = waiting.pop()
-        if actor.path == path and actor is not root and hasattr(actor, "publish_state"):
-            return actor
-        waiting += actor.children
-    return None
+def _actors(root: Actor) -> list[Actor]:
+    """Return all actors of a tree."""
+    found = [root]
+    for actor in found:
+        found += actor.children
+    return found

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from typing import Self
 
     from mdm.recording.recorder import Recorder
+    from mdm.runtime.tape import Tape
     from mdm.runtime.work import Work
 
 __all__ = ["Runtime", "RuntimeStatistics", "end_all"]
@@ -203,6 +204,11 @@ class Runtime:
             del self._channels[channel.name]
             self._deserted[channel.name] = channel
             channel.forget()
+
+    @property
+    def tape(self) -> Tape | None:
+        """Where the run is noted, if it is recorded or repeated from a record."""
+        return self.dispatcher.tape
 
     def now(self) -> int:
         """Return the time of the running turn, that of its stimulus, in nanoseconds; outside of turns the clock's.

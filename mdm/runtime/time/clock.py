@@ -158,10 +158,12 @@ class Clock(ABC):
 
     Attributes:
         due: When the next timer is due, or earlier, where that one was cancelled.
+        firing: When the timer was due that fires now; -1 between timers.
     """
 
     def __init__(self) -> None:
         self.due = _NEVER
+        self.firing = -1
         self._heap: list[tuple[int, int, int, Timer]] = []
         self._order = count()
         self._sweep_at = _SWEEP
@@ -250,8 +252,15 @@ class Clock(ABC):
 
     def fire_first(self) -> None:
         """Fire the timer that is due first, and no other."""
-        _, _, _, timer = heapq.heappop(self._heap)
-        timer.fire()
+        when, _, _, timer = heapq.heappop(self._heap)
+        self._call(when, timer)
+
+    def _call(self, when: int, timer: Timer) -> None:
+        before, self.firing = self.firing, when
+        try:
+            timer.fire()
+        finally:
+            self.firing = before
 
     def _fire_due(self) -> None:
         now = self.now()
@@ -281,7 +290,7 @@ class Clock(ABC):
                 if timer.waiting:
                     left -= 1
                     fired = (when, rank)
-                    timer.fire()
+                    self._call(when, timer)
         finally:
             self._firing = nested
             self._look_at_next()

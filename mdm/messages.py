@@ -125,7 +125,7 @@ class Heading(Message, frozen=True, gc=False):
 
 
 class Journey(Message, frozen=True, gc=False):
-    """A drive to the goal of ``place`` is under way, or none where that is None; ``arrived`` where it has ended there."""
+    """A drive to the goal of ``place`` is under way; none where that is None; ``arrived`` where it has ended there."""
 
     place: str | None
     arrived: bool = False

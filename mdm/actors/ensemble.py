@@ -498,7 +498,7 @@ class Ensemble(Layer):
     async def on_stopping(self) -> None:
         """End the running action and the ensembles below, and run the safe actions: the outermost has the last word."""
         done = anyio.Event()
-        await self.reach("stop", lambda _: self.safety.end("end", "the ensemble ends", done.set))
+        await self.come_to("stop", lambda _: self.safety.end("end", "the ensemble ends", done.set))
         with anyio.move_on_after(self.patience) as scope:
             await done.wait()
         if scope.cancelled_caught:

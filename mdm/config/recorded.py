@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from mdm.config.system import System
     from mdm.recording import Record, Recorder
+    from mdm.team.transport.transport import Transport
 
 __all__ = ["attach_configuration", "load_recorded"]
 
@@ -90,20 +91,23 @@ def _texts(value: Any) -> Iterator[str]:
             yield from _texts(each)
 
 
-def load_recorded(record: Record, folder: str | Path, given: str | Path | None = None) -> System:
+def load_recorded(
+    record: Record, folder: str | Path, given: str | Path | None = None, *, transport: Transport | None = None
+) -> System:
     """Return the system of a recorded run, whose functions are not called.
 
     Args:
         record: The record.
         folder: Where files of the record are laid out, such as a temporary folder.
         given: Another configuration, in place of the record's own.
+        transport: Of a team's agent, the transport of its replay.
 
     Raises:
         ConfigError: If the record has no configuration and none is given, or that cannot be loaded.
     """
     agent = record.head.get("agent")
     if given is not None:
-        return load_system(given, agent=agent, callbacks=False)
+        return load_system(given, agent=agent, callbacks=False, transport=transport)
     name = record.head.get("configuration")
     if name is None:
         raise ConfigError(
@@ -119,4 +123,4 @@ def load_recorded(record: Record, folder: str | Path, given: str | Path | None =
                 raise Error(f"{record.path}: it has a file {attached.name!r}, which has no place below a folder")
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_bytes(attached.data)
-    return load_system(here / name, agent=agent, callbacks=False)
+    return load_system(here / name, agent=agent, callbacks=False, transport=transport)

@@ -21,7 +21,21 @@ from mdm.checks import is_whole
 from mdm.errors import ConfigError
 from mdm.messages import ActionLife, Decision, Fault
 from mdm.recording import schemas
-from mdm.recording.stimuli import Began, Ended, Failed, Finished, GoesOn, Kept, Lasts, Late, Raised, Said, Stimulus, Ticked, count_messages
+from mdm.recording.stimuli import (
+    Began,
+    Ended,
+    Failed,
+    Finished,
+    GoesOn,
+    Kept,
+    Lasts,
+    Late,
+    Raised,
+    Said,
+    Stimulus,
+    Ticked,
+    count_messages,
+)
 from mdm.recording.writer import RecordWriter
 from mdm.version import __version__
 
@@ -290,6 +304,10 @@ class Recorder:
     def finishes(self, time: int) -> None:
         """Note that the runtime begins to end."""
         self._put((Finished(time),))
+
+    def note(self, stimulus: Stimulus) -> None:
+        """Note a stimulus as it is."""
+        self._put((stimulus,))
 
     def acts(self, ensemble: str, layer: _Acting) -> None:
         """Know an action layer."""

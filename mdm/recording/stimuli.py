@@ -6,7 +6,7 @@ of actions as events. ``time`` is that of the turn which the stimulus begins, in
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import msgspec
 
@@ -25,21 +25,26 @@ from mdm.messages import (
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from mdm.runtime.channel import Channel
-
 __all__ = [
+    "Answered",
     "Began",
+    "Commanded",
     "Ended",
     "Failed",
     "Finished",
     "GoesOn",
+    "Joined",
     "Kept",
     "Lasts",
     "Late",
+    "Opened",
     "Raised",
+    "Received",
     "Said",
+    "Seen",
     "Stimulus",
     "Ticked",
+    "Unsent",
     "Where",
     "count_messages",
 ]
@@ -53,7 +58,16 @@ _COUNTED = frozenset(
 )
 
 
-def count_messages(channels: Iterable[Channel[Any]]) -> int:
+class _Counted(Protocol):
+    """A channel, as far as it counts its messages."""
+
+    @property
+    def type(self) -> Any: ...
+
+    published: int
+
+
+def count_messages(channels: Iterable[_Counted]) -> int:
     """Return how many messages the channels have carried that lead to decisions: how far a turn has come."""
     return sum([channel.published for channel in channels if channel.type in _COUNTED])
 
@@ -158,9 +172,82 @@ class Late(_Stimulus, frozen=True, gc=False):
     latency: int
 
 
+class Joined(_Stimulus, frozen=True, gc=False):
+    """An agent of a team began its link to the others, in a life of this number."""
+
+    agent: str
+    incarnation: int
+
+
+class Opened(_Stimulus, frozen=True, gc=False):
+    """An agent's link to its team was open."""
+
+    agent: str
+
+
+class Seen(_Stimulus, frozen=True, gc=False):
+    """Agents of the team were live, by the numbers of their lives."""
+
+    agent: str
+    live: dict[str, int]
+
+
+class Received(_Stimulus, frozen=True, gc=False):
+    """A message of another agent came, under a key that an expression has; ``sent`` is when, by its owner's clock."""
+
+    agent: str
+    expression: str
+    key: str
+    owner: str
+    incarnation: int
+    sent: int
+    body: bytes
+
+
+class Unsent(_Stimulus, frozen=True, gc=False):
+    """A message of this agent was held back, the one of this number that it put."""
+
+    agent: str
+    number: int
+
+
+class Answered(_Stimulus, frozen=True, gc=False):
+    """An actor got an answer of another agent that it had asked for."""
+
+    actor: str
+    body: bytes
+
+
+class Commanded(_Stimulus, frozen=True, gc=False):
+    """Somebody asked this agent, from outside, for a command to the team."""
+
+    ensemble: str
+    command: str
+    token: str | None
+
+
 class Finished(_Stimulus, frozen=True, gc=False):
     """The runtime began to end."""
 
 
-Stimulus = Began | Failed | Kept | Said | Ticked | Lasts | Ended | Raised | GoesOn | Late | Finished
+Stimulus = (
+    Began
+    | Failed
+    | Kept
+    | Said
+    | Ticked
+    | Lasts
+    | Ended
+    | Raised
+    | GoesOn
+    | Late
+    | Joined
+    | Opened
+    | Seen
+    | Received
+    | Unsent
+    | Answered
+    | Commanded
+    | Finished
+)
 """One of them; ``kind`` in JSON is the name of its class in small letters."""

@@ -48,6 +48,7 @@ class Player:
         self.differences: list[Difference] = []
         self.count = 0
         self.made = 0
+        self.noted = 0
         self.stand_ins: dict[tuple[str, int], tuple[StandIn, Work]] = {}
         self.tickers: dict[str, Ticker] = {}
         self.say: Callable[[Said], None] = lambda _: None
@@ -164,6 +165,10 @@ class Player:
 
     def finishes(self, time: int) -> None:
         """Take the end."""
+
+    def note(self, stimulus: Stimulus) -> None:
+        """Take it that a stimulus has come again."""
+        self.noted += 1
 
     # -- Actions -----------------------------------------------------------------------------------------------------
 

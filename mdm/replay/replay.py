@@ -6,33 +6,32 @@ time. Users' functions are not called: stand-ins last as long as they did, and s
 
 from __future__ import annotations
 
-import asyncio
-from typing import TYPE_CHECKING, Any
+from collections import defaultdict
+from typing import TYPE_CHECKING
 
 import msgspec
 
-from mdm import messages
 from mdm.errors import Error
-from mdm.messages import Control, Decision, Tick
 from mdm.recording import Record
 from mdm.recording.recorder import environment
-from mdm.recording.stimuli import Began, Ended, Failed, Finished, Said, Ticked, count_messages
+from mdm.recording.stimuli import Began, Joined, Unsent
 from mdm.replay.clock import ReplayClock
 from mdm.replay.difference import Difference
+from mdm.replay.driver import Driver
 from mdm.replay.player import Player
-from mdm.replay.stand_in import AsRecordedError
+from mdm.replay.transport import ReplayTransport
 from mdm.runtime import Actor, Runtime, run
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from mdm.messages import Decision
     from mdm.recording.stimuli import Stimulus
+    from mdm.runtime.tape import Tape
 
-__all__ = ["Replayed", "replay"]
+__all__ = ["Replayed", "replay", "transports_of"]
 
-_PATIENCE = 3600.0
-"""Seconds of virtual time within which an actor that the record has comes to its start."""
 _BITS = ("numpy", "numba", "blas", "machine")
 
 
@@ -59,7 +58,26 @@ class Replayed(msgspec.Struct, frozen=True):
         return not self.differences
 
 
-def replay(record: Record | str | Path, actors: Actor | Sequence[Actor], *, most: int = 100) -> Replayed:
+def transports_of(record: Record) -> dict[str, ReplayTransport]:
+    """Return the transports of the recorded agents of teams, by agent: their members are to be built with these."""
+    lives: dict[str, int] = {}
+    unsent: dict[str, set[int]] = defaultdict(set)
+    for each in record.messages(["stimuli"]):
+        stimulus = each.message
+        if isinstance(stimulus, Joined):
+            lives.setdefault(stimulus.agent, stimulus.incarnation)
+        elif isinstance(stimulus, Unsent):
+            unsent[stimulus.agent].add(stimulus.number)
+    return {agent: ReplayTransport(agent, life, frozenset(unsent[agent])) for agent, life in lives.items()}
+
+
+def replay(
+    record: Record | str | Path,
+    actors: Actor | Sequence[Actor],
+    *,
+    most: int = 100,
+    transports: Mapping[str, ReplayTransport] = {},
+) -> Replayed:
     """Run what a record has once more, in virtual time, and compare every decision.
 
     Args:
@@ -67,6 +85,7 @@ def replay(record: Record | str | Path, actors: Actor | Sequence[Actor], *, most
         actors: The system, or the actors at the top, built as for the run and not started. Their functions are not
             called.
         most: How many differences are kept; at the last of them the replay ends.
+        transports: Of agents of a team, those that `transports_of` returned, with which their members were built.
 
     Raises:
         Error: If the record has no beginning.
@@ -83,9 +102,9 @@ def replay(record: Record | str | Path, actors: Actor | Sequence[Actor], *, most
 
     async def main() -> None:
         runtime = Runtime(clock=clock, log=False, watchdog=None, signals=False)
-        runtime.dispatcher.tape = player
-        async with _Entered(runtime, player, clock, tops, stimuli, most):
-            pass
+        tape: Tape = player
+        runtime.dispatcher.tape = tape
+        await Driver(runtime, player, clock, tops, transports).play(stimuli, most)
 
     run(main, virtual=True)
     return Replayed(player.count, player.made, tuple(player.differences), exact, found.lost)
@@ -98,168 +117,3 @@ def _contents(record: Record) -> tuple[list[Stimulus], list[Decision]]:
     for each in record.messages(topics):
         (stimuli if each.topic == "stimuli" else decisions).append(each.message)
     return stimuli, decisions
-
-
-class _Entered:
-    """A runtime that is entered while its record is played: its own start is in the record, too."""
-
-    def __init__(
-        self,
-        runtime: Runtime,
-        player: Player,
-        clock: ReplayClock,
-        tops: list[Actor],
-        stimuli: list[Stimulus],
-        most: int,
-    ) -> None:
-        self._runtime, self._player, self._clock = runtime, player, clock
-        self._tops, self._stimuli, self._most = tops, stimuli, most
-        self._program: list[asyncio.Task[None]] = []
-        player.say = self._say
-        runtime.dispatcher.watch = self._say_in_turn
-
-    async def __aenter__(self) -> None:
-        driver = asyncio.create_task(self._drive())
-        async with self._runtime:
-            program = self._program
-            program += [asyncio.create_task(self._runtime.start(top)) for top in self._tops]
-            try:
-                await driver
-            finally:
-                for task in program:
-                    task.cancel()
-                await asyncio.gather(*program, return_exceptions=True)
-                self._runtime.dispatcher.tape = None
-
-    async def __aexit__(self, *_: object) -> None:
-        """Leave."""
-
-    # -- Stimuli -----------------------------------------------------------------------------------------------------
-
-    async def _drive(self) -> None:
-        """Give the stimuli, each at its time."""
-        player = self._player
-        try:
-            for stimulus in self._stimuli:
-                await self._move_to(stimulus.time)
-                if isinstance(stimulus, Finished) or len(player.differences) >= self._most:
-                    break
-                player.since.append(stimulus)
-                await self._give(stimulus)
-            if len(player.differences) < self._most:
-                player.missed(self._clock.now())
-        finally:
-            for stand_in, work in player.stand_ins.values():
-                if not work.done:
-                    stand_in.end()
-            player.release()
-
-    async def _move_to(self, time: int) -> None:
-        """Let timers fire that are due by then; what they begin takes its first step."""
-        while self._clock.step(time):
-            await self._settle()
-
-    async def _settle(self) -> None:
-        while any(not work.begun and not work.done for _, work in self._player.fresh):  # noqa: ASYNC110 - likewise
-            await asyncio.sleep(0)
-        self._player.fresh.clear()
-
-    async def _give(self, stimulus: Stimulus) -> None:
-        player = self._player
-        if isinstance(stimulus, Began):
-            self._ask(stimulus)
-            await player.admit(stimulus, _PATIENCE)
-        elif isinstance(stimulus, Failed):
-            self._fail(stimulus)
-        elif isinstance(stimulus, Said) and stimulus.where == "task":
-            found = player.stand_ins.get((stimulus.ensemble, stimulus.life))
-            if found is not None and not found[1].done:
-                await found[0].do(lambda: self._say(stimulus))
-            else:
-                self._say(stimulus)
-        elif isinstance(stimulus, Said) and stimulus.where == "turn":
-            if player.turns and player.turns[0] is stimulus:  # else its turn has come
-                player.turns.popleft()
-                self._say(stimulus)
-        elif isinstance(stimulus, Said) and stimulus.where == "outside":
-            self._say(stimulus)
-        elif isinstance(stimulus, Ticked):
-            ticker = player.tickers.get(stimulus.actor)
-            if ticker is not None:
-                ticker.tick(Tick(stimulus.time, stimulus.number, 0, stimulus.missed))
-        elif isinstance(stimulus, Ended):
-            await self._end(stimulus)
-        await self._settle()
-
-    def _ask(self, began: Began) -> None:
-        """Stop or start anew an actor at the top, where the program has done so."""
-        for top in self._tops:
-            if top.path == began.actor and not top.failing:
-                if began.step == "stop" and top.life == "running":
-                    self._program.append(asyncio.create_task(self._runtime.stop(top)))
-                elif began.step == "start" and top.life in {"stopped", "failed"}:
-                    self._program.append(asyncio.create_task(self._runtime.start(top)))
-
-    def _fail(self, failed: Failed) -> None:
-        """Have an actor fail, unless it has with another, or by itself."""
-        actor = _actor_at(self._runtime.root, failed.actor)
-        if actor is not None and not actor.failing:
-            actor.fail(AsRecordedError(failed.error))
-
-    async def _end(self, ended: Ended) -> None:
-        found = self._player.stand_ins.get((ended.ensemble, ended.life))
-        if found is None or found[1].done:
-            return
-        stand_in, work = found
-        work.interrupted = ended.interrupted
-        error: BaseException | None = None
-        if ended.error is not None:
-            error = AsRecordedError(ended.error)
-        elif ended.cancelled and not ended.interrupted:
-            error = asyncio.CancelledError()
-        stand_in.end(error)
-        await work.over
-
-    def _say_in_turn(self) -> None:
-        """Publish what users' handlers said in the running turn, once that has come as far as it had then."""
-        runtime, turns = self._runtime, self._player.turns
-        while (
-            turns
-            and turns[0].time == runtime.dispatcher.time
-            and turns[0].after == count_messages(runtime.channels)
-        ):
-            self._say(turns.popleft())
-
-    def _say(self, said: Said) -> None:
-        """Publish what was said, on its channel, in the present turn or as the beginning of one."""
-        kind = getattr(messages, said.type, None)
-        if kind is None or not isinstance(said.message, kind):
-            return  # of a type that only the program knew
-        if kind is Control and self._command(said):
-            return
-        for channel in self._runtime.channels:
-            if channel.name == said.channel:
-                channel.publish(said.message)
-                return
-
-    def _command(self, said: Said) -> bool:
-        """Give an ensemble a command, by which one that has not started keeps it; return whether there is one."""
-        ensemble: Any = _actor_at(self._runtime.root, said.channel.rpartition("/")[0])
-        if ensemble is None or not hasattr(ensemble, "publish_state"):
-            return False
-        command = said.message.command
-        if command == "resume":
-            ensemble.start(resume=True)
-        else:
-            getattr(ensemble, command)()
-        return True
-
-
-def _actor_at(root: Actor, path: str) -> Actor | None:
-    waiting = [root]
-    while waiting:
-        actor = waiting.pop()
-        if actor.path == path and actor is not root:
-            return actor
-        waiting += actor.children
-    return None

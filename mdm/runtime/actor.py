@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from mdm.runtime.time.clock import Timer
     from mdm.runtime.work import Work
 
-__all__ = ["Actor", "Start"]
+__all__ = ["Actor", "Start", "descendants"]
 
 
 class Start:
@@ -396,6 +396,14 @@ class Actor:
             self.report("exception", describe(error))
         if self.life == "stopping":
             return
+        self.__act_on(error)
+        try:
+            self.on_failing(error)
+        except BaseException as another:
+            self.__trouble(another)
+
+    def __act_on(self, error: BaseException) -> None:
+        """Act by the actor's supervision on an error."""
         delay = self.__budget.delay(self.runtime.now()) if self.__budget is not None else None
         if delay is not None:
             self.__backoff = delay
@@ -405,10 +413,6 @@ class Actor:
             self.__ask("fail")
         else:
             self.__escalate(error)
-        try:
-            self.on_failing(error)
-        except BaseException as another:
-            self.__trouble(another)
 
     def __escalate(self, error: BaseException) -> None:
         # It handles nothing more, but is stopped only in its turn, by those above.
@@ -532,7 +536,7 @@ class Actor:
                 if failed is None:
                     if not self.__asked("stop"):  # else some of its children may not have been started
                         self.__change("running")
-                        await self.reach("run", self.__run_on)
+                        await self.come_to("run", self.__run_on)
                     if start is not None:
                         start.done()
                     if self.__requested is not None:
@@ -567,13 +571,13 @@ class Actor:
                 errors.append(failure(error))
             done.set()
 
-        await self.reach("start", begin)
+        await self.come_to("start", begin)
         if not done.is_set():  # a turn that was cut short comes first
             await done.wait()
         if errors:
             raise errors[0]
 
-    async def reach(self, step: Literal["start", "run", "stop"], handler: Callable[[None], None]) -> None:
+    async def come_to(self, step: Literal["start", "run", "stop"], handler: Callable[[None], None]) -> None:
         """Come to a step of its life, in a turn of its own; a tape may have it wait for its time."""
         dispatcher = self.runtime.dispatcher
         tape = dispatcher.tape
@@ -680,6 +684,14 @@ class Actor:
             work=len(self.__work),
             skipped_ticks=self.__skipped + sum(timer.missed for timer in self.__timers if isinstance(timer, Ticker)),
         )
+
+
+def descendants(root: Actor) -> list[Actor]:
+    """Return an actor and all below it, each behind its parent."""
+    found = [root]
+    for actor in found:
+        found += actor.children
+    return found
 
 
 def _demand_actor(child: object) -> None:

@@ -167,7 +167,7 @@ class Channel(Generic[T]):
         if dispatcher.time < 0:
             # The way in: a stimulus, behind what timers bring about by its time. As `Dispatcher.begin`, without a call.
             time: int = message.time if self.stamped else dispatcher.stamp(message)  # type: ignore[attr-defined]
-            if time >= dispatcher.clock.due:
+            if time >= dispatcher.clock.due and dispatcher.clock.firing < 0:
                 dispatcher.clock.fire_before(time)
             if dispatcher.active:  # though none runs: one was cut short
                 if self.input and dispatcher.tape is not None:
@@ -198,7 +198,7 @@ class Channel(Generic[T]):
         """As `publish`, from the event loop, for a message that follows from others: it is no input of its own."""
         dispatcher = self._dispatcher
         if dispatcher.time < 0:
-            time = dispatcher.clock.now()
+            time = dispatcher.now()
             if dispatcher.active:
                 self._wait_behind(message, time)
                 return

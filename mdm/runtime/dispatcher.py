@@ -228,11 +228,18 @@ class Dispatcher:
     def now(self) -> int:
         """Return the running turn's time; outside of turns, and from other threads, the clock's."""
         time = self.time
-        return time if time >= 0 and get_ident() == self.thread else self.clock.now()
+        if time >= 0 and get_ident() == self.thread:
+            return time
+        return self._present()
+
+    def _present(self) -> int:
+        """Return the clock's time; what a timer calls by itself, outside of turns, happens when that was due."""
+        clock = self.clock
+        return clock.firing if clock.firing >= 0 and get_ident() == self.thread else clock.now()
 
     def stamp(self, message: Any) -> int:
         """Return the time of a stimulus: that which its maker has just stamped it with, else now."""
-        now = self.clock.now()
+        now = self._present()
         if isinstance(message, _STAMPED):
             time = message.time
             if max(self.last, now - _FRESH) <= time <= now:
@@ -241,7 +248,7 @@ class Dispatcher:
 
     def begin(self, time: int) -> None:
         """Begin a turn at a time: what timers bring about by then comes before it."""
-        if time >= self.clock.due:
+        if time >= self.clock.due and self.clock.firing < 0:
             self.clock.fire_before(time)
         self.time = self.last = time
 
@@ -250,9 +257,9 @@ class Dispatcher:
         if self.time >= 0:
             self.queue.append((subscription, message))
         elif self.active:
-            self.wait_behind(((subscription, message),), self.clock.now())
+            self.wait_behind(((subscription, message),), self._present())
         else:
-            self.begin(self.clock.now())
+            self.begin(self._present())
             self.queue.append((subscription, message))
             self.run()
 

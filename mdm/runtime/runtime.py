@@ -16,7 +16,7 @@ import msgspec
 from mdm.checks import check_flag
 from mdm.errors import Error
 from mdm.messages import Decision, Fault, Idle, Mode, StateChange
-from mdm.runtime.actor import Actor
+from mdm.runtime.actor import Actor, descendants
 from mdm.runtime.channel import Channel, Subscription
 from mdm.runtime.dispatcher import Dispatcher
 from mdm.runtime.executors import unwatch, watch
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from typing import Self
 
     from mdm.recording.recorder import Recorder
+    from mdm.runtime.tape import Tape
     from mdm.runtime.work import Work
 
 __all__ = ["Runtime", "RuntimeStatistics", "end_all"]
@@ -204,6 +205,11 @@ class Runtime:
             self._deserted[channel.name] = channel
             channel.forget()
 
+    @property
+    def tape(self) -> Tape | None:
+        """Where the run is noted, if it is recorded or repeated from a record."""
+        return self.dispatcher.tape
+
     def now(self) -> int:
         """Return the time of the running turn, that of its stimulus, in nanoseconds; outside of turns the clock's.
 
@@ -282,12 +288,8 @@ class Runtime:
 
     def _limit(self) -> float:
         """Return how many seconds the actors may take to stop by their own limits."""
-        waiting, limit = [self.root], 1.0
-        while waiting:
-            actor = waiting.pop()
-            limit += actor.patience + (actor.grace if actor.statistics().work else 0.0)
-            waiting += actor.children
-        return limit
+        actors = descendants(self.root)
+        return 1.0 + sum(actor.patience + (actor.grace if actor.statistics().work else 0.0) for actor in actors)
 
     def _break_off(self) -> None:
         if self._tree is not None:

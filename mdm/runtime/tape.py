@@ -114,6 +114,9 @@ class Tape(Protocol):
     def finishes(self, time: int) -> None:
         """The runtime begins to end."""
 
+    def note(self, stimulus: Any) -> None:
+        """A stimulus of another kind has come, such as a message of a teammate: one of `mdm.recording.stimuli`."""
+
     # -- Actions -------------------------------------------------------------------------------------------------
 
     def acts(self, ensemble: str, layer: Acting) -> None:

@@ -30,7 +30,9 @@ def main(count, first=0, seconds=0.5, busy=1):
                 print(f"seed {seed}, {made} decisions:", *wrong, sep="\n  ", flush=True)
     for spinner in spinners:
         spinner.kill()
-    print(f"{count:,} systems, {decisions:,} decisions, {differ:,} systems differ, {none:,} without decisions; {folder}")
+    print(
+        f"{count:,} systems, {decisions:,} decisions, {differ:,} systems differ, {none:,} without decisions; {folder}"
+    )
     return 1 if differ else 0
 
 

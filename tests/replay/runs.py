@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import faulthandler
 import logging
 import traceback
@@ -25,10 +26,8 @@ def record(seed, path, seconds):
         async with mdm.Runtime(log=False, watchdog=None, record=recorder) as runtime:
             await system.run(runtime, seconds)
 
-    try:
+    with contextlib.suppress(mdm.Error):
         asyncio.run(main())
-    except (mdm.runtime.ActorFailure if hasattr(mdm.runtime, "ActorFailure") else mdm.Error):
-        pass
     return recorder.statistics()
 
 

@@ -449,7 +449,7 @@ class ActionLayer(Layer):
     def _choose(self, life: _Run) -> None:
         current = self.lives.current
         own = current is not None and current.work is not None and current.work.is_calling
-        own = own and not self.runtime.clock.firing  # a timer that was due before is not its doing
+        own = own and self.runtime.clock.firing < 0  # a timer that was due before is not its doing
         self._obey(self.lives.choose(life, lambda: self._continues(life), own=own))
 
     def _continues(self, life: _Run) -> bool:

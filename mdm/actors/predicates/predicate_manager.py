@@ -359,7 +359,9 @@ class PredicateManager(Actor):
         self._counter = 1
         self.updates.publish(PredicateUpdate(now, 1, first.rising, first.falling, unknown))
         self.subscribe(self.sensed, self._sensed)
-        for name, place, when in self._groundings:
+        tape = self.runtime.tape
+        # Where a run is repeated, its record has what these functions said.
+        for name, place, when in () if tape is not None and tape.repeats else self._groundings:
             channel = self.runtime.channel(*place) if isinstance(place, tuple) else place
             self.subscribe(channel, self._grounding(name, when))
         for agent, updates, full in self._followed:

@@ -9,7 +9,7 @@ from mdm.cli.report import as_json
 from mdm.config.recorded import load_recorded
 from mdm.errors import Error
 from mdm.recording import Record
-from mdm.replay import replay
+from mdm.replay import replay, transports_of
 
 if TYPE_CHECKING:
     import argparse
@@ -24,10 +24,12 @@ def run(arguments: argparse.Namespace) -> int:
     """Replay; return 0 where all decisions are the same, else 1."""
     record = Record(arguments.file)
     with tempfile.TemporaryDirectory() as folder:
-        system = load_recorded(record, folder, arguments.config)
+        transports = transports_of(record)
+        system = load_recorded(record, folder, arguments.config, transport=next(iter(transports.values()), None))
         if arguments.config is None:
             _check_digests(record, system)
-        result = replay(record, system, most=arguments.most or (1 if arguments.config is None else 20))
+        most = arguments.most or (1 if arguments.config is None else 20)
+        result = replay(record, system, transports=transports, most=most)
     epoch = int(record.head["epoch"])
     if arguments.json:
         print(as_json(_facts(result, epoch)))

@@ -158,15 +158,16 @@ class Clock(ABC):
 
     Attributes:
         due: When the next timer is due, or earlier, where that one was cancelled.
-        firing: Whether timers fire.
+        firing: When the timer was due that fires now; -1 between timers.
     """
 
     def __init__(self) -> None:
         self.due = _NEVER
+        self.firing = -1
         self._heap: list[tuple[int, int, int, Timer]] = []
         self._order = count()
         self._sweep_at = _SWEEP
-        self.firing = False
+        self._firing = False
         self._loop: asyncio.AbstractEventLoop | None = None
 
     @abstractmethod
@@ -188,7 +189,7 @@ class Clock(ABC):
             self._sweep()
         heapq.heappush(self._heap, (when, rank, next(self._order), timer))
         if when < self.due:
-            if self.firing:  # what fires looks at it next
+            if self._firing:  # what fires looks at it next
                 self.due = when
             else:
                 self._arm_next()
@@ -251,8 +252,15 @@ class Clock(ABC):
 
     def fire_first(self) -> None:
         """Fire the timer that is due first, and no other."""
-        _, _, _, timer = heapq.heappop(self._heap)
-        timer.fire()
+        when, _, _, timer = heapq.heappop(self._heap)
+        self._call(when, timer)
+
+    def _call(self, when: int, timer: Timer) -> None:
+        before, self.firing = self.firing, when
+        try:
+            timer.fire()
+        finally:
+            self.firing = before
 
     def _fire_due(self) -> None:
         now = self.now()
@@ -270,9 +278,9 @@ class Clock(ABC):
             one_rank: Leave timers of a further rank of an instant to the next call, when tasks that those before have
                 resumed have run.
         """
-        heap, left, nested, due = self._heap, _MOST, self.firing, self.due
+        heap, left, nested, due = self._heap, _MOST, self._firing, self.due
         fired = (-1, 0)
-        self.firing = True
+        self._firing = True
         try:
             while heap and left:
                 when, rank, _, timer = heap[0]
@@ -282,9 +290,9 @@ class Clock(ABC):
                 if timer.waiting:
                     left -= 1
                     fired = (when, rank)
-                    timer.fire()
+                    self._call(when, timer)
         finally:
-            self.firing = nested
+            self._firing = nested
             self._look_at_next()
             if not nested and (by < before or self.due != due):  # else the request to be called is as it was
                 self._arm_next()

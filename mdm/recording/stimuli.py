@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 __all__ = [
+    "TRUE_STATE",
     "Answered",
     "Began",
     "Commanded",
@@ -70,6 +71,10 @@ class _Counted(Protocol):
 def count_messages(channels: Iterable[_Counted]) -> int:
     """Return how many messages the channels have carried that lead to decisions: how far a turn has come."""
     return sum([channel.published for channel in channels if channel.type in _COUNTED])
+
+
+TRUE_STATE = "true_state"
+"""The name of the channel, behind an ensemble's path, on which a simulated world tells its state: a record keeps it."""
 
 
 class _Stimulus(msgspec.Struct, frozen=True, gc=False, tag_field="kind", tag=str.lower):

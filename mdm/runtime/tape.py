@@ -72,6 +72,13 @@ class Deciding(Protocol):
     def symbols(self) -> Symbols:
         """The names of its states, actions and observations."""
 
+    @property
+    def draws(self) -> str:
+        """The state of the random numbers by which its policy draws actions; empty where it does not."""
+
+    def draw_from(self, draws: str) -> None:
+        """Have the policy draw on from that state."""
+
     def name_of(self, action: int) -> str:
         """Return the name of an action."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from typing import TYPE_CHECKING
 
+from mdm.cli.policies.simulate import recorded_simulation
 from mdm.cli.report import as_json
 from mdm.config.recorded import load_recorded
 from mdm.errors import Error
@@ -13,7 +14,9 @@ from mdm.replay import replay, transports_of
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Iterable
 
+    from mdm.actors import Ensemble
     from mdm.config import System
     from mdm.replay import Replayed
 
@@ -25,11 +28,18 @@ def run(arguments: argparse.Namespace) -> int:
     record = Record(arguments.file)
     with tempfile.TemporaryDirectory() as folder:
         transports = transports_of(record)
-        system = load_recorded(record, folder, arguments.config, transport=next(iter(transports.values()), None))
+        actors: System | Ensemble
+        if "simulation" in record.head:
+            actors = recorded_simulation(record, folder, arguments.config)
+            ensembles: Iterable[Ensemble] = [actors]
+        else:
+            transport = next(iter(transports.values()), None)
+            actors = load_recorded(record, folder, arguments.config, transport=transport)
+            ensembles = actors.ensembles.values()
         if arguments.config is None:
-            _check_digests(record, system)
+            _check_digests(record, ensembles)
         most = arguments.most or (1 if arguments.config is None else 20)
-        result = replay(record, system, transports=transports, most=most)
+        result = replay(record, actors, transports=transports, most=most)
     epoch = int(record.head["epoch"])
     if arguments.json:
         print(as_json(_facts(result, epoch)))
@@ -40,13 +50,13 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if result.same else 1
 
 
-def _check_digests(record: Record, system: System) -> None:
+def _check_digests(record: Record, ensembles: Iterable[Ensemble]) -> None:
     """Refuse to repeat a run with another model or policy than it had.
 
     Raises:
         Error: Of the first ensemble whose digest differs.
     """
-    for ensemble in system.ensembles.values():
+    for ensemble in ensembles:
         known = record.metadata.get(f"ensemble {ensemble.path}", {}).get("configuration")
         now = ensemble.controller.configuration
         if known is not None and known != now:

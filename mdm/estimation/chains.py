@@ -21,7 +21,7 @@ from mdm.messages import Decision
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-__all__ = ["BREAKS", "Chain", "Chains", "Kind", "Stay", "chains_of", "is_next", "kind_of"]
+__all__ = ["BREAKS", "Chain", "Chains", "Kind", "Stay", "chains_of", "is_next", "joined", "kind_of"]
 
 BREAKS = frozenset({"start", "reset", "resume", "episode", "release", "belief", "team"})
 """The causes of decisions that do not follow from the one before.
@@ -156,6 +156,36 @@ def chains_of(
             discarded += 1
     period = _period(kept) if ticks else None
     return Chains(chosen[0].ensemble, kind, hidden, tuple(_split(kept, kind, period, sorted(stops))), discarded)
+
+
+def joined(several: Sequence[Chains]) -> Chains:
+    """Return the chains of several runs of an ensemble as one; none goes from a run into the next.
+
+    Raises:
+        ModelError: If there are none, or one decides at a fixed rate or on observations and another does not.
+    """
+    if not several:
+        raise ModelError("there are no decisions")
+    first = several[0]
+    for each in several[1:]:
+        if (each.kind, each.hidden) != (first.kind, first.hidden):
+            raise ModelError(
+                f"{first.ensemble!r} has decided on {_manner(first)} in one run and on {_manner(each)} in another: "
+                f"count them apart"
+            )
+    return Chains(
+        first.ensemble,
+        first.kind,
+        first.hidden,
+        tuple(chain for each in several for chain in each.chains),
+        sum(each.discarded for each in several),
+    )
+
+
+def _manner(chains: Chains) -> str:
+    if chains.hidden:
+        return "observations"
+    return "changes of the state" if chains.kind == "jumps" else "states step by step"
 
 
 def _of_one(decisions: Iterable[Decision], ensemble: str | None) -> list[Decision]:

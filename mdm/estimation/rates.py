@@ -30,7 +30,7 @@ from mdm.models.durations import Durations
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from mdm.estimation.chains import Stay
+    from mdm.estimation.chains import Kind, Stay
     from mdm.models.matrices import Matrix, Vector
     from mdm.models.mdp import MDP
 
@@ -210,11 +210,19 @@ def rates_of(model: MDP, stays: Iterable[Stay], *, level: float = LEVEL) -> tupl
     return tuple(result)
 
 
-def durations_of(model: MDP, stays: Iterable[Stay]) -> Durations:
+def durations_of(model: MDP, stays: Iterable[Stay], kind: Kind) -> Durations:
     """Return how long actions take, as `mdm.solve` and ``mdm solve --durations`` take it.
+
+    A model that stays in a state with the probability p takes 1 / (1 - p) steps to leave it, on the average. So of
+    jumps, which tell how long the state lasts, a step is the share 1 - p, in a single stage.
 
     A state in which an action was never seen to end lasts as long as the action does on the average; an action that was
     never seen to end, as long as any. Where states are hidden, each action has one duration for all of them.
+
+    Args:
+        model: The model in use, or one estimated from it, whose probabilities of staying are the same.
+        stays: Those of chains.
+        kind: Of the chains.
 
     Raises:
         ModelError: If no stay has ended, or none lasted any time.
@@ -239,7 +247,18 @@ def durations_of(model: MDP, stays: Iterable[Stay]) -> Durations:
         held = holding(row)
         if _lasts(held):
             table[state, action], counts[state, action] = held.mean, held.stages
-    return Durations(table, counts)
+    if kind == "steps":
+        return Durations(table, counts)
+    leaves = 1 - _staying(model)
+    leaves[leaves <= 0] = 1  # it never leaves, however long its steps take
+    return Durations(table * leaves, np.where(leaves < 1, 1, counts))
+
+
+def _staying(model: MDP) -> Vector:
+    """Return the probability of staying in each state under each action, S x A."""
+    flat = model.flatten()
+    matrices = (flat.transition_matrix(action) for action in range(len(flat.action_space)))
+    return np.stack([np.array(matrix.diagonal(), dtype=np.float64) for matrix in matrices], axis=1)
 
 
 def _lasts(held: Holding) -> bool:

@@ -41,6 +41,9 @@ def as_text(report: Report) -> str:
 def _head(report: Report) -> list[str]:
     states = "hidden states" if report.hidden else "known states"
     lines = [f"{report.ensemble}: {report.decisions} decisions in {report.chains} chains, {report.kind}, {states}"]
+    factors = [factor.name for factor in report.model.state_space.factors]
+    if len(factors) > 1:
+        lines.append(f"a state is {', '.join(factors)}")
     if report.discarded:
         lines.append(f"{report.discarded} decisions are left out: neither state nor observation is known")
     if report.returns:
@@ -71,7 +74,7 @@ def _rows_text(report: Report) -> list[str]:
     lines += ["", "rows that differ" + " " * 24 + f"visits    model  estimate  {report.level:.0%} interval"]
     for row in shown:
         loss = "" if row.loss is None else f", loss {row.loss:.4g}"
-        odds = "" if math.isinf(row.log_odds) else f", odds e^{row.log_odds:.1f}"
+        odds = f", odds {_odds(row.log_odds)}" if math.isfinite(row.log_odds) else ""
         p_value = "" if row.p_value is None else f"p {row.p_value:.2g}"
         lines.append(f"{row.matrix} {row.action} {row.state}: {p_value}{odds}{loss}".rstrip(": "))
         lines += [
@@ -80,6 +83,11 @@ def _rows_text(report: Report) -> list[str]:
             for entry in row.entries
         ]
     return lines
+
+
+def _odds(logarithm: float) -> str:
+    power = logarithm / math.log(10)
+    return f"10^{power:.0f} to 1" if power >= 4 else f"{10**power:.3g} to 1"
 
 
 def _rates_text(report: Report) -> list[str]:

@@ -186,7 +186,7 @@ class Report(msgspec.Struct, frozen=True):
 
 
 def statistics(
-    decisions: Iterable[Decision],
+    decisions: Iterable[Decision] | Chains,
     model: MDP,
     *,
     ensemble: str | None = None,
@@ -201,11 +201,11 @@ def statistics(
     """Return all that the decisions of an ensemble tell of its model.
 
     Args:
-        decisions: Of a record, or of `mdm.testing.capture_decisions`, in their order.
+        decisions: Of a record, or of `mdm.testing.capture_decisions`, in their order; or chains of several runs.
         model: The model in use.
-        ensemble: Its path; it has to be given where several have decided.
-        kind: See `mdm.estimation.chains.chains_of`.
-        stops: See there.
+        ensemble: Its path; it has to be given where several have decided. Chains have theirs.
+        kind: See `mdm.estimation.chains.chains_of`; chains have theirs.
+        stops: See there; chains have theirs.
         step: The seconds that a time step of the model stands for. With them rates become the rows of the re-estimated
             model, expm(Q * step); without them its probabilities of staying are the old ones.
         policy: The action of each state, for the loss of value; by default the actions that were decided.
@@ -223,7 +223,9 @@ def statistics(
         report = mdm.estimation.statistics(decisions, model)
         print(mdm.estimation.as_text(report))
     """
-    chains = chains_of(decisions, ensemble=ensemble, kind=kind, stops=stops)
+    chains = decisions
+    if not isinstance(chains, Chains):
+        chains = chains_of(chains, ensemble=ensemble, kind=kind, stops=stops)
     _check_fit(model, chains)
     check_level(level)
     if chains.hidden:
@@ -245,12 +247,18 @@ def _check_fit(model: MDP, chains: Chains) -> None:
                 raise ModelError(
                     f"{chains.ensemble!r} was in state {decision.state}, but the model has {states} states"
                 )
+            if chains.hidden and decision.belief is not None and len(decision.belief) != states:
+                raise ModelError(
+                    f"{chains.ensemble!r} had a belief over {len(decision.belief)} states, but the model has {states}"
+                )
 
 
 def _of_states(
     chains: Chains, model: MDP, *, step: float | None, policy: Sequence[int] | None, level: float, rate: float
 ) -> Report:
     stays = list(chains.stays())
+    if not any(stay.ended for stay in stays):
+        raise ModelError(f"no decision of {chains.ensemble!r} follows from another: there is nothing to count")
     jumps = chains.kind == "jumps"
     rows = transition_rows(model, counted(stays), chains.kind, level=level)
     staying = _staying(model, rows) if jumps else {}
@@ -263,6 +271,7 @@ def _of_states(
             raise ModelError("a step in seconds is for rates, of an ensemble that decides when its state changes")
         new = _after(model, found, step)
     told = verdicts(rows, rate=rate)
+    durations = _durations(model, chains, notes)
     names = model.state_space
     reports = [_row("T", row, verdict, loss, model, names) for row, verdict, loss in zip(rows, told, lost, strict=True)]
     return Report(
@@ -283,7 +292,7 @@ def _of_states(
         impossible=(),
         notes=tuple(notes),
         model=new,
-        durations=_durations(model, chains, notes),
+        durations=durations,
     )
 
 
@@ -306,6 +315,7 @@ def _of_hidden(chains: Chains, model: MDP, *, level: float, rate: float, seed: i
     notes = ["where states are hidden the loss of value is not computed: mdm evaluate NEW_MODEL POLICY tells it"]
     if pomdp.event_observations:
         notes.append("observations of events, P(o | s, a, s'), are those of the model; T alone was estimated")
+    durations = _durations(model, chains, notes)
     seen = None if pomdp.event_observations else list(fitted.observations)
     return Report(
         ensemble=chains.ensemble,
@@ -328,7 +338,7 @@ def _of_hidden(chains: Chains, model: MDP, *, level: float, rate: float, seed: i
         ),
         notes=tuple(notes),
         model=replaced(model.flatten(), list(fitted.transitions), seen),
-        durations=_durations(model, chains, notes),
+        durations=durations,
     )
 
 
@@ -399,7 +409,7 @@ def _durations(model: MDP, chains: Chains, notes: list[str]) -> Durations | None
     if any(decision.cause == "tick" for chain in chains.chains for decision in chain.decisions):
         return None  # each takes its rate's period
     try:
-        return durations_of(model, chains.stays())
+        return durations_of(model, chains.stays(), chains.kind)
     except ModelError as error:
         notes.append(str(error))
         return None

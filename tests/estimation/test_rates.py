@@ -7,14 +7,14 @@ import math
 import msgspec
 import numpy as np
 import pytest
-from estimated import visits
+from estimated import lived, visits
 from hypothesis import given, strategies as st
 from scipy import stats
 
 from mdm import ModelError
 from mdm.estimation import Stay, chains_of, durations_of, moran, rates_of
 from mdm.estimation.rates import erlang, holding, transitions_after
-from mdm.models import MDP
+from mdm.models import MDP, Durations
 
 MODEL = MDP([[[0.5, 0.25, 0.25], [0.5, 0.5, 0], [1, 0, 0]]] * 2, np.zeros((3, 2)), discount=0.9)
 
@@ -115,21 +115,39 @@ def test_erlang_stays_that_are_cut_short_are_fitted_as_scipy_does():
 
 def test_durations_are_those_that_were_seen_and_elsewhere_those_of_the_action():
     told = visits([0, 1, 0, 1, 0], times=[0, 2, 3, 7, 8])
-    durations = durations_of(MODEL, chains_of(told).stays())
+    durations = durations_of(MODEL, chains_of(told).stays(), "steps")
     assert durations.means.tolist() == [[3.0, 2.0], [1.0, 2.0], [2.0, 2.0]]
     assert durations.stages.tolist() == [[1, 1]] * 3
 
 
+def test_of_jumps_a_step_is_as_short_as_the_model_stays_long():
+    """MODEL stays in its first two states with 1/2, and leaves the third at once."""
+    told = visits([0, 1, 0, 1, 0], times=[0, 2, 3, 7, 8])
+    durations = durations_of(MODEL, chains_of(told).stays(), "jumps")
+    assert durations.means.tolist() == [[1.5, 1.0], [0.5, 1.0], [2.0, 2.0]]
+
+
+def test_durations_of_a_world_are_found_again_from_changes_of_its_state():
+    """The world takes steps of these durations, of which half change nothing and are not seen."""
+    means = np.array([[3.0], [1.0], [2.0]])
+    model = MDP([[[0.5, 0.25, 0.25], [0.5, 0.5, 0], [1, 0, 0]]], np.zeros((3, 1)), discount=0.9)
+    told = lived(model, [0, 0, 0], 6_000, world={"durations": Durations(means)})
+    durations = durations_of(model, chains_of(told, kind="jumps").stays(), "jumps")
+    assert durations.means == pytest.approx(means, rel=0.1)
+    endless = MDP([np.eye(3)], np.zeros((3, 1)), discount=0.9)
+    assert durations_of(endless, chains_of(told, kind="jumps").stays(), "jumps").means[0] == pytest.approx(6, rel=0.1)
+
+
 def test_durations_of_hidden_states_are_those_of_actions():
     stays = [Stay(None, 0, 2.0, None, True), Stay(None, 0, 4.0, None, True), Stay(None, 1, 9.0, None, False)]
-    durations = durations_of(MODEL, stays)
+    durations = durations_of(MODEL, stays, "steps")
     assert durations.means.tolist() == [3.0, 7.5]
 
 
 def test_without_any_time_there_are_no_durations():
     for stays in ([], [ended(0.0)], [cut(3.0)]):
         with pytest.raises(ModelError, match="no action was seen to take time"):
-            durations_of(MODEL, stays)
+            durations_of(MODEL, stays, "steps")
 
 
 @given(st.floats(0.01, 2), st.floats(0.01, 2), st.floats(0.1, 3))

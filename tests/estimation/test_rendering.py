@@ -28,7 +28,7 @@ def test_text_says_what_differs_and_what_is_impossible():
     assert lines[2] == "rows: 2 differs, 1 agrees, 0 certain, 0 too few; 0 not visited"
     assert lines[3] == "impossible by the model: dock -go-> lab, 2 times"
     (head,) = [line for line in lines if line.startswith("T go lab: p ")]
-    assert ", odds e^" in head
+    assert ", odds 10^234 to 1" in head
     assert ", loss " in head
     (entry,) = [line for line in lines if line.split()[:1] == ["lab"]]
     _, visits_, model, estimate, low, _, high = entry.split()

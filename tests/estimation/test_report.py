@@ -61,7 +61,7 @@ def test_jumps_have_rates_and_durations():
     assert first.entries[0].symbol == "b"
     assert first.entries[0].model is None
     assert first.entries[0].low == pytest.approx(float(rate_intervals([1], 4.0).low[0]))
-    assert report.durations.means[:, 0].tolist() == [4.0, 4.0, 1.0]
+    assert report.durations.means[:, 0].tolist() == [2.0, 2.0, 1.0]  # of 'a' and 'b' half of the steps stay
     assert report.model.transition("x", "a").tolist() == [0.5, 0.5, 0]  # what stays is not seen
 
 

@@ -179,7 +179,6 @@ class Ensemble(Layer):
         for layer in (self.state, self.observation, self.action):
             if layer is not None:
                 yield from layer.problems()
-        space = None if self.controller.model is None else self.controller.model.state_space
         if self.safety.on_lost_teammate is not None and not self.control.source.shared:
             yield ConfigError(
                 f"on_lost_teammate is for ensembles of a team, but {self.name!r} is of none",
@@ -190,11 +189,7 @@ class Ensemble(Layer):
             for factor in self.state.factors:
                 product *= factor.size
             expected = self.controller.symbols.num_states
-            if (
-                expected is not None
-                and product != expected
-                and (space is None or len(self.state.factors) == len(space.factors))
-            ):
+            if expected is not None and product != expected and self.controller.model is None:
                 yield ConfigError(
                     f"the state factors of {self.name!r} make {product} states, but the policy is for {expected}",
                     key=f"ensembles.{self.name}.states",

@@ -75,12 +75,13 @@ class _Brief:
 class ActionStatistics(ActorStatistics, frozen=True):
     """Counts of an action layer: lives started, how they ended, and which are live.
 
-    ``skipped`` counts decisions that were overtaken before their action began; ``latency`` is from stimulus to the
+    ``safe_ended`` counts those of ``ended`` that were run as the safe action; ``skipped`` counts decisions that were overtaken before their action began; ``latency`` is from stimulus to the
     callback's call.
     """
 
     started: int
     ended: dict[ActionStatus, int]
+    safe_ended: dict[ActionStatus, int]
     skipped: int
     live: tuple[str, ...]
     latency: Histogram
@@ -147,6 +148,7 @@ class ActionLayer(Layer):
         self.safe = safe_binding(safe_action, names, self.bindings)
         self.started = 0
         self._ended: dict[ActionStatus, int] = {}
+        self._safe_ended: dict[ActionStatus, int] = {}
         # Functions that were called and have succeeded, and are not counted above yet.
         self._swift = 0
         self._component = component
@@ -216,6 +218,7 @@ class ActionLayer(Layer):
             **msgspec.structs.asdict(super().statistics()),
             started=self.started,
             ended=dict(self.ended),
+            safe_ended=dict(self._safe_ended),
             skipped=self.skipped,
             live=self.live,
             latency=self.latency,
@@ -558,6 +561,7 @@ class ActionLayer(Layer):
         ended[status] = ended.get(status, 0) + 1
         text = f"action {life.name!r} {status.replace('_', ' ')}: {detail}".rstrip(": ")
         if life.secures:
+            self._safe_ended[status] = self._safe_ended.get(status, 0) + 1
             self._tell_secured(None if status == "succeeded" else text)
         if status in _FAILED:
             self.report("action", text)

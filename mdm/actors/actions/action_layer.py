@@ -75,8 +75,8 @@ class _Brief:
 class ActionStatistics(ActorStatistics, frozen=True):
     """Counts of an action layer: lives started, how they ended, and which are live.
 
-    ``safe_ended`` counts those of ``ended`` that were run as the safe action; ``skipped`` counts decisions that were overtaken before their action began; ``latency`` is from stimulus to the
-    callback's call.
+    ``safe_ended`` counts those of ``ended`` that were run as the safe action; ``skipped`` counts decisions that were
+    overtaken before their action began; ``latency`` is from stimulus to the callback's call.
     """
 
     started: int

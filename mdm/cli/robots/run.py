@@ -99,7 +99,9 @@ def _record_of(path: Path, agent: str | None) -> Path:
 
 def _nothing_but_failures(ended: Counter[str]) -> list[str]:
     """Return that every action has failed, if so; an agent's process says nothing of it, but would be started again."""
-    return [f"every action that was decided and ended has failed: {ended.total()}"] if ended and set(ended) <= _FAILURES else []
+    if not ended or not set(ended) <= _FAILURES:
+        return []
+    return [f"every action that was decided and ended has failed: {ended.total()}"]
 
 
 def _ended(runtime: Runtime) -> Counter[str]:

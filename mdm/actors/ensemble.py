@@ -55,6 +55,7 @@ class EnsembleStatistics(ActorStatistics, frozen=True):
 
     ``waiting`` names the unknown predicates that keep it from deciding, or the pause before it decides again;
     ``safe_actions`` counts the safe action's runs. ``idle`` is for how many seconds it has had nothing to do, in all.
+    ``live`` says for how many seconds each live action has lived, by name: one that never ends shows here.
     """
 
     mode: ModeName
@@ -63,6 +64,7 @@ class EnsembleStatistics(ActorStatistics, frozen=True):
     waiting: tuple[str, ...]
     safe_actions: int
     idle: float = 0.0
+    live: dict[str, float] = msgspec.field(default_factory=dict)
 
 
 class Ensemble(Layer):
@@ -209,6 +211,8 @@ class Ensemble(Layer):
         if given[other] is not None:
             yield f"ensemble {self.name!r} has {other}, but its policy decides on {wanted}"
         yield from self.liveness.notes()
+        if not isinstance(self.parent, Ensemble):  # else a decision above ends its action, too
+            yield from self.liveness.endless()
 
     def tree(self) -> str:
         """Return the ensemble and those below it, a line each, indented, with the action that each is bound to."""
@@ -458,6 +462,7 @@ class Ensemble(Layer):
             waiting=self.safety.waiting.names + self.liveness.waiting,
             safe_actions=self.safety.runs,
             idle=self.liveness.idle,
+            live=self.action.ages,
         )
 
     # -- Life ----------------------------------------------------------------------------------------------------

@@ -51,11 +51,12 @@ _own, _disown = OWNER.set, OWNER.reset
 class _Run(Life):
     """A life, and the work that carries it out."""
 
-    __slots__ = ("binding", "deadline", "grace", "put_off", "work")
+    __slots__ = ("began", "binding", "deadline", "grace", "put_off", "work")
 
     def __init__(self, name: str, binding: Binding, action: Action, *, secures: bool = False) -> None:
         super().__init__(name, binding, action, secures=secures)
         self.binding = binding
+        self.began = action.time
         self.work: Work | None = None
         self.deadline: Timer | None = None
         self.grace: Timer | None = None
@@ -177,6 +178,13 @@ class ActionLayer(Layer):
         """The names of the actions that are live now."""
         current = () if self.lives.current is None else (self.lives.current.name,)
         return (*current, *self.lives.beside)
+
+    @property
+    def ages(self) -> dict[str, float]:
+        """For how many seconds each action has lived that is live now, by name."""
+        lives = self.lives
+        running = (*(() if lives.current is None else (lives.current,)), *lives.beside.values())
+        return {life.name: (self.runtime.now() - life.began) / 1e9 for life in running}
 
     @property
     def calls(self) -> int:
@@ -520,6 +528,7 @@ class ActionLayer(Layer):
         self._returned(life, result, jobs)
 
     def _keep(self, life: _Run, *, task: bool) -> None:
+        life.began = self.runtime.now()
         self.lives.keep(life, task=task)
         timeout = self.safe_timeout if life.secures else life.binding.timeout
         if timeout is not None:

@@ -135,7 +135,7 @@ class TeamLayer(Layer):
             text: The sentence.
             lasts: Whether it is so still.
         """
-        if not all(agent in self.link.left for agent in gone):
+        if not all(agent in self.link.left and agent not in self.link.joined for agent in gone):
             self.report(kind, text)
             return
 

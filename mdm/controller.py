@@ -10,6 +10,7 @@ snapshot holds, which may come from another process; and beliefs of a user's own
 from __future__ import annotations
 
 import copy
+import math
 import sys
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack, get_args
 
@@ -20,7 +21,7 @@ from msgspec import Meta
 from mdm.beliefs import KnownState
 from mdm.beliefs.choice import check_memory
 from mdm.beliefs.information import restore, snapshot
-from mdm.beliefs.tracker import checked_support
+from mdm.beliefs.tracker import agreeing, checked_support
 from mdm.checks import check_choice
 from mdm.compilation import sparing
 from mdm.errors import ConfigError, ModelError
@@ -168,6 +169,7 @@ class Controller:
         space = self.symbols.observation_space
         self._num_observations = 0 if space is None else len(space)
         self._sizes = () if space is None else space.shape
+        self._parts: tuple[int, ...] | None = None
         self._name = self.symbols.action_name
         self._action_names = self.symbols.known_names
         table = getattr(self.policy, "table", None)
@@ -198,6 +200,25 @@ class Controller:
             self.information = self.policy.information(self.model)
             self._expected = expectation(self.information, own=False)
         self.reset()
+
+    def divide_observations(self, sizes: Sequence[int]) -> None:
+        """Take the observations of a model that does not divide them as made of components, the first most significant.
+
+        An observation may then be given by components, None where one is missing: information states are told the set
+        of observations that agree with it, and sum over them.
+
+        Raises:
+            ConfigError: If the components do not make up the model's observations.
+        """
+        if len(self._sizes) != 1 or math.prod(sizes) != self._num_observations:
+            parts = " x ".join(map(str, sizes))
+            raise ConfigError(f"{parts} components do not make up {self._num_observations} observations", key="model")
+        self._parts = tuple(sizes)
+
+    @property
+    def divided(self) -> bool:
+        """Whether observations are given by components that the model does not divide them into."""
+        return self._parts is not None
 
     @property
     def has_own_tracker(self) -> bool:
@@ -496,8 +517,13 @@ class Controller:
 
     # -- Checks --------------------------------------------------------------------------------------------------
 
-    def _observed(self, observation: Any) -> int | tuple[int | None, ...] | None:
-        """Return an observation by index or components, as information states take it."""
+    def _observed(self, observation: Any) -> int | tuple[int | None, ...] | frozenset[int] | None:
+        """Return an observation by index, components or those that agree, as information states take it."""
+        if observation.__class__ is tuple and self._parts is not None and len(observation) == len(self._parts):
+            sizes = zip(observation, self._parts, strict=True)
+            if not all(part is None or (part.__class__ is int and -1 < part < size) for part, size in sizes):
+                raise ModelError(f"there is no observation {observation!r}; its components count from 0")
+            return frozenset(agreeing(self._parts, observation))
         if observation is None or self.symbols.observation_space is None:
             return observation  # type: ignore[no-any-return]
         if observation.__class__ is int and -1 < observation < self._num_observations:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal, Unpack
@@ -154,6 +155,7 @@ class Ensemble(Layer):
             self.observation = ObservationLayer(
                 observations, self._manager("observations"), space=controller.symbols.observation_space
             )
+            self._divide(self.observation)
         self.action.adopt(self)
         self.levels: int = 1 + max((below.levels for below in self.subensembles), default=0)
         if self.levels > MOST_LEVELS:
@@ -163,6 +165,14 @@ class Ensemble(Layer):
         for child in (*self.subensembles, self.action, self.control, self.observation, self.state):
             if child is not None:
                 self.add(child)
+
+    def _divide(self, layer: ObservationLayer) -> None:
+        """Tell the controller of which factors an observation is made, where the model does not divide it."""
+        space = self.controller.symbols.observation_space
+        if space is not None and len(space.factors) == 1 < len(layer.factors):
+            sizes = [factor.size for factor in layer.factors]
+            if math.prod(sizes) == len(space):  # else the layer has told of it
+                self.controller.divide_observations(sizes)
 
     def _manager(self, factors: str) -> PredicateManager:
         if self.predicates is None:
@@ -185,6 +195,7 @@ class Ensemble(Layer):
                 f"on_lost_teammate is for ensembles of a team, but {self.name!r} is of none",
                 key=f"ensembles.{self.name}.on_lost_teammate",
             )
+        yield from self._parts_missing()
         if self.state is not None:
             product = 1
             for factor in self.state.factors:
@@ -198,6 +209,18 @@ class Ensemble(Layer):
                 yield ConfigError(
                     f"the state factors of {self.name!r} make {product} states, but the policy is for {expected}",
                     key=f"ensembles.{self.name}.states",
+                )
+
+    def _parts_missing(self) -> Iterator[ConfigError]:
+        """Yield the factors that may be missing from observations that a plan knows as wholes alone."""
+        if self.observation is None or not (self.controller.divided and self.controller.can_end):
+            return
+        for factor in self.observation.factors:
+            if factor.idle is None and not factor.hold:
+                yield ConfigError(
+                    f"observation factor {factor.name!r} may be missing, but the policy has an edge for each whole "
+                    "observation: give the factor 'idle' or 'hold'",
+                    key=f"ensembles.{self.name}.observations.{factor.name}",
                 )
 
     def notes(self) -> Iterator[str]:

@@ -27,10 +27,19 @@ def in_words(ensembles: Iterable[Ensemble]) -> Callable[[Decision], Mapping[str,
         state = _name(symbols.state_space, decision.state)
         if isinstance(state, int) and ensemble.state is not None:
             state = _wired(ensemble.state.factors, state)
-        told = {"state": state, "observation": _name(symbols.observation_space, decision.observation)}
+        told = {"state": state, "observation": _observed(ensemble, decision.observation)}
         return {name: word for name, word in told.items() if word is not None}
 
     return words
+
+
+def _observed(ensemble: Ensemble, given: int | tuple[int | None, ...] | None) -> object:
+    """Return the name of an observation; the events of one by components that the model does not tell apart."""
+    space, layer = ensemble.controller.symbols.observation_space, ensemble.observation
+    if isinstance(given, tuple) and layer is not None and space is not None and len(given) != len(space.factors):
+        parts = zip(layer.factors, given, strict=True)
+        return ", ".join(f"{factor.name}={factor.events[place]}" for factor, place in parts if place is not None)
+    return _name(space, given)
 
 
 def _name(space: Space | None, given: int | tuple[int | None, ...] | None) -> object:

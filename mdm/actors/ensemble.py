@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping
+from itertools import islice
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import anyio
@@ -23,6 +24,7 @@ from mdm.actors.options import ControlOptions, SafetyOptions
 from mdm.actors.predicates.predicate_manager import PredicateManager
 from mdm.actors.safety.liveness import Liveness
 from mdm.actors.safety.safety import Safety
+from mdm.actors.wiring import combined
 from mdm.checks import check_flag
 from mdm.errors import ConfigError, Error
 from mdm.messages import Belief, Cause, Control, ModeName, Observation, State
@@ -232,6 +234,15 @@ class Ensemble(Layer):
             yield f"ensemble {self.name!r} has no {wanted}: it waits for code that publishes what it decides on"
         if given[other] is not None:
             yield f"ensemble {self.name!r} has {other}, but its policy decides on {wanted}"
+        for kind, layer in (("state", self.state), ("observation", self.observation)):
+            pairs = [] if layer is None else list(islice(combined(layer.factors, layer.space), 2))
+            if layer is not None and pairs:
+                names = ", ".join(factor.name for factor in layer.factors)
+                (symbol, condition) = pairs[-1]
+                yield (
+                    f"ensemble {self.name!r}: the order of the {kind} factors {names} decides which is which, for the "
+                    f"model does not name them: {kind} {symbol!r} is {condition}"
+                )
         yield from self.liveness.notes()
 
     def tree(self) -> str:

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from mdm.actors.control.source import Team
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models.space import Symbol
+    from mdm.policies import Policy
     from mdm.runtime import Supervision
 
 __all__ = ["MOST_LEVELS", "Ensemble", "EnsembleStatistics"]
@@ -261,6 +262,19 @@ class Ensemble(Layer):
         if not hasattr(self, "controller") or not hasattr(self, "safety"):  # its construction failed half way
             return f"<Ensemble {self.name!r}>"
         return f"<Ensemble {self.name!r}: {self.summary()}, {self.mode}>"
+
+    @property
+    def policy(self) -> Policy:
+        """The policy, which stays the one that the ensemble was made with."""
+        return self.controller.policy
+
+    @policy.setter
+    def policy(self, policy: object) -> None:
+        raise ConfigError(
+            f"an ensemble keeps the policy that it was made with: make another one with policy={policy!r}; a TOML file "
+            "names one of your own as policy = 'module:name'",
+            key=f"ensembles.{self.name}.policy",
+        )
 
     def summary(self) -> str:
         """Return the kind of its process, in a few words."""

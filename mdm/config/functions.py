@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from mdm.config.objects import made
 from mdm.config.sources import look_for
 from mdm.errors import ConfigError
 from mdm.logic import similar
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from mdm.config.problems import Problems
+    from mdm.models import MDP
 
 __all__ = ["Functions", "Lasting", "find_function", "nothing"]
 
@@ -43,6 +45,20 @@ class Functions:
     def imported(self) -> bool:
         """Whether the functions found are those that the file names, and not stand-ins that do nothing."""
         return self._callbacks
+
+    @property
+    def looks(self) -> bool:
+        """Whether no module is to be run at all."""
+        return self._look
+
+    def make(self, reference: str, key: str, model: MDP | None) -> Any:
+        """Return what the class or function ``module:name`` makes; None where there is none, or no module is run."""
+        with self._problems.collecting(key):
+            if self._look:
+                look_for(reference, self._folder)
+                return None
+            return made(find_function(reference, self._folder), reference, model)
+        return None
 
     def find(self, reference: str, key: str) -> Callable[..., Any] | None:
         """Return the function named ``module:name``; None where there is none, which is noted with its key."""

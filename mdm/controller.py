@@ -26,7 +26,7 @@ from mdm.checks import check_choice
 from mdm.compilation import sparing
 from mdm.errors import ConfigError, ModelError
 from mdm.loading import model_of, policy_of, spared
-from mdm.models.digest import digest, of_parts
+from mdm.models.digest import digest, of_parts, plain
 from mdm.models.factored.flattening import RewardRow, RewardRows
 from mdm.options import ControllerOptions, OnImpossible, check_options
 from mdm.policies import mismatch
@@ -462,7 +462,10 @@ class Controller:
     def snapshot(self) -> bytes:
         """Return a snapshot to go on from here: with `restore`, the same calls then give the same steps.
 
-        Of a tracker of your own without ``snapshot`` and ``restore`` its ``current`` alone is kept.
+        Of a tracker of your own without ``snapshot`` and ``restore`` its ``current`` alone is kept, a belief.
+
+        Raises:
+            ModelError: If it is none, so that it would take ``snapshot`` and ``restore``.
         """
         held = Held(
             self.configuration,
@@ -473,7 +476,7 @@ class Controller:
             None if self._initial is None else self._initial.tolist(),
             snapshot(self.information),
         )
-        return msgspec.msgpack.encode(held)
+        return msgspec.msgpack.encode(held, enc_hook=plain)
 
     def mark(self) -> Any:
         """Return the present point in the process, for `go_back`: a `snapshot` for this controller alone, and quick.

@@ -24,7 +24,7 @@ from mdm.beliefs.information import restore, snapshot
 from mdm.beliefs.tracker import agreeing, checked_support
 from mdm.checks import check_choice
 from mdm.compilation import sparing
-from mdm.errors import ConfigError, ModelError
+from mdm.errors import ConfigError, ModelError, PolicyError
 from mdm.loading import model_of, policy_of, spared
 from mdm.models.digest import digest, of_parts, plain
 from mdm.models.factored.flattening import RewardRow, RewardRows
@@ -362,12 +362,20 @@ class Controller:
 
         Raises:
             ModelError: If the policy returns something else than an action, or cannot choose.
+            PolicyError: If it raises an error of another kind.
         """
         current = self.information.current
         if self._own_tracker:
             current = checked_belief(current, self.symbols.num_states)
         if action is None:
-            action = self._choose(current)
+            try:
+                action = self._choose(current)
+            except ModelError:
+                raise
+            except Exception as error:
+                from mdm.runtime.supervision import describe  # noqa: PLC0415 - a controller needs no runtime
+
+                raise PolicyError(f"the policy {type(self.policy).__name__} has raised {describe(error)}") from error
         if action.__class__ is not int or not -1 < action < self._num_actions:
             action = self._checked(action)
         epoch = self.epoch

@@ -18,7 +18,7 @@ from trackers import Halving
 import mdm
 from mdm.beliefs import BeliefTracker
 from mdm.controller import Controller
-from mdm.errors import ModelError
+from mdm.errors import ModelError, PolicyError
 from mdm.policies import (
     AlphaVectors,
     BeliefPolicy,
@@ -498,3 +498,17 @@ def test_information_that_is_no_belief_and_cannot_be_kept_is_told():
     for keep in (controller.snapshot, controller.digest, controller.mark):
         with refused(ModelError):
             keep()
+
+
+def test_an_error_in_a_policy_s_code_is_told_with_its_place():
+    class Broken(BeliefPolicy):
+        num_states, num_actions = 2, 3
+
+        def action(self, belief):
+            return {}["gone"]
+
+    with pytest.raises(
+        PolicyError, match=r"Broken has raised KeyError: 'gone' \(at .*test_controller\.py:\d+\)"
+    ) as told:
+        Controller(Broken(), tiger()).start()
+    assert isinstance(told.value.__cause__, KeyError)

@@ -21,7 +21,7 @@ from mdm.actors.layer import Layer
 from mdm.actors.options import ControlOptions
 from mdm.actors.safety.modes import AT_INPUT, AT_KNOWN
 from mdm.controller import Controller
-from mdm.errors import ConfigError, Error, ModelError
+from mdm.errors import ConfigError, Error, ModelError, PolicyError
 from mdm.messages import Answer, Belief, Control, Fault, Observation, Question, State, Tick
 from mdm.options import check_options
 from mdm.runtime import ActorStatistics, Histogram
@@ -331,7 +331,7 @@ class ControlLayer(Layer):
         try:
             step = self._see(index)
         except ModelError as error:
-            self._alarm(Fault(state.time, self.path, "state", text_of(error)))
+            self._undecided(error, state.time)
         else:
             self._tell(step, state.time, cause, None, index)
 
@@ -502,9 +502,16 @@ class ControlLayer(Layer):
                 return
             step = self.controller.decide() if state is None else self._see(state)
         except ModelError as error:
-            self._alarm(Fault(time, self.path, "state" if self.takes_states else "policy", text_of(error)))
+            self._undecided(error, time)
             return
         (self.output.publish if tell is None else tell)(step, time, cause, observation, state)
+
+    def _undecided(self, error: ModelError, time: int) -> None:
+        """Report that nothing could be chosen; an error in a policy's code is a failure where nothing goes safe."""
+        raised = isinstance(error, PolicyError)
+        fault = Fault(time, self.path, "state" if self.takes_states and not raised else "policy", text_of(error))
+        if not self._alarm(fault) and raised:
+            raise error
 
     def _deliberate(self, time: int, cause: str, observation: Observed, state: int | None) -> None:
         """Ask the planner; a question that is still open is asked no more, and the answer decides for both."""

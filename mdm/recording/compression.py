@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from mdm.errors import Error
@@ -29,16 +30,20 @@ def decompressor() -> Callable[[bytes, int], bytes]:
             module: Any = importlib.import_module(name)
         except ImportError:
             continue
-        failure = module.ZstdError
-
-        def decompress(data: bytes, size: int, module: Any = module, failure: Any = failure) -> bytes:
-            try:
-                if hasattr(module, "open"):  # a file with the signature of gzip's
-                    return bytes(module.ZstdDecompressor().decompress(data, size + 1))
-                with module.ZstdDecompressor().stream_reader(data) as reader:
-                    return bytes(reader.read(size + 1))
-            except (failure, EOFError, MemoryError) as error:
-                raise ValueError(str(error)) from None
-
-        return decompress
+        return partial(_stream if name == "zstandard" else _whole, module)
     raise Error("this record is compressed, which needs a module for it: pip install 'markov-decision-making[record]'")
+
+
+def _whole(module: Any, data: bytes, size: int) -> bytes:
+    try:
+        return bytes(module.ZstdDecompressor().decompress(data, size + 1))
+    except (module.ZstdError, EOFError, MemoryError) as error:
+        raise ValueError(str(error)) from None
+
+
+def _stream(module: Any, data: bytes, size: int) -> bytes:
+    try:
+        with module.ZstdDecompressor().stream_reader(data) as reader:
+            return bytes(reader.read(size + 1))
+    except (module.ZstdError, MemoryError) as error:
+        raise ValueError(str(error)) from None

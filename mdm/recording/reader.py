@@ -12,6 +12,7 @@ import struct
 import zlib
 from collections import Counter
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
@@ -101,6 +102,11 @@ class _File:
         self.topics: dict[int, Topic] = {}
         self.chunks: list[_Chunk] = []
         self.counts: Counter[str] = Counter()
+        self.first: int | None = None
+        self.last: int | None = None
+        """The numbers of the first message and of the last one."""
+        self.gaps = 0
+        """How many numbers between them no message has."""
         self.torn: str | None = None
         self.whole = 0
         """Bytes from the start that are whole."""
@@ -118,6 +124,10 @@ class _File:
                     self._scan(file)
                 except _Torn as torn:
                     self.torn = f"{_being_written(file) or torn}, at byte {self.whole:,} of {self.size:,}"
+        except FileNotFoundError:
+            raise FormatError("there is no such file", file=path) from None
+        except IsADirectoryError:
+            raise FormatError("this is a folder, not a file", file=path) from None
         except OSError as error:
             raise FormatError(f"the file cannot be read: {error.strerror}", file=path) from None
 
@@ -153,6 +163,9 @@ class _File:
             raise _Torn("its data is damaged")
         if not rest.endswith(MAGIC):
             raise _Torn("its summary is cut off")
+        checked, (told,) = rest[: -len(MAGIC) - 4], struct.unpack_from("<I", rest.rjust(12), len(rest) - 12)
+        if zlib.crc32(checked) != told:
+            raise _Torn("its summary is damaged")
         self.whole = self.size
 
     def _take(self, kind: int, content: bytes) -> None:
@@ -187,13 +200,18 @@ class _File:
         data = self.unpack(content)
         position, size = 0, len(data)
         counts: Counter[int] = Counter()
-        first, last = 2**64, 0
+        first, last, before, gaps = 2**64, 0, self.last, self.gaps
         while position < size:
             kind, length = _RECORD.unpack_from(data, position)
             if kind == _MESSAGE:
-                _, _, channel, _, stamp, _ = _STAMPED.unpack_from(data, position)
+                _, _, channel, sequence, stamp, _ = _STAMPED.unpack_from(data, position)
                 counts[channel] += 1
                 first, last = min(first, stamp), max(last, stamp)
+                if before is None:
+                    self.first = sequence
+                else:
+                    gaps += _between(before, sequence)
+                before = sequence
             else:
                 self._describe(kind, data[position + _RECORD.size : position + _RECORD.size + length])
             position += _RECORD.size + length
@@ -201,6 +219,7 @@ class _File:
             raise _Torn("a chunk is damaged")
         for channel, count in counts.items():
             self.counts[self.topics[channel].name] += count
+        self.last, self.gaps = before, gaps
         self.chunks.append(_Chunk(self.whole + _RECORD.size, len(content), first, last, frozenset(counts)))
 
     def unpack(self, content: bytes) -> bytes:
@@ -239,12 +258,12 @@ class _File:
             name, _ = _string(content, 4)
             self.topics[number] = Topic(name, *self._schemas.get(schema, ("", b"")))
 
-    def messages(self, names: set[str] | None, since: int, until: float) -> Iterator[tuple[int, int, int, bytes]]:
-        """Yield channel, time, sequence and data of messages."""
-        wanted = {number for number, topic in self.topics.items() if names is None or topic.name in names}
+    def messages(self, names: set[str] | None, since: int, until: float) -> Iterator[tuple[str, int, int, bytes]]:
+        """Yield topic, time, sequence and data of messages."""
+        wanted = {number: topic.name for number, topic in self.topics.items() if names is None or topic.name in names}
         with self.path.open("rb") as file:
             for chunk in self.chunks:
-                if chunk.last < since or chunk.first >= until or not chunk.channels & wanted:
+                if chunk.last < since or chunk.first >= until or wanted.keys().isdisjoint(chunk.channels):
                     continue
                 file.seek(chunk.offset)
                 try:
@@ -258,8 +277,16 @@ class _File:
                     if kind == _MESSAGE:
                         _, _, channel, sequence, stamp, _ = _STAMPED.unpack_from(data, position)
                         if channel in wanted and since <= stamp < until:
-                            yield channel, stamp, sequence, data[position + _STAMPED.size : end]
+                            yield wanted[channel], stamp, sequence, data[position + _STAMPED.size : end]
                     position = end
+
+
+def _between(before: int, after: int) -> int:
+    """Return how many numbers are left out between those of two messages, which begin anew after 32 bits."""
+    step = (after - before) % 2**32
+    if not 0 < step < 2**31:
+        raise _Torn("a chunk is not in its place")
+    return step - 1
 
 
 def _string(content: bytes, position: int) -> tuple[str, int]:
@@ -337,14 +364,14 @@ class Record:
         self._decoding = Decoding(types or {})
         self.path = paths[0]
         self.paths = [file.path for file in self._files]
-        self.metadata = {name: values for file in self._files for name, values in file.metadata.items()}
+        self.metadata = {name: values for file in self._files[::-1] for name, values in file.metadata.items()}
         self.attachments = list({each.name: each for file in self._files for each in file.attachments}.values())
         self.topics = {topic.name: topic for file in self._files for topic in file.topics.values()}
         self.counts: Counter[str] = sum((file.counts for file in self._files), Counter())
         self.torn = next((f"{file.path}: {file.torn}" for file in self._files if file.torn is not None), None)
         end = self.metadata.get(_END)
         self.closed = None if end is None else end.get("closed") == "yes"
-        self.number = int(self._files[0].metadata.get(_FILE, {}).get("number", "0"))
+        self.number = _number(self._files[0].metadata, _FILE, "number")
         self.lost = self._lost()
 
     @property
@@ -370,17 +397,20 @@ class Record:
 
     def _check_set(self) -> None:
         """Check that files are of one record, and follow each other."""
-        kept = [file.metadata.get(_FILE, {}) for file in self._files]
-        for before, after, file in zip(kept, kept[1:], self._files[1:], strict=False):
-            if before.get("record") != after.get("record"):
-                raise FormatError(f"this file is of another record than {self._files[0].path}", file=file.path)
-            if int(after.get("number", "0")) != int(before.get("number", "0")) + 1:
+        for before, file in pairwise(self._files):
+            if _record(before) != _record(file):
+                raise FormatError(f"this file is of another record than {before.path}", file=file.path)
+            if _number(file.metadata, _FILE, "number") != _number(before.metadata, _FILE, "number") + 1:
                 raise FormatError("the files of a record are given in their order, without a gap", file=file.path)
 
     def _lost(self) -> int:
         """Return how many numbers of messages are left out, or how many the end says."""
-        end = self.metadata.get(_END)
-        return 0 if end is None else int(end.get("lost", "0"))
+        gaps, before = 0, None if self.number else -1
+        for file in self._files:
+            if file.first is not None:
+                gaps += file.gaps + (0 if before is None else (file.first - before - 1) % 2**32)
+                before = file.last
+        return max(gaps, _number(self.metadata, _END, "lost"))
 
     def messages(
         self, topics: Iterable[str] | None = None, since: int | None = None, until: int | None = None
@@ -395,22 +425,33 @@ class Record:
         Raises:
             Error: If there is no such topic.
         """
-        for each in self.raw(topics, since, until):
-            yield each._replace(message=self._decoding.decode(self.topics[each.topic].schema_name, each.message))
+        decode = self._decoding.decode
+        schemas = {topic.name: topic.schema_name for topic in self.topics.values()}
+        for topic, time, sequence, data in self.raw(topics, since, until):
+            yield Recorded(topic, time, sequence, decode(schemas[topic], data))
 
     def raw(
         self, topics: Iterable[str] | None = None, since: int | None = None, until: int | None = None
-    ) -> Iterator[Recorded]:
-        """Yield messages as `messages` does, each as the bytes of its JSON."""
+    ) -> Iterator[tuple[str, int, int, bytes]]:
+        """Yield what `messages` does as tuples, messages as the bytes of their JSON."""
         names = None if topics is None else set(topics)
         for name in names or ():
             if name not in self.topics:
                 raise Error(f"{self.path}: there is no topic {name!r}; there are {', '.join(self.topics)}")
         latest = float("inf") if until is None else until
         for file in self._files:
-            known = {number: topic.name for number, topic in file.topics.items()}
-            for channel, stamp, sequence, data in file.messages(names, since or 0, latest):
-                yield Recorded(known[channel], stamp, sequence, data)
+            yield from file.messages(names, since or 0, latest)
+
+
+def _record(file: _File) -> str | None:
+    """Return which record a file is of."""
+    return file.metadata.get(_FILE, {}).get("record")
+
+
+def _number(metadata: Mapping[str, Mapping[str, str]], name: str, key: str) -> int:
+    """Return a number of the metadata, 0 where there is none."""
+    text = metadata.get(name, {}).get(key, "0")
+    return int(text) if text.isascii() and text.isdecimal() else 0
 
 
 def _checked(file: _File) -> _File:
@@ -434,8 +475,7 @@ def _checked(file: _File) -> _File:
 
 def _following(first: _File) -> Iterator[_File]:
     """Yield the files of the same record that follow one, as they are named."""
-    own = first.metadata.get(_FILE, {})
-    if own.get("number") != "0":
+    if _FILE not in first.metadata or _number(first.metadata, _FILE, "number"):
         return
     number = 1
     while True:
@@ -446,7 +486,7 @@ def _following(first: _File) -> Iterator[_File]:
             file = _checked(_File(path))
         except FormatError:  # of something else, or torn in its head
             return
-        if file.metadata.get(_FILE, {}) != {"record": own.get("record"), "number": str(number)}:
+        if _record(file) != _record(first) or _number(file.metadata, _FILE, "number") != number:
             return
         yield file
         number += 1

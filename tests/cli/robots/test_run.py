@@ -64,17 +64,26 @@ def safe():
 """
 
 
+BACKGROUND = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
+"""
+"""Start Python as POSIX shells start what is in their background, where they are no terminal's (`sh`, 2.11)."""
+
+
+@pytest.mark.parametrize("start", [(), ("-c", BACKGROUND)], ids=["foreground", "background"])
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_signals_end_the_action_and_run_the_safe_one(tmp_path, number, status):
+def test_signals_end_the_action_and_run_the_safe_one(tmp_path, number, status, start):
     (tmp_path / "signal_robot.py").write_text(ROBOT)
     (tmp_path / "robot.toml").write_text(
         "[predicates]\nA = { initial = true }\n[ensembles.robot]\npolicy = [0, 0]\nsafe_action = 'signal_robot:safe'\n"
         "[ensembles.robot.states]\na = ['A']\n[ensembles.robot.actions]\nDrive = 'signal_robot:drive'\n"
     )
-    with python("-m", "mdm", "run", tmp_path / "robot.toml", "--log", "json") as process:
+    with python(*start, "-m", "mdm", "run", tmp_path / "robot.toml", "--log", "json") as process:
         assert process.stdout.readline() == "driving\n"
         process.send_signal(number)
-        output, errors = process.communicate()
+        output, errors = process.communicate(timeout=30)
     assert output == "brakes\nsafe\n"
     assert process.returncode == status
     records = [json.loads(line) for line in errors.splitlines()]

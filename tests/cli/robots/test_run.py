@@ -50,6 +50,23 @@ def test_virtual_time_ends_in_order_when_nothing_is_left_to_do(tmp_path):
     assert (first.stdout, first.stderr) == (second.stdout, second.stderr)
 
 
+def test_decisions_of_an_ensemble_that_a_task_starts_are_logged(mdm, tmp_path):
+    (tmp_path / "late_robot.py").write_text(
+        "import mdm\ndef go(): ...\nasync def add(system):\n"
+        "    late = mdm.Ensemble('late', policy=[0, 0], actions={'go': go})\n"
+        "    await system.runtime.start(late)\n    late.publish_state(1)\n"
+    )
+    (tmp_path / "robot.toml").write_text(
+        "tasks = ['late_robot:add']\n[predicates]\nA = { initial = true }\n[ensembles.robot]\npolicy = [0, 0]\n"
+        "[ensembles.robot.states]\na = ['A']\n[ensembles.robot.actions]\nGo = 'late_robot:go'\n"
+    )
+    status, _, errors = mdm("run", tmp_path / "robot.toml", "--virtual", "--seconds", "1", "--log", "json")
+    assert status == 0, errors
+    records = [json.loads(line) for line in errors.splitlines() if line.startswith("{")]
+    told = {record["ensemble"]: record["state"] for record in records if record["event"] == "decision"}
+    assert told == {"robot": "A", "late": 1}
+
+
 ROBOT = """
 import asyncio, sys
 async def drive():

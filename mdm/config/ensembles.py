@@ -333,7 +333,10 @@ class Ensembles:
         safe = table.safe_action
         if safe is None or ":" not in safe:
             return safe
-        return (self._functions.find(safe, key) if seat.acts else None) or nothing
+        function = self._functions.find(safe, key) if seat.acts else None
+        with self._problems.collecting(key):
+            return Binding(function or nothing).target
+        return nothing
 
     def _memory(self, table: EnsembleTable) -> float | None:
         """Return how many megabytes an ensemble's model may take; None where nothing limits it but the machine."""

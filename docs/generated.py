@@ -252,6 +252,7 @@ STATISTICS = (
     "mdm.runtime.statistics.DispatcherStatistics",
     "mdm.runtime.statistics.LoopStatistics",
     "mdm.runtime.statistics.LogStatistics",
+    "mdm.recording.writer.RecordStatistics",
     "mdm.actors.ensemble.EnsembleStatistics",
     "mdm.actors.control.control_layer.ControlStatistics",
     "mdm.actors.actions.action_layer.ActionStatistics",

@@ -50,7 +50,9 @@ def record_with(tmp_path, *files):
 
 
 def test_names_are_kept_in_a_record(tmp_path):
-    record = record_with(tmp_path, attached("top", ROBOT), attached("top/below", Names()), ("a.toml", "text/plain", b""))
+    record = record_with(
+        tmp_path, attached("top", ROBOT), attached("top/below", Names()), ("a.toml", "text/plain", b"")
+    )
     assert names_of(record) == {"top": ROBOT, "top/below": Names()}
 
 

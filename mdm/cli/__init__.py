@@ -38,6 +38,7 @@ VERBS = {
     "evaluate": ("policies", "compute the value of a policy, exactly or by simulation"),
     "compare": ("policies", "compare the values of several policies"),
     "plot": ("policies", "draw bounds over time, a policy, a belief over an episode, or a recorded run"),
+    "replay": ("records", "run what a record has once more, and compare every decision"),
     "record": ("records", "describe, print, export and repair the record of a run"),
     "map": ("map", "propose, draft, check and show the map of a floor, and make a model from it"),
     "new": ("projects", "make a small project that runs, and has a test"),

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import msgspec
 
-__all__ = ["Began", "Ended", "Finished", "Late", "Raised", "Said", "Stimulus", "Ticked", "Where"]
+__all__ = ["Began", "Ended", "Finished", "GoesOn", "Lasts", "Late", "Raised", "Said", "Stimulus", "Ticked", "Where"]
 
 Where = Literal["outside", "call", "task", "turn"]
 """Where users' code said something: outside of all turns; within the call of an action, or in its task, both of a life
@@ -51,6 +51,13 @@ class Ticked(_Stimulus, frozen=True, gc=False):
     missed: int
 
 
+class Lasts(_Stimulus, frozen=True, gc=False):
+    """The function of an action's life returned an awaitable, which runs as work."""
+
+    ensemble: str
+    life: int
+
+
 class Ended(_Stimulus, frozen=True, gc=False):
     """The work of an action's life came to its end.
 
@@ -74,6 +81,14 @@ class Raised(_Stimulus, frozen=True, gc=False):
     unrun: bool = False
 
 
+class GoesOn(_Stimulus, frozen=True, gc=False):
+    """What an action's ``goes_on`` answered when the action was chosen again, by the decision of an epoch."""
+
+    ensemble: str
+    epoch: int
+    answer: bool
+
+
 class Late(_Stimulus, frozen=True, gc=False):
     """A decision came so many nanoseconds after its stimulus, past its deadline."""
 
@@ -86,5 +101,5 @@ class Finished(_Stimulus, frozen=True, gc=False):
     """The runtime began to end."""
 
 
-Stimulus = Began | Said | Ticked | Ended | Raised | Late | Finished
+Stimulus = Began | Said | Ticked | Lasts | Ended | Raised | GoesOn | Late | Finished
 """One of them; ``kind`` in JSON is the name of its class in small letters."""

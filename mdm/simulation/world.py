@@ -139,10 +139,10 @@ class World(Actor):
         self._return = 0.0
         self._weight = 1.0
         self._step = 0
-        self._began = self.runtime.clock.now()
+        self._began = self.runtime.now()
         self.moves = 0
         if self._belief_at_start is not None:
-            self._initial_beliefs.publish(Belief(self.runtime.clock.now(), self._belief_at_start(self.state)))
+            self._initial_beliefs.publish(Belief(self.runtime.now(), self._belief_at_start(self.state)))
 
     def _on_action(self, action: Action) -> None:
         self._return += self._weight * self._rewards[self.state][action.index]
@@ -178,12 +178,12 @@ class World(Actor):
         self._unfinished = self.call_later(self._lengths.draw(state, action), then)
 
     def _pay(self, action: int) -> None:
-        seconds = (self.runtime.clock.now() - self._began) / 1e9
+        seconds = (self.runtime.now() - self._began) / 1e9
         self._return += self.model.discount**seconds * self._rewards[self.state][action]
         self.moves += 1
 
     def _show_beginning(self) -> None:
-        self._began = self.runtime.clock.now()
+        self._began = self.runtime.now()
         self._show(observation=0, changed=True)
 
     def _finish(self, action: int) -> None:
@@ -229,7 +229,7 @@ class World(Actor):
             f"no observation in {_LONGEST} time steps, in state {names[0]!r} during action {names[1]!r}: the episode "
             f"ends"
         )
-        self.runtime.faults.publish(Fault(self.runtime.clock.now(), self.path, "no_observation", text))
+        self.runtime.faults.publish(Fault(self.runtime.now(), self.path, "no_observation", text))
 
     def _later(self, show: Callable[[], object], steps: int = 1) -> None:
         if self._period > 0:
@@ -252,7 +252,7 @@ class World(Actor):
                     for name, holds in factor.truth(value).items():
                         layer.predicates.sense(name, holds)
         else:
-            self._states.publish(State(self.runtime.clock.now(), self.state, values))
+            self._states.publish(State(self.runtime.now(), self.state, values))
 
     def _show_observation(self, index: int) -> None:
         layer = self.ensemble.observation
@@ -265,7 +265,7 @@ class World(Actor):
                 layer.predicates.occur(*raised)
                 return
         mask = (True,) * len(values)
-        self._observations.publish(Observation(self.runtime.clock.now(), index, values, mask))
+        self._observations.publish(Observation(self.runtime.now(), index, values, mask))
 
 
 def _settable(layer: StateLayer) -> bool:

@@ -264,6 +264,18 @@ class PredicateManager(Actor):
         else:
             self._input((), events)
 
+    def derive(self, predicates: tuple[tuple[str, bool | None], ...], events: tuple[str, ...] = ()) -> None:
+        """Take values of predicates, and events, that the library itself derives from other input, as one update.
+
+        They are no input of a record's: whatever they follow from is.
+        """
+        if self._senses is None:
+            self._input(predicates, events)
+        elif self.failing:
+            self._keep(SensorUpdate(self.runtime.now(), predicates, events))
+        else:
+            self.sensed.derive(SensorUpdate(self.runtime.now(), predicates, events))
+
     def _initial(self, name: str, initial: bool | None) -> bool | None:
         """A sensor's value reported before the start; else unknown at a restart, and its initial value at first."""
         return self._backlog.values.get(name, None if self._begun else initial)
@@ -274,7 +286,7 @@ class PredicateManager(Actor):
             now = self._now
             senses(SensorUpdate(now(), predicates, events))
         elif self._begun:
-            self._keep(SensorUpdate(self.runtime.clock.now(), predicates, events))
+            self._keep(SensorUpdate(self.runtime.now(), predicates, events))
         else:
             self._backlog.put(predicates, None)
 
@@ -303,15 +315,16 @@ class PredicateManager(Actor):
     def on_start(self) -> None:
         """Build the network, ground it, and make its first values known."""
         self.sensed = self.channel("sensed", SensorUpdate)
+        self.sensed.input = self.sensed.stamped = True
         self.sensed.supersedes = _subject
         self.sensed.merge = _merge
         self.updates = self.channel("updates", PredicateUpdate)
         self.events = self.channel("events", EventUpdate)
         self.map = self.channel("map", PredicateMap)
         self._batches.dispatcher = self.runtime.dispatcher
-        self._now = self.runtime.clock.reader()
+        self._now = self.runtime.now
         self._senses = self.sensed.publish
-        now = self.runtime.clock.now()
+        now = self.runtime.now()
         self._begun = self._home is self.runtime
         self._home = self.runtime
         if self._begun:
@@ -331,7 +344,7 @@ class PredicateManager(Actor):
         self._counter = self._event_counter = 0
         self._age_timers.clear()
         self._first_events = EventUpdate(now, 0, first.events) if first.events else None
-        self.map.retain_by(lambda: PredicateMap(self.runtime.clock.now(), self._counter, self.values()))
+        self.map.retain_by(lambda: PredicateMap(self.runtime.now(), self._counter, self.values()))
         self.events.retain_by(lambda: self._first_events if self._event_counter == 0 else None)
         for name in first.armed:
             self._arm(name, now)
@@ -358,7 +371,7 @@ class PredicateManager(Actor):
         self._lost = True
         if known:
             self._counter += 1
-            self.updates.publish(PredicateUpdate(self.runtime.clock.now(), self._counter, (), (), known))
+            self.updates.publish(PredicateUpdate(self.runtime.now(), self._counter, (), (), known))
 
     def on_stop(self) -> None:
         """Keep sensors' reports from now on for the next start."""
@@ -374,7 +387,7 @@ class PredicateManager(Actor):
         if self._max_age:
             for name, value in predicates:
                 if name in self._max_age:
-                    self._seen[name] = update.time
+                    self._seen[name] = update.time if update.sensed is None else update.sensed
                     if value is not None and name not in self._age_timers:
                         self._watch(name)
         if change is None:
@@ -383,7 +396,9 @@ class PredicateManager(Actor):
 
     def _fresh(self, update: SensorUpdate) -> tuple[tuple[str, bool | None], ...]:
         """Return the values of an update, unknown where they waited for longer than they hold."""
-        age = self._now() - update.time
+        if update.sensed is None:
+            return update.predicates
+        age = update.time - update.sensed
         limits = self._max_age
         stale = [name for name, value in update.predicates if value is not None and age > limits.get(name, age)]
         if not stale:
@@ -434,7 +449,7 @@ class PredicateManager(Actor):
     def _arm(self, name: str, since: int) -> None:
         def held() -> None:
             del self._hold_timers[name]
-            when = self.runtime.clock.now()
+            when = self.runtime.now()
             change = self._network.update((), (), (name,))
             if change:
                 self._publish(when, change)
@@ -446,7 +461,7 @@ class PredicateManager(Actor):
         max_age = self._max_age[name]
 
         def look() -> None:
-            now = self.runtime.clock.now()
+            now = self.runtime.now()
             if self._seen[name] + max_age > now:
                 self._age_timers[name] = self.call_at(self._seen[name] + max_age, look)
                 return

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import Error
-from mdm.messages import PredicateMap, PredicateUpdate, SensorUpdate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
     from mdm.actors.predicates.predicate_manager import PredicateManager
+    from mdm.messages import PredicateMap, PredicateUpdate
     from mdm.runtime import Channel, Subscription
     from mdm.runtime.dispatcher import Dispatcher
 
@@ -241,7 +241,7 @@ class Follower:
             self._subscription.cancel()
             self._subscription = None
         self._counter = message.counter
-        self._take(message.time, message.values.items())
+        self._take(message.values.items())
 
     def update(self, update: PredicateUpdate) -> None:
         """Apply the other agent's changes."""
@@ -250,10 +250,10 @@ class Follower:
         self._counter = update.counter
         changes = [(name, True) for name in update.rising]
         changes += [(name, False) for name in update.falling]
-        self._take(update.time, [*changes, *((name, None) for name in update.unknown)])
+        self._take([*changes, *((name, None) for name in update.unknown)])
 
-    def _take(self, time: int, values: Iterable[tuple[str, bool | None]]) -> None:
+    def _take(self, values: Iterable[tuple[str, bool | None]]) -> None:
         known = self._manager.known
         changes = tuple((f"{self._agent}/{name}", value) for name, value in values if f"{self._agent}/{name}" in known)
         if changes:
-            self._manager.sensed.publish(SensorUpdate(time, changes))
+            self._manager.derive(changes)

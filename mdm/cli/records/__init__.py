@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from mdm.cli.usage import complete, finite
+from mdm.cli.usage import complete, count, finite
 
-__all__ = ["VERBS", "add_record"]
+__all__ = ["VERBS", "add_record", "add_replay"]
 
 VERBS = {
     "info": "what is in a record",
@@ -29,6 +29,27 @@ def add_record(verbs: Any, line: str) -> None:
     kinds = parser.add_subparsers(dest="record_verb", metavar="VERB", required=True)
     for name, add in {"info": _add_info, "cat": _add_cat, "export": _add_export, "repair": _add_repair}.items():
         complete(add(kinds, name), f"record {name}", f"mdm.cli.records.{name}")
+
+
+def add_replay(verbs: Any, line: str) -> None:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "replay",
+        help=line,
+        description=(
+            "Run what a record has once more, in virtual time and as fast as it goes, with the configuration in the "
+            "record, and compare every decision: exactly in the same environment, else actions exactly and numbers to "
+            "1e-9. The first difference is told with what led to it. No function of the configuration is called. With "
+            "--config, another configuration is compared: which decisions it would have made otherwise. The exit "
+            "status is 1 where a decision differs."
+        ),
+        epilog="example: mdm replay run.mcap",
+    )
+    parser.add_argument("file", metavar="FILE", help="the record")
+    parser.add_argument("--config", metavar="OTHER.toml", help="another configuration of the same ensembles")
+    parser.add_argument("--most", metavar="N", type=count, help="tell at most N differences (1; with --config, 20)")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    complete(parser, "replay", "mdm.cli.records.replay")
 
 
 def _add_info(verbs: Any, name: str) -> argparse.ArgumentParser:

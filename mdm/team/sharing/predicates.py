@@ -179,7 +179,7 @@ class PredicatePublisher(Actor):
                 for name in names
                 if manager.declared.names[name] == "predicate"
             }
-            self._send(Change(self._number, self.runtime.clock.now(), values))
+            self._send(Change(self._number, self.runtime.now(), values))
 
     def _send(self, change: Change) -> None:
         for tell in self.local:
@@ -325,8 +325,8 @@ class PredicateSubscriber(Actor):
                 tuple(name for name, value in new.items() if value is truth) for truth in (True, False, None)
             )
             self._count += 1
-            self._updates.publish(PredicateUpdate(self.runtime.clock.now(), self._count, rising, falling, unknown))
+            self._updates.publish(PredicateUpdate(self.runtime.now(), self._count, rising, falling, unknown))
 
     def _publish_map(self) -> None:
         """Publish all values, for a manager that has just begun anew."""
-        self._map.publish(PredicateMap(self.runtime.clock.now(), self._count, dict(self._values)))
+        self._map.publish(PredicateMap(self.runtime.now(), self._count, dict(self._values)))

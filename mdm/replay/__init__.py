@@ -1,0 +1,6 @@
+"""Replay: a run once more, from its record, as exactly as it was."""
+
+from mdm.replay.difference import Difference
+from mdm.replay.replay import Replayed, replay
+
+__all__ = ["Difference", "Replayed", "replay"]

@@ -244,7 +244,22 @@ class Ensemble(Layer):
                     f"ensemble {self.name!r}: the order of the {kind} factors {names} decides which is which, for the "
                     f"model does not name them: {kind} {symbol!r} is {condition}"
                 )
+        if self.action.safe is not None and (silent := self._silent()):
+            yield (
+                f"ensemble {self.name!r} has a safe action, but nothing tells that {', '.join(sorted(silent))} "
+                f"{'is' if len(silent) == 1 else 'are'} no longer sensed: give sensors a max_age"
+            )
         yield from self.liveness.notes()
+
+    def _silent(self) -> set[str]:
+        """Return the predicates that it decides on and that code sets, unless one of them becomes unknown by age."""
+        declared = None if self.predicates is None else self.predicates.declared
+        layer = self.state if self.controller.takes == "state" else self.observation
+        if declared is None or layer is None:
+            return set()
+        names = {name for factor in layer.factors for name in _inputs(factor) if name is not None}
+        sensed = {sensor for name in names for sensor in declared.inputs_of(name) if declared.senses(sensor)}
+        return set() if sensed & declared.aged else sensed
 
     def tree(self) -> str:
         """Return the ensemble and those below it, a line each, indented, with the action that each is bound to."""
@@ -583,6 +598,10 @@ class Ensemble(Layer):
         # One that begins when all has settled here, and not below, comes to its end, too, before it is the last word.
         early = 0.5 + max(last, own) + once if self.subensembles else 0.0
         return 0.5 + max(below, early) + 2 * once
+
+
+def _inputs(factor: StateFactor | ObservationFactor) -> Sequence[str | None]:
+    return factor.predicates if isinstance(factor, StateFactor) else factor.events
 
 
 def _call(target: object) -> str:

@@ -158,14 +158,16 @@ def _examine_model(file: str, normalize: bool) -> tuple[str | None, list[str], l
             model.flatten()
             kind = f"a model ({model.kind})"
             if all(
-                problem.is_sum for problem in collected
+                problem.is_sum or problem.is_remark for problem in collected
             ):  # with worse problems, oddities would only follow from them
                 odd = diagnose(model)
         except (FormatError, ModelError) as error:
             collected.append(Problem(str(error), is_sum=False))
     problems, notes = [], []
     for problem in dict.fromkeys(collected):
-        if normalize and problem.is_sum:
+        if problem.is_remark:
+            notes.append(problem.text)
+        elif normalize and problem.is_sum:
             notes.append(f"{problem.text}; normalised")
         else:
             problems.append(problem.text if problem.text.startswith(file) else f"{file}: {problem.text}")

@@ -59,6 +59,7 @@ class EnsembleStatistics(ActorStatistics, frozen=True):
 
     ``waiting`` names the unknown predicates that keep it from deciding, or the pause before it decides again;
     ``safe_actions`` counts the safe action's runs. ``idle`` is for how many seconds it has had nothing to do, in all.
+    ``live`` says for how many seconds each live action has lived, by name: one that never ends shows here.
     """
 
     mode: ModeName
@@ -67,6 +68,7 @@ class EnsembleStatistics(ActorStatistics, frozen=True):
     waiting: tuple[str, ...]
     safe_actions: int
     idle: float = 0.0
+    live: dict[str, float] = msgspec.field(default_factory=dict)
 
 
 class Ensemble(Layer):
@@ -189,26 +191,25 @@ class Ensemble(Layer):
 
     def problems(self) -> Iterator[ConfigError]:
         """Yield everything that would keep the ensemble, or one below it, from starting."""
-        for layer in (self.state, self.observation, self.action):
-            if layer is not None:
-                yield from layer.problems()
-        space = None if self.controller.model is None else self.controller.model.state_space
+        yield from self.layer_problems()
         if self.safety.on_lost_teammate is not None and not self.control.source.shared:
             yield ConfigError(
                 f"on_lost_teammate is for ensembles of a team, but {self.name!r} is of none",
                 key=f"ensembles.{self.name}.on_lost_teammate",
             )
+
+    def layer_problems(self) -> Iterator[ConfigError]:
+        """Yield those that have nothing to do with a team, whose member may not have been made."""
+        for layer in (self.state, self.observation, self.action):
+            if layer is not None:
+                yield from layer.problems()
         yield from self._parts_missing()
         if self.state is not None:
             product = 1
             for factor in self.state.factors:
                 product *= factor.size
             expected = self.controller.symbols.num_states
-            if (
-                expected is not None
-                and product != expected
-                and (space is None or len(self.state.factors) == len(space.factors))
-            ):
+            if expected is not None and product != expected and self.controller.model is None:
                 yield ConfigError(
                     f"the state factors of {self.name!r} make {product} states, but the policy is for {expected}",
                     key=f"ensembles.{self.name}.states",
@@ -250,6 +251,18 @@ class Ensemble(Layer):
                 f"{'is' if len(silent) == 1 else 'are'} no longer sensed: give sensors a max_age"
             )
         yield from self.liveness.notes()
+        if not isinstance(self.parent, Ensemble):  # else a decision above ends its action, too
+            yield from self.liveness.endless()
+
+    def _silent(self) -> set[str]:
+        """Return the predicates that it decides on and that code sets, unless one of them becomes unknown by age."""
+        declared = None if self.predicates is None else self.predicates.declared
+        layer = self.state if self.controller.takes == "state" else self.observation
+        if declared is None or layer is None:
+            return set()
+        names = {name for factor in layer.factors for name in _inputs(factor) if name is not None}
+        sensed = {sensor for name in names for sensor in declared.inputs_of(name) if declared.senses(sensor)}
+        return set() if sensed & declared.aged else sensed
 
     def _silent(self) -> set[str]:
         """Return the predicates that it decides on and that code sets, unless one of them becomes unknown by age."""
@@ -522,6 +535,7 @@ class Ensemble(Layer):
             waiting=self.safety.waiting.names + self.liveness.waiting,
             safe_actions=self.safety.runs,
             idle=self.liveness.idle,
+            live=self.action.ages,
         )
 
     # -- Life ----------------------------------------------------------------------------------------------------

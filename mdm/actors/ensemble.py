@@ -264,16 +264,6 @@ class Ensemble(Layer):
         sensed = {sensor for name in names for sensor in declared.inputs_of(name) if declared.senses(sensor)}
         return set() if sensed & declared.aged else sensed
 
-    def _silent(self) -> set[str]:
-        """Return the predicates that it decides on and that code sets, unless one of them becomes unknown by age."""
-        declared = None if self.predicates is None else self.predicates.declared
-        layer = self.state if self.controller.takes == "state" else self.observation
-        if declared is None or layer is None:
-            return set()
-        names = {name for factor in layer.factors for name in _inputs(factor) if name is not None}
-        sensed = {sensor for name in names for sensor in declared.inputs_of(name) if declared.senses(sensor)}
-        return set() if sensed & declared.aged else sensed
-
     def tree(self) -> str:
         """Return the ensemble and those below it, a line each, indented, with the action that each is bound to."""
         lines = [f"{self.name} ({self.summary()})"]

@@ -38,12 +38,12 @@ def run_virtual(main: Callable[[Runtime], Coroutine[Any, Any, T]], **options: An
 
     Args:
         main: Called with the running runtime.
-        options: Options of `Runtime`; the log is off by default.
+        options: Options of `Runtime`; by default ``log=None``, which prints the first failure of each action.
     """
     results: list[T] = []
 
     async def program() -> T:
-        async with Runtime(**{"log": False, **options}) as runtime:
+        async with Runtime(**{"log": None, **options}) as runtime:
             results.append(await main(runtime))
         return results[0]
 
@@ -75,9 +75,7 @@ def capture_decisions(runtime: Runtime) -> Iterator[list[Decision]]:
         subscription.cancel()
 
 
-def replay(
-    path: str | Path, actors: Actor | Sequence[Actor] | None = None, *, config: str | Path | None = None
-) -> int:
+def replay(path: str | Path, actors: Actor | Sequence[Actor] | None = None, *, config: str | Path | None = None) -> int:
     """Run a record once more, in virtual time, and see that each decision is the one that was recorded.
 
     Users' functions are not called. Example::

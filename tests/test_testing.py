@@ -9,7 +9,9 @@ from recorded import Fragile, tell
 from sentences import refused
 
 import mdm
+from mdm import Ensemble
 from mdm.config.recorded import attach_configuration
+from mdm.policies import DeterministicPolicy
 from mdm.recording import Recorder
 from mdm.testing import block, delay, replay, run_virtual
 
@@ -107,3 +109,17 @@ def test_a_replay_that_cannot_be_is_refused(tmp_path):
         replay(tmp_path / "run.mcap", robot, config="robot.toml")
     with refused(mdm.Error):
         replay(tmp_path / "run.mcap")
+
+
+@pytest.mark.parametrize(("options", "told"), [({}, 1), ({"log": False}, 0)])
+def test_an_action_that_fails_in_a_test_is_printed_once(options, told, capsys):
+    robot = Ensemble("robot", policy=DeterministicPolicy([0], 1), actions={"0": lambda: {}["gone"]})
+
+    async def main(runtime):
+        await runtime.start(robot)
+        for _ in range(3):
+            robot.publish_state(0)
+            await asyncio.sleep(1)
+
+    run_virtual(main, **options)
+    assert capsys.readouterr().err.count("KeyError: 'gone'") == told

@@ -113,9 +113,7 @@ _HEARING = np.array([[0.85, 0.15], [0.15, 0.85]])
 
 def tiger(hearing):
     """Return an ensemble that listens for a tiger, whose ears are so good."""
-    model = mdm.models.POMDP(
-        [np.eye(2)] * 2, [hearing] * 2, np.zeros((2, 2)), discount=0.9, actions=["listen", "open"]
-    )
+    model = mdm.models.POMDP([np.eye(2)] * 2, [hearing] * 2, np.zeros((2, 2)), discount=0.9, actions=["listen", "open"])
     vectors = np.array([[1.0, 1.0], [0.0, 1.05]])
     return mdm.Ensemble(
         "tiger",

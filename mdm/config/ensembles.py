@@ -177,8 +177,8 @@ class Ensembles:
         if self._share is None:
             return 'a safe action is the name of an action, or a function "module:name", not a table'
         return (
-            "a safe action is not given by agent: give the name of an action, which each agent's table of actions binds "
-            'to a function of its own; or a function "module:name", which each agent calls in its own process'
+            "a safe action is not given by agent: give the name of an action, which each agent's table of actions "
+            'binds to a function of its own; or a function "module:name", which each agent calls in its own process'
         )
 
     def _ensemble(self, name: str, above: tuple[str, ...]) -> Ensemble | None:

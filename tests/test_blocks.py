@@ -24,6 +24,7 @@ RUN = [
     "docs/safety.md",
     "docs/maps.md",
     "docs/statistics.md",
+    "docs/formats.md",
 ]
 """Pages whose blocks run here, one after the other, in a folder of their own."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mdm import Ensemble, World
+from mdm import Ensemble, Runtime, World, run
 from mdm.messages import Decision
 from mdm.testing import capture_decisions, run_virtual
 
@@ -55,6 +55,29 @@ def lived(model, policy, seconds, *, seed=1, world=None, **options):
         return decisions
 
     return run_virtual(main)
+
+
+def ran(path, model, *, world=False, seconds=30, **options):
+    """Record a robot in virtual time, in a world, or whose state changes each third second; return its decisions."""
+
+    async def main():
+        async with Runtime(record=path, log=False) as runtime:
+            actions = dict.fromkeys(model.action_space.factors[0].names, nothing)
+            robot = Ensemble("robot", **({"policy": [0, 0], "model": model, "actions": actions} | options))
+            with capture_decisions(runtime) as decisions:
+                if world:
+                    await runtime.start(World(robot, seed=1, period=1.0))
+                await runtime.start(robot)
+                for number in range(0 if world else seconds // 3):
+                    robot.publish_state(number % 2)
+                    await runtime.clock.sleep(3)
+                if world:
+                    await runtime.clock.sleep(seconds)
+                robot.stop()
+                await runtime.clock.sleep(5)
+            return decisions
+
+    return run(main, virtual=True)
 
 
 def wandering(matrix, count, *, seed=0):

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from typing import TYPE_CHECKING
-
-import msgspec
 
 from mdm.errors import ModelError
 from mdm.estimation.chains import chains_of, joined
 from mdm.messages import Decision, Mode
+from mdm.recording.names import Names, names_of
 from mdm.recording.reader import Record
 from mdm.recording.stimuli import TRUE_STATE
 
@@ -114,26 +112,22 @@ def check_names(records: Iterable[Record], ensemble: str, model: MDP) -> None:
         ModelError: With the first difference.
     """
     for record in records:
-        facts = record.metadata.get(f"ensemble {ensemble}", {})
-        for kind, space in (
-            ("action", model.action_space),
-            ("state", model.state_space),
-            ("observation", model.observation_space),
-        ):
-            names = None
-            with suppress(msgspec.MsgspecError):
-                names = msgspec.json.decode(facts.get(f"{kind}s", ""), type=list[str])
-            difference = None if names is None else _difference(kind, names, space)
-            if difference is not None:
-                raise ModelError(f"the model is not that of {ensemble!r} in {record.path}: {difference}")
+        names = names_of(record).get(ensemble, Names())
+        difference = (
+            _difference("action", names.actions, model.action_space)
+            or _difference("state", names.states, model.state_space)
+            or _difference("observation", names.observations, model.observation_space)
+        )
+        if difference is not None:
+            raise ModelError(f"the model is not that of {ensemble!r} in {record.path}: {difference}")
 
 
-def _difference(kind: str, names: list[str], space: Space | None) -> str | None:
-    """Return the first difference between the names in a record and those of a model."""
-    given = [] if space is None else list(space.names)
-    if len(names) != len(given):
+def _difference(kind: str, names: Sequence[str], space: Space | None) -> str | None:
+    """Return the first difference between the names in a record, if there are any, and those of a model."""
+    given = () if space is None else space.names
+    if names and len(names) != len(given):
         return f"there are {len(names)} {kind}s in the record, and {len(given) or 'none'} in the model"
-    for place, (before, now) in enumerate(zip(names, given, strict=True)):
+    for place, (before, now) in enumerate(zip(names, given, strict=False)):
         if before != now:
             return f"{kind} {place} is {before!r} in the record, and {now!r} in the model"
     return None

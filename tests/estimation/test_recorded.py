@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
 import shutil
 
 import numpy as np
 import pytest
-from estimated import nothing
+from estimated import ran as recorded_run
 from records import Writing, decision, written
 from sentences import refused
 
-import mdm
-from mdm import Ensemble, ModelError
+from mdm import ModelError
 from mdm.estimation import chains_of_records, check_names, open_records
 from mdm.messages import Mode
 from mdm.models import MDP
 from mdm.recording import Record
-from mdm.testing import capture_decisions
 
 MODEL = MDP([[[0.9, 0.1], [0.3, 0.7]]], np.zeros((2, 1)), discount=0.9, states=["dry", "wet"], actions=["go"])
 MS = 1_000_000
@@ -31,26 +28,8 @@ def records(tmp_path, *contents):
     return [written(tmp_path / f"{place}.mcap", each) for place, each in enumerate(contents)]
 
 
-def ran(path, model=MODEL, *, world=False, seconds=30, **options):
-    """Record a robot in virtual time, whose state changes each third second; return what it decided."""
-
-    async def main():
-        async with mdm.Runtime(record=path, log=False) as runtime:
-            robot = Ensemble("robot", policy=[0, 0], model=model, actions={"go": nothing}, **options)
-            with capture_decisions(runtime) as decisions:
-                if world:
-                    await runtime.start(mdm.World(robot, seed=1, period=1.0))
-                await runtime.start(robot)
-                for number in range(0 if world else seconds // 3):
-                    robot.publish_state(number % 2)
-                    await asyncio.sleep(3)
-                if world:
-                    await asyncio.sleep(seconds)
-                robot.stop()
-                await asyncio.sleep(5)
-            return decisions
-
-    return mdm.run(main, virtual=True)
+def ran(path, **options):
+    return recorded_run(path, MODEL, **options)
 
 
 def test_chains_are_those_of_the_decisions_as_they_were_made(tmp_path):

@@ -70,7 +70,7 @@ def test_the_steps_of_the_tutorial_print_what_its_page_says(step, told):
 
 
 def burning(folder, name):
-    """Run the demo that is in a folder for ten minutes, record it; return the record, and for how long it knew of fires."""
+    """Run the demo in a folder for ten minutes; return the record, and for how many seconds it knew of a fire."""
     command = [sys.executable, "-m", "mdm", "run", "patrol.toml", "--virtual", "--seconds", "600", "--record", name]
     subprocess.run(command, cwd=folder, capture_output=True, timeout=250, check=True)
     record = mdm.recording.Record(folder / name)

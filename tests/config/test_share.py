@@ -206,3 +206,12 @@ actions.robot = { stay = "team_code:stay", go = "team_code:go" }
             return sys.modules["team_code"].done
 
     assert mdm.run(main, virtual=True) == ["robot", "base", "stay", "go"]
+
+
+def test_a_factor_that_the_model_has_not_is_not_asked_for_its_owner(tmp_path):
+    path = write(tmp_path, ("room_b = ", "room_c = "), (', owner = "b"', ""))
+    with pytest.raises(ConfigError) as caught:
+        load_system(path, agent="a")
+    assert [(problem.key, problem.message) for problem in caught.value.problems] == [
+        ("ensembles.joint.states.room_c", "the model has no state factor 'room_c'; did you mean 'room_b' or 'room_a'?")
+    ]

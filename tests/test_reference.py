@@ -98,7 +98,7 @@ def test_every_command_and_option_is_there(generated, pages):
 
 def test_every_kind_of_fault_has_its_entry():
     """A kind is a word among the first arguments of what reports."""
-    reporting = re.compile("report|Fault|_alarm|_lose|refuse|drop|call_soon")
+    reporting = re.compile("report|Fault|_alarm|_lose|refuse|Refusal|drop|call_soon")
     found = set()
     for path, tree in sources():
         if path.is_relative_to(PACKAGE / "cli") or path.is_relative_to(PACKAGE / "formats"):

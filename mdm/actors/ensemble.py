@@ -178,18 +178,22 @@ class Ensemble(Layer):
 
     def problems(self) -> Iterator[ConfigError]:
         """Yield everything that would keep the ensemble, or one below it, from starting."""
-        yield from self.layer_problems()
+        yield from self.misfits()
+        if self.observation is not None:
+            yield from self.observation.shared_events()
         if self.safety.on_lost_teammate is not None and not self.control.source.shared:
             yield ConfigError(
                 f"on_lost_teammate is for ensembles of a team, but {self.name!r} is of none",
                 key=f"ensembles.{self.name}.on_lost_teammate",
             )
 
-    def layer_problems(self) -> Iterator[ConfigError]:
-        """Yield those that have nothing to do with a team, whose member may not have been made."""
-        for layer in (self.state, self.observation, self.action):
-            if layer is not None:
-                yield from layer.problems()
+    def misfits(self) -> Iterator[ConfigError]:
+        """Yield what does not fit, whichever agents of a team have the factors, which only its member knows."""
+        if self.state is not None:
+            yield from self.state.problems()
+        if self.observation is not None:
+            yield from self.observation.misfits()
+        yield from self.action.problems()
         if self.state is not None:
             product = 1
             for factor in self.state.factors:

@@ -168,9 +168,8 @@ class Log:
         untold = [cause.detail for cause in mode.causes if cause.detail not in self._details]
         self._details.extend(untold)
         why = {"why": "; ".join(untold)} if untold else {}
-        self._logger.warning(
-            mode.mode, time=mode.time / 1e9, ensemble=mode.ensemble, since=mode.since / 1e9, causes=causes, **why
-        )
+        write = self._logger.info if causes == "end" else self._logger.warning  # nothing is wrong with an end
+        write(mode.mode, time=mode.time / 1e9, ensemble=mode.ensemble, since=mode.since / 1e9, causes=causes, **why)
 
     def _life(self, change: StateChange) -> None:
         write = self._logger.debug if "/" in change.actor else self._logger.info

@@ -90,11 +90,26 @@ def test_a_record_without_a_configuration_is_refused(tmp_path):
         load_recorded(Record(tmp_path / "run.mcap"), tmp_path)
 
 
-def test_a_file_that_would_leave_the_folder_is_refused(tmp_path):
+@pytest.mark.parametrize("name", ["../" * 6 + "elsewhere", "/elsewhere", "robot.py", "robot.pyc", "robot.so"])
+def test_a_file_that_would_leave_the_folder_or_be_imported_is_refused(tmp_path, name):
     writing = Writing(tmp_path / "run.mcap", {"format": "1", "mdm": "0.1.0", "configuration": "robot.toml"})
-    writing.writer.attach("files/" + "../" * 6 + "elsewhere", "application/octet-stream", b"")
+    writing.writer.attach(f"files/{name}", "application/octet-stream", b"")
     record = Record(writing.close())
     (tmp_path / "laid").mkdir()
     with refused(Error):
         load_recorded(record, tmp_path / "laid")
-    assert not (tmp_path / "elsewhere").exists()
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [tmp_path / "run.mcap"]
+
+
+def test_a_configuration_that_would_be_elsewhere_is_refused(tmp_path):
+    writing = Writing(tmp_path / "run.mcap", {"format": "1", "mdm": "0.1.0", "configuration": "../../robot.toml"})
+    with refused(Error):
+        load_recorded(Record(writing.close()), tmp_path)
+
+
+def test_code_is_kept_with_no_record(file, tmp_path):
+    (file.parent / "robot_code.py").write_text("")
+    file.write_text(f'tasks = ["robot_code.py"]\n{FILE}')
+    recorder = Recorder(tmp_path / "run.mcap")
+    attach_configuration(recorder, file)
+    assert [name for name, _, _ in recorder._attached if name.endswith(".py")] == []

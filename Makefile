@@ -18,12 +18,12 @@ $(BIN)/python:
 	@echo 'Making a virtual environment in $(ENVIRONMENT)'
 	@$(PYTHON) -m venv $(ENVIRONMENT)
 
-$(READY): pyproject.toml constraints.txt | $(BIN)/python
+$(READY): pyproject.toml mdm/version.py constraints.txt | $(BIN)/python
 	@echo 'Installing what tests, lint and types need; this takes a minute or two'
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@ $(DEMO)
 
-$(DEMO): pyproject.toml constraints.txt | $(BIN)/python
+$(DEMO): pyproject.toml mdm/version.py constraints.txt | $(BIN)/python
 	@echo 'Installing what the demo needs: numpy, scipy and a simulator of robots'
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[demo]'
 	@touch $@

@@ -8,6 +8,7 @@ import importlib
 import importlib.util
 import inspect
 import re
+import typing
 from pathlib import Path
 
 import msgspec
@@ -146,7 +147,9 @@ def test_every_statistic_is_there(generated, pages):
     for path in generated.STATISTICS:
         struct = generated.find(path)
         part = pages["statistics.md"].split(f"## `{struct.__name__}`")[1].split("\n## ")[0]
-        assert re.findall(r"^\| `(\w+)` \| .+ \|", part, re.MULTILINE) == list(struct.__struct_fields__)
+        rows = re.findall(r"^\| `(\w+)` \| .+ \| (.*) \|$", part, re.MULTILINE)
+        assert [field for field, _ in rows] == list(struct.__struct_fields__)
+        assert [field for field, meaning in rows if not meaning.strip()] == [], path
         assert struct.__doc__.split("\n")[0].split("`")[0] in part
 
 
@@ -187,6 +190,59 @@ def test_every_message_is_on_a_channel():
     page = (DOCS / "reference" / "channels.md").read_text(encoding="utf-8")
     on_none = {"Message", "Cause", "ModeName", "Tick"}  # a base, a part of a mode, its names; ticks go to layers alone
     assert [name for name in mdm.messages.__all__ if f"`{name}`" not in page and name not in on_none] == []
+
+
+def sent_between_agents():
+    """Return the classes that are read from other agents, and the constant parts of the keys under which."""
+    classes, keys = set(), set()
+    for path, tree in sources():
+        if not path.is_relative_to(PACKAGE / "team"):
+            continue
+        module = importlib.import_module(".".join(("mdm", *path.relative_to(PACKAGE).with_suffix("").parts)))
+        for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+            name = getattr(call.func, "attr", getattr(call.func, "id", ""))
+            if name == "Decoder" and isinstance(call.args[0], ast.Name) and call.args[0].id != "type":
+                kind = getattr(module, call.args[0].id)
+                classes |= {each.__name__ for each in typing.get_args(kind) or (kind,)}
+            elif name == "key" and ast.unparse(call.func.value).endswith(("link", "self")):
+                parts = [
+                    getattr(module, each.id, None) if isinstance(each, ast.Name) else getattr(each, "value", None)
+                    for each in call.args
+                ]
+                keys.add(tuple(part for part in parts if isinstance(part, str)))
+    return classes, keys
+
+
+def test_every_message_between_agents_is_there(generated, pages):
+    classes, keys = sent_between_agents()
+    nested = {"Term", "Position", "Episode", "Experience"}  # within others
+    assert {name for name in generated.bodies() if name not in nested} == classes
+    assert set(re.findall(r"^### `(\w+)`$", pages["team-messages.md"], re.MULTILINE)) == set(generated.bodies())
+    rows = [key for key, *_ in (*generated.SENT, *generated.ASKED)]
+    told = {tuple(part for part in key.split("/") if part.islower() and part != "all") for key in rows}
+    session = importlib.import_module("mdm.team.transport.session")
+    assert {key for key in told if key[:1] != ("@team",)} == keys
+    assert session._WHO in rows
+    assert f"`{session._LIVE}/" in pages["team-messages.md"]
+
+
+def test_messages_of_one_mode_are_those_that_its_layers_send(generated):
+    sent = {key: {path.rsplit(".", 1)[1] for path in paths} for key, paths, *_ in generated.SENT}
+    agreement = importlib.import_module("mdm.team.agreement.messages")
+    both = sent["ENSEMBLE/agreement/all"] | sent["ENSEMBLE/agreement/AGENT"]
+    assert both == {kind.__name__ for kind in typing.get_args(agreement.Message)}
+    page = ast.parse((PACKAGE / "team" / "agreement" / "agreement.py").read_text(encoding="utf-8"))
+    to_all = {
+        call.args[1].func.id
+        for call in ast.walk(page)
+        if isinstance(call, ast.Call)
+        and getattr(call.func, "attr", "") == "_send"
+        and getattr(call.args[0], "value", "") is None
+        and isinstance(call.args[1], ast.Call)
+        and isinstance(call.args[1].func, ast.Name)
+    }
+    assert to_all
+    assert to_all <= sent["ENSEMBLE/agreement/all"]
 
 
 def public_names(generated):

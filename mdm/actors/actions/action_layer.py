@@ -73,10 +73,14 @@ class _Brief:
 
 
 class ActionStatistics(ActorStatistics, frozen=True):
-    """Counts of an action layer: lives started, how they ended, and which are live.
+    """Counts of an action layer.
 
-    ``skipped`` counts decisions that were overtaken before their action began; ``latency`` is from stimulus to the
-    callback's call.
+    Attributes:
+        started: Lives of actions that began.
+        ended: How many of them ended in each way.
+        skipped: Decisions that were overtaken before their action began.
+        live: The actions that are live now.
+        latency: From each stimulus to the call of the action's callback.
     """
 
     started: int

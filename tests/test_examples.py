@@ -81,6 +81,29 @@ def test_the_patrol_of_the_tutorial_goes_safe_and_on():
     assert modes == ["deciding", "safe", "deciding", "safe"]
 
 
+def test_the_pictures_of_the_tutorial_show_what_its_programs_do(tmp_path):
+    """What is text is compared; of images the sizes, for fonts are drawn a little differently elsewhere."""
+    pytest.importorskip("navground")
+    pictures = ROOT / "docs" / "pictures"
+    done = subprocess.run(
+        [sys.executable, str(pictures / "tutorial.py"), str(tmp_path)], capture_output=True, text=True, timeout=250
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    kept = sorted((pictures / "tutorial").iterdir())
+    assert [path.name for path in kept] == sorted(path.name for path in tmp_path.iterdir())
+    assert [path.stem for path in kept] == [f"step{number}" for number in range(1, 8)]
+    page = (ROOT / "docs" / "tutorial.md").read_text()
+    for path in kept:
+        assert f"(pictures/tutorial/{path.name})" in page
+        assert path.stat().st_size < 30_000
+        drawn = tmp_path / path.name
+        if path.suffix == ".svg":
+            assert path.read_text() == drawn.read_text()
+        else:
+            with Image.open(path) as one, Image.open(drawn) as other:
+                assert one.size == pytest.approx(other.size, abs=20)
+
+
 def lines_with(text, part):
     return [line for line in text.splitlines() if part in line]
 

@@ -16,6 +16,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from importlib import import_module
 
+import blocks
 import days
 import numpy as np
 import pytest
@@ -59,7 +60,7 @@ def test_embedding():
     assert lines[-1] == "the program went on meanwhile: True"
 
 
-STEPS = re.findall(r"```text (\w+\.py)\n(.*?)```", (ROOT / "docs" / "tutorial.md").read_text(), re.DOTALL)
+STEPS = [(each.info["of"], each.text) for each in blocks.blocks("docs/tutorial.md") if each.language == "text"]
 
 
 @pytest.mark.parametrize(("step", "told"), STEPS)

@@ -66,7 +66,8 @@ if TYPE_CHECKING:
         WallClock,
         run,
     )
-    from mdm.simulation import World, evaluate, simulate
+    from mdm.simulation import World, evaluate
+    from mdm.simulation.simulate import simulate
     from mdm.solvers import solve
     from mdm.team.team import Team
     from mdm.version import __version__

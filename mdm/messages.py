@@ -1,8 +1,8 @@
 """Messages on channels: typed, frozen and cheap to create.
 
-``time`` is the clock's time of the turn's *stimulus* in integer nanoseconds: all messages of a turn have the same time,
-and a latency is one subtraction. Symbols are indices from 0; joint indices are row-major, with the first factor or
-agent the most significant.
+``time`` is the clock's time of the turn's *stimulus* in integer nanoseconds: all that the library publishes in a turn
+has the same time, and a latency is one subtraction. Symbols are indices from 0; joint indices are row-major, with the
+first factor or agent the most significant.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ __all__ = [
     "Fault",
     "Heading",
     "Idle",
+    "Journey",
     "Message",
     "Mode",
     "ModeName",
@@ -54,10 +55,15 @@ class Message(msgspec.Struct, frozen=True, gc=False):
 
 
 class SensorUpdate(Message, frozen=True, gc=False):
-    """Sensor input of one instant: new predicate values and raised events."""
+    """Sensor input of one instant: new predicate values and raised events.
+
+    Input of another thread waits for the event loop: ``time`` is when it was delivered there, and ``sensed`` when it
+    was told, by which its age counts; else None.
+    """
 
     predicates: tuple[tuple[str, bool | None], ...]
     events: tuple[str, ...] = ()
+    sensed: int | None = None
 
 
 class PoseUpdate(Message, frozen=True, gc=False):
@@ -116,6 +122,13 @@ class Heading(Message, frozen=True, gc=False):
     source: str | None
     target: str
     why: str
+
+
+class Journey(Message, frozen=True, gc=False):
+    """A drive to the goal of ``place`` is under way; none where that is None; ``arrived`` where it has ended there."""
+
+    place: str | None
+    arrived: bool = False
 
 
 class Progress(Message, frozen=True, gc=False):

@@ -257,7 +257,7 @@ class Ensemble(Layer):
                 "their predicates"
             )
         index = self.controller.symbols.state_index(state)
-        self.channel("state", State, retain=True).publish(State(self.runtime.clock.now(), index, (index,)))
+        self.channel("state", State, retain=True).publish(State(self.runtime.now(), index, (index,)))
 
     def publish_observation(self, observation: Symbol | Sequence[str | int | None]) -> None:
         """Publish an observation, where there is no observation layer; in a team, this agent's own.
@@ -270,7 +270,7 @@ class Ensemble(Layer):
         """
         index, values = self.controller.symbols.observed(observation)
         mask = tuple([value is not None for value in values])
-        now = self.runtime.clock.now()
+        now = self.runtime.now()
         name = "own_observation" if self.control.source.shared else "observation"
         self.channel(name, Observation).publish(Observation(now, index, values, mask))
 
@@ -292,7 +292,7 @@ class Ensemble(Layer):
 
     def _belief(self, belief: npt.ArrayLike | str) -> Belief:
         given = self.controller.symbols.belief_of(belief) if isinstance(belief, str | int) else belief
-        return Belief(self.runtime.clock.now(), np.array(given, dtype=np.float64))
+        return Belief(self.runtime.now(), np.array(given, dtype=np.float64))
 
     # -- Deciding ------------------------------------------------------------------------------------------------
 
@@ -301,16 +301,31 @@ class Ensemble(Layer):
 
         A request between a failure and the restart after it holds when the layers have started anew.
         """
-        if self._put_off("resume" if resume else "start"):
-            return
-        if resume:
+        command: Literal["resume", "start"] = "resume" if resume else "start"
+        if self._put_off(command):
+            self._note(command)
+        elif resume:
             self.control.resume()
         else:
             self.control.start()
 
+    def begin(self, *, resume: bool = False) -> None:
+        """Begin to decide, as an ensemble above or its own start brings about."""
+        command: Literal["resume", "start"] = "resume" if resume else "start"
+        if not self._put_off(command):
+            self.control.command(command)
+
+    def _note(self, command: Literal["start", "resume", "stop"]) -> None:
+        """Note a command that is kept for later as input of the run, as those are that are published."""
+        tape, now = self.runtime.dispatcher.tape, self.runtime.now()
+        if tape is not None:
+            tape.said(self.channel("control", Control), Control(now, command), now)
+
     def stop(self) -> None:
         """Decide no more and end the running action; ensembles below stop first. `when_idle` tells when it is done."""
-        if not self._put_off("stop"):
+        if self._put_off("stop"):
+            self._note("stop")
+        else:
             self.control.stop()
 
     def _put_off(self, command: Literal["start", "resume", "stop"]) -> bool:
@@ -331,7 +346,7 @@ class Ensemble(Layer):
 
     def release(self) -> None:
         """End the safe mode: the caller answers for its causes. The safe action comes to its end first."""
-        self.channel("control", Control).publish(Control(self.runtime.clock.now(), "release"))
+        self.channel("control", Control).publish(Control(self.runtime.now(), "release"))
 
     def follow(self, team: Team, owned: Collection[str], *, acts: bool = True) -> JointProcess:
         """Decide on a team's input; call this before the start.
@@ -360,9 +375,9 @@ class Ensemble(Layer):
         elif isinstance(message, State):
             if self.state is not None:
                 self.state.joint = message.values
-            self.channel("state", State, retain=True).publish(message)
+            self.channel("state", State, retain=True).derive(message)
         else:
-            self.channel("observation", Observation).publish(message)
+            self.channel("observation", Observation).derive(message)
 
     def interrupt(self) -> None:
         """Stop within the call, so that nothing that was decided before starts."""
@@ -371,8 +386,8 @@ class Ensemble(Layer):
         try:
             self.control.pause()
             self.interrupted = self.awaited and (self.active or bool(self.action.live))
-            self.safety.stop(self.runtime.clock.now())
-            self.control.stop()
+            self.safety.stop(self.runtime.now())
+            self.control.command("stop")
         finally:
             sys.setrecursionlimit(limit)
 
@@ -460,7 +475,9 @@ class Ensemble(Layer):
         self.interrupted = False
         if self.predicates is not None:
             self.share(self.predicates)
-        self.subscribe(self.channel("control", Control), self._on_control)
+        control = self.channel("control", Control)
+        control.input = True
+        self.subscribe(control, self._on_control)
         self.safety.open()
 
     def on_running(self) -> None:
@@ -469,7 +486,7 @@ class Ensemble(Layer):
         if asked is None and not isinstance(self.parent, Ensemble) and not self.control.source.shared:
             asked = "start"
         if asked in {"start", "resume"}:
-            self.start(resume=asked == "resume")
+            self.begin(resume=asked == "resume")
 
     def on_failing(self, error: BaseException) -> None:
         """Go safe in the turn of the failure, with no way back but a restart, before which sensors are still heard."""
@@ -486,7 +503,7 @@ class Ensemble(Layer):
     async def on_stopping(self) -> None:
         """End the running action and the ensembles below, and run the safe actions: the outermost has the last word."""
         done = anyio.Event()
-        self.safety.end("end", "the ensemble ends", done.set)
+        await self.come_to("stop", lambda _: self.safety.end("end", "the ensemble ends", done.set))
         with anyio.move_on_after(self.patience) as scope:
             await done.wait()
         if scope.cancelled_caught:

@@ -154,6 +154,17 @@ class DrawnInformation:
         """The belief; None if none is tracked."""
         return getattr(self.of, "belief", None)
 
+    @property
+    def draws(self) -> str:
+        """The state of the generator, from which it goes on where that is set."""
+        state = self._generator.state["state"]
+        return f"{state['state']} {state['inc']}"
+
+    @draws.setter
+    def draws(self, draws: str) -> None:
+        state, inc = map(int, draws.split())
+        self._generator.state = {**self._generator.state, "state": {"state": state, "inc": inc}}
+
     def reset(self, belief: npt.ArrayLike | None = None) -> None:
         """Begin an episode; the sequence of random numbers goes on."""
         self.of.reset(belief)

@@ -80,15 +80,20 @@ class System(Actor):
 
     def on_start(self) -> None:
         """Tell the runtime of the emergency; have teammates' predicates known before the predicate manager starts."""
-        if self.emergency is not None:
+        if self.emergency is not None and not self._is_repeated:
             self.runtime.add_emergency(self.emergency)
         if self.member is not None:
             self.member.prepare(self.runtime)
 
     def on_running(self) -> None:
-        """Run the tasks."""
-        for task in self.tasks:
+        """Run the tasks; where a run is repeated, its record has what they said."""
+        for task in () if self._is_repeated else self.tasks:
             self.spawn(self._run_task(task), name=task.__name__)
+
+    @property
+    def _is_repeated(self) -> bool:
+        tape = self.runtime.dispatcher.tape
+        return tape is not None and tape.repeats
 
     async def _run_task(self, task: Callable[[System], Any]) -> None:
         try:
@@ -101,7 +106,7 @@ class System(Actor):
         self._tell(task, f"task {task.__name__!r} has returned: what it drove gets nothing more from it")
 
     def _tell(self, task: Callable[[System], Any], detail: str) -> None:
-        self.runtime.faults.publish(Fault(self.runtime.clock.now(), f"tasks/{task.__name__}", "task", detail))
+        self.runtime.faults.publish(Fault(self.runtime.now(), f"tasks/{task.__name__}", "task", detail))
 
     def tree(self) -> str:
         """Return the names of all ensembles, indented below their parents."""

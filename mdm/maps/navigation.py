@@ -314,7 +314,7 @@ class Navigation:
         return min(there, key=lambda node: math.dist((node.goal.x, node.goal.y), (pose.x, pose.y)))
 
     def _now(self) -> int:
-        return self.predicates.runtime.clock.now() if self.predicates.life == "running" else 0
+        return self.predicates.runtime.now() if self.predicates.life == "running" else 0
 
     # -- Lives ---------------------------------------------------------------------------------------------------
 

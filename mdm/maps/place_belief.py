@@ -115,13 +115,14 @@ class PlaceBelief(Actor):
         """Listen."""
         self._told = -(1 << 62)
         particles = self.channel("particles", ParticleUpdate)
+        particles.input = True
         particles.supersedes = lambda _: "particles"
         self.subscribe(particles, self._on_particles)
 
     def _on_particles(self, particles: ParticleUpdate) -> None:
         places = self._places(particles)
         if places is None:
-            now = self.runtime.clock.now()
+            now = self.runtime.now()
             if now - self._told >= _QUIET:
                 self.report(
                     "particles",
@@ -139,7 +140,7 @@ class PlaceBelief(Actor):
             along = [1] * len(self._shape)
             along[self._axis] = -1
             belief = (others * places.reshape(along)).ravel()
-        self.ensemble.channel("external_belief", Belief).publish(Belief(particles.time, belief))
+        self.ensemble.channel("external_belief", Belief).derive(Belief(particles.time, belief))
 
     @np.errstate(over="ignore", invalid="ignore")  # what is too far or too heavy becomes infinite, and is left out
     def _places(self, particles: ParticleUpdate) -> Vector | None:

@@ -12,7 +12,7 @@ from mdm.errors import ConfigError, Error, MapError
 from mdm.maps.graph import Pose
 from mdm.maps.map import Floors, Map
 from mdm.maps.raster import Labels, border_distance, lookup
-from mdm.messages import PoseUpdate
+from mdm.messages import Journey, PoseUpdate
 from mdm.runtime import Actor
 from mdm.runtime.time.clock import check_seconds
 
@@ -205,8 +205,23 @@ class Places(Actor):
 
     def set_out(self, place: str | None) -> None:
         """Take it that a drive to a place's goal is under way, or none."""
-        self._heads_for = None if place is None else self._nodes.get(place)
-        self._near_since = None
+        self._travel(place)
+
+    def _travel(self, place: str | None, *, arrived: bool = False) -> None:
+        """Publish how a drive stands: it is input, which a record keeps."""
+        journey = Journey(self.runtime.now(), place, arrived)
+        if self.life == "running":
+            self.channel("journeys", Journey).publish(journey)
+        else:
+            self._on_journey(journey)
+
+    def _on_journey(self, journey: Journey) -> None:
+        goal = None if journey.place is None else self._nodes.get(journey.place)
+        if journey.arrived and goal is not None:
+            self._reach(goal)
+        else:
+            self._heads_for = goal
+            self._near_since = None
 
     async def arrive(self, place: str) -> None:
         """Take it that a drive has come to a place's goal: by the last pose, or by one that comes within ``max_age``.
@@ -220,7 +235,7 @@ class Places(Actor):
         if goal is None or goal != self._nodes.get(place) or self._pose is None:
             return
         if self._is_near(goal, self._pose):
-            self._reach(goal)
+            self._travel(place, arrived=True)
             return
         self._arrives = arrives = asyncio.get_running_loop().create_future()
 
@@ -232,7 +247,7 @@ class Places(Actor):
         try:
             if await arrives:
                 # Only now: what is decided there comes after the end of the drive, and does not pre-empt it.
-                self._reach(goal)
+                self._travel(place, arrived=True)
             elif self._pose is not None:
                 far = self._distance(goal, self._pose)
                 if math.isinf(far):
@@ -279,8 +294,12 @@ class Places(Actor):
         self._forget()
         self.share(self.predicates)
         poses = self.channel("pose", PoseUpdate)
+        poses.input = True
         poses.supersedes = lambda _: "pose"  # of those that wait in another thread the newest counts
         self.subscribe(poses, self._on_pose)
+        journeys = self.channel("journeys", Journey)
+        journeys.input = True
+        self.subscribe(journeys, self._on_journey)
 
     def on_failing(self, error: BaseException) -> None:
         """Let all be unknown at once."""
@@ -294,7 +313,7 @@ class Places(Actor):
     # -- Poses ---------------------------------------------------------------------------------------------------
 
     def _on_pose(self, pose: PoseUpdate) -> None:
-        now = self.runtime.clock.now()
+        now = self.runtime.now()
         here = Pose(pose.x, pose.y, pose.yaw, floor=pose.floor)
         if not here.is_finite or (pose.floor != self._floor and pose.floor not in self._levels):
             self._on_bad_pose(here, now)
@@ -434,11 +453,9 @@ class Places(Actor):
         changes = tuple((name, value) for name, value in values.items() if told.get(name, told) is not value)
         self._told = values
         self._witness = next(((name, value) for name, value in values.items() if value is not None), None)
-        with self.predicates.batch():
-            for change in changes:
-                self.predicates.take((change,))
-            if events := self._events():
-                self.predicates.occur(*events)
+        events = self._events()
+        if changes or events:
+            self.predicates.derive(changes, tuple(events))
 
     def _events(self) -> list[str]:
         events = []
@@ -459,7 +476,7 @@ class Places(Actor):
             self._timer = self.call_at(since + self._max_age, self._look)
 
     def _look(self) -> None:
-        now, seconds = self.runtime.clock.now(), f"{self._max_age / 1e9:g} s"
+        now, seconds = self.runtime.now(), f"{self._max_age / 1e9:g} s"
         if self._located and now >= self._seen + self._max_age:
             self.report("stale", f"there was no pose for {seconds} that counts: places are unknown")
             self._lose()

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from mdm.runtime.time.clock import Timer
     from mdm.runtime.work import Work
 
-__all__ = ["Actor", "Start"]
+__all__ = ["Actor", "Start", "descendants"]
 
 
 class Start:
@@ -309,14 +309,13 @@ class Actor:
 
     def call_later(self, seconds: float, function: Callable[[], object]) -> Timer:
         """Call a function in a turn of its own, after so many seconds."""
-        clock = self.runtime.clock
-        return self.call_at(clock.now() + round(seconds * 1e9), function)
+        return self.call_at(self.runtime.now() + round(seconds * 1e9), function)
 
     def call_at(self, when: int, function: Callable[[], object]) -> Timer:
-        """Call a function in a turn of its own, when the clock shows ``when`` nanoseconds."""
+        """Call a function in a turn of its own, when the clock shows ``when`` nanoseconds: that is the turn's time."""
         check_plain(function, "what a timer calls")
         turn: Subscription[None] = Subscription(None, self, lambda _: function())
-        timer = self.runtime.clock.call_at(when, lambda: self.runtime.dispatcher.deliver(turn, None))
+        timer = self.runtime.dispatcher.call_at(when, turn)
         self.__timers.add(timer)
         return timer
 
@@ -327,8 +326,17 @@ class Actor:
         check_plain(handler, "the handler of ticks")
         turn = Subscription(None, self, handler)
         runtime = self.runtime
-        ticker = Ticker(runtime.clock, rate, lambda tick: runtime.dispatcher.deliver(turn, tick), overrun=overrun)
+
+        def deliver(tick: Tick) -> None:
+            dispatcher = runtime.dispatcher
+            if dispatcher.tape is not None:
+                dispatcher.tape.ticked(self.path, tick)
+            dispatcher.deliver_due(turn, tick, tick.time)
+
+        ticker = Ticker(runtime.clock, rate, deliver, overrun=overrun, since=runtime.now())
         self.__timers.add(ticker)
+        if runtime.dispatcher.tape is not None:
+            runtime.dispatcher.tape.rates(self.path, ticker)
         return ticker
 
     def spawn(
@@ -360,7 +368,7 @@ class Actor:
 
     def report(self, kind: str, detail: str, *, time: int | None = None) -> None:
         """Publish a `Fault` of this actor."""
-        stamp = self.runtime.clock.now() if time is None else time
+        stamp = self.runtime.now() if time is None else time
         self.runtime.faults.publish(Fault(stamp, self.path, kind, detail))
 
     # -- Failure -------------------------------------------------------------------------------------------------
@@ -373,16 +381,30 @@ class Actor:
         if isinstance(error, LEAVING) and self.__runtime is not None:
             self.__runtime.abort(error)
             return
+        dispatcher = None if self.__runtime is None else self.__runtime.dispatcher
+        if dispatcher is not None and dispatcher.time < 0 and not dispatcher.active:
+            dispatcher.deliver(Subscription(None, None, lambda _: self.fail(error)), None)  # which has one time
+            return
         if self.life in {"created", "stopped", "failed"} or self.__request in {"restart", "fail"}:
             if self.__runtime is not None:
                 self.report("exception", describe(error))
             return
+        if dispatcher is not None and dispatcher.tape is not None:
+            dispatcher.tape.failed(self.path, describe(error), dispatcher.now())
         self.__failures += 1
         if self.path or not getattr(error, "escalated", False):  # the root and a system have no name of their own
             self.report("exception", describe(error))
         if self.life == "stopping":
             return
-        delay = self.__budget.delay(self.runtime.clock.now()) if self.__budget is not None else None
+        self.__act_on(error)
+        try:
+            self.on_failing(error)
+        except BaseException as another:
+            self.__trouble(another)
+
+    def __act_on(self, error: BaseException) -> None:
+        """Act by the actor's supervision on an error."""
+        delay = self.__budget.delay(self.runtime.now()) if self.__budget is not None else None
         if delay is not None:
             self.__backoff = delay
             if self.life != "restarting":  # else it waits to start anew already
@@ -391,10 +413,6 @@ class Actor:
             self.__ask("fail")
         else:
             self.__escalate(error)
-        try:
-            self.on_failing(error)
-        except BaseException as another:
-            self.__trouble(another)
 
     def __escalate(self, error: BaseException) -> None:
         # It handles nothing more, but is stopped only in its turn, by those above.
@@ -518,7 +536,7 @@ class Actor:
                 if failed is None:
                     if not self.__asked("stop"):  # else some of its children may not have been started
                         self.__change("running")
-                        self.runtime.dispatcher.deliver(Subscription(None, self, self.__run_on), None)
+                        await self.come_to("run", self.__run_on)
                     if start is not None:
                         start.done()
                     if self.__requested is not None:
@@ -553,11 +571,26 @@ class Actor:
                 errors.append(failure(error))
             done.set()
 
-        self.runtime.dispatcher.deliver(Subscription(None, self, begin), None)
+        await self.come_to("start", begin)
         if not done.is_set():  # a turn that was cut short comes first
             await done.wait()
         if errors:
             raise errors[0]
+
+    async def come_to(self, step: Literal["start", "run", "stop"], handler: Callable[[None], None]) -> None:
+        """Come to a step of its life, in a turn of its own; a tape may have it wait for its time."""
+        dispatcher = self.runtime.dispatcher
+        tape = dispatcher.tape
+        if tape is None:
+            dispatcher.deliver(Subscription(None, self, handler), None)
+            return
+        await tape.comes(self.path, step)
+
+        def handle(_: None) -> None:
+            tape.came(self.path, step, dispatcher.time)
+            handler(None)
+
+        dispatcher.deliver(Subscription(None, self, handle), None)
 
     async def __start_others(self) -> None:
         for actor in self.__shared:
@@ -638,7 +671,7 @@ class Actor:
     def __change(self, life: Literal["starting", "running", "restarting", "stopping", "stopped", "failed"]) -> None:
         self.__life = life
         if self.__runtime is not None:
-            self.__runtime.lives.publish(StateChange(self.__runtime.clock.now(), self.path, life))
+            self.__runtime.lives.publish(StateChange(self.__runtime.now(), self.path, life))
 
     def statistics(self) -> ActorStatistics:
         """Return the actor's statistics so far."""
@@ -651,6 +684,14 @@ class Actor:
             work=len(self.__work),
             skipped_ticks=self.__skipped + sum(timer.missed for timer in self.__timers if isinstance(timer, Ticker)),
         )
+
+
+def descendants(root: Actor) -> list[Actor]:
+    """Return an actor and all below it, each behind its parent."""
+    found = [root]
+    for actor in found:
+        found += actor.children
+    return found
 
 
 def _demand_actor(child: object) -> None:

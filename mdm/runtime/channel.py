@@ -103,8 +103,10 @@ class Channel(Generic[T]):
         "_subscriptions",
         "_version",
         "heard",
+        "input",
         "last",
         "published",
+        "stamped",
         "type",
     )
 
@@ -127,6 +129,10 @@ class Channel(Generic[T]):
         self._version = 0
         # Whether anybody listens, so that a costly message need not be made for nobody.
         self.heard = False
+        # Whether the library takes input from it, which a record keeps; and whether the time of each message that is
+        # published between turns is the clock's, read just before.
+        self.input = False
+        self.stamped = False
         self.name = name
         self.retain = retain
         self.dropped = 0
@@ -143,7 +149,7 @@ class Channel(Generic[T]):
         self._streams: tuple[Stream[T], ...] = ()
         self._deserted: Callable[[Channel[T]], object] | None = None
 
-    def publish(self, message: T) -> None:
+    def publish(self, message: T) -> None:  # noqa: C901 - hot path, no calls
         """Hand a message to every subscriber, in the running turn or in a turn of its own; from any thread.
 
         Raises:
@@ -158,18 +164,73 @@ class Channel(Generic[T]):
         if get_ident() != dispatcher.thread:
             dispatcher.publish_from_thread(self, message)
             return
+        if dispatcher.time < 0:
+            # The way in: a stimulus, behind what timers bring about by its time. As `Dispatcher.begin`, without a call.
+            time: int = message.time if self.stamped else dispatcher.stamp(message)  # type: ignore[attr-defined]
+            if time >= dispatcher.clock.due and dispatcher.clock.firing < 0:
+                dispatcher.clock.fire_before(time)
+            if dispatcher.active:  # though none runs: one was cut short
+                if self.input and dispatcher.tape is not None:
+                    dispatcher.tape.said(self, message, time)
+                self._wait_behind(message, time)
+                return
+            dispatcher.time = dispatcher.last = time
+            if self.input and dispatcher.tape is not None:
+                dispatcher.tape.said(self, message, time)
+            self.published += 1
+            self.last = message
+            if self._sole is not None and not dispatcher.queue:
+                dispatcher.run(self._sole, message)
+            elif self._subscriptions:
+                self._queue(message)
+                dispatcher.run()
+            else:
+                self._queue(message)
+                dispatcher.time = -1
+            return
+        if self.input and dispatcher.tape is not None:
+            dispatcher.tape.said(self, message, dispatcher.time)
         self.published += 1
         self.last = message
-        if self._sole is not None and not dispatcher.active and not dispatcher.queue:
-            dispatcher.run(self._sole, message)
-        elif self._subscriptions:
-            append = dispatcher.queue.append
+        self._queue(message)
+
+    def derive(self, message: T) -> None:
+        """As `publish`, from the event loop, for a message that follows from others: it is no input of its own."""
+        dispatcher = self._dispatcher
+        if dispatcher.time < 0:
+            time = dispatcher.now()
+            if dispatcher.active:
+                self._wait_behind(message, time)
+                return
+            dispatcher.begin(time)
+        self.published += 1
+        self.last = message
+        self._queue(message)
+        if not dispatcher.active:
+            if dispatcher.queue:
+                dispatcher.run()
+            else:
+                dispatcher.time = -1
+
+    def _queue(self, message: T) -> None:
+        if self._subscriptions:
+            append = self._dispatcher.queue.append
             for subscription in self._subscriptions:
                 append((subscription, message))
                 if subscription.topics is not None:
                     subscription.taken += 1
-            if not dispatcher.active:
-                dispatcher.run()
+        elif not self._streams:
+            self._unheard += 1
+
+    def _wait_behind(self, message: T, time: int) -> None:
+        """Publish a message while a turn is cut short: its own turn comes behind that."""
+        self.published += 1
+        self.last = message
+        for subscription in self._subscriptions:
+            if subscription.topics is not None:
+                subscription.taken += 1
+        if self._subscriptions:
+            self._dispatcher.wait_behind(tuple([(subscription, message) for subscription in self._subscriptions]), time)
         elif not self._streams:
             self._unheard += 1
 

@@ -1,9 +1,9 @@
 """The dispatcher: delivers messages first in, first out, until a turn is over; and the inbox of other threads.
 
-A turn is everything that one outside stimulus causes. It runs to completion as one synchronous pass: a handler that
-publishes only enqueues, so no handler is ever re-entered and all subscribers see one global order. A message that is
-next anyway need not be queued for that: where the first handler of a turn emits it last, to one subscriber, while
-nothing waits, the subscriber is called straight away (see `Channel.emit_last`).
+A turn is everything that one outside stimulus causes, and has one time, that of the stimulus. It runs to completion as
+one synchronous pass: a handler that publishes only enqueues, so no handler is ever re-entered and all subscribers see
+one global order. A message that is next anyway need not be queued for that: where the first handler of a turn emits it
+last, to one subscriber, while nothing waits, the subscriber is called straight away (see `Channel.emit_last`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,10 @@ from threading import RLock, get_ident
 from typing import TYPE_CHECKING, Any, Final
 from weakref import WeakSet
 
+from msgspec.structs import replace
+
 from mdm.errors import Error
+from mdm.messages import Belief, Control, Observation, SensorUpdate, State
 from mdm.runtime.statistics import DispatcherStatistics
 
 if TYPE_CHECKING:
@@ -23,7 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
 
     from mdm.runtime.channel import Channel, Subscription
-    from mdm.runtime.time.clock import Clock
+    from mdm.runtime.tape import Tape
+    from mdm.runtime.time.clock import Clock, Timer
 
 __all__ = ["Dispatcher", "Inbox"]
 
@@ -105,6 +109,9 @@ class Inbox:
             return losses
 
 
+_STAMPED: Final = (State, Observation, Belief, Control)
+"""Messages whose time says when they were made, and not, as that of a pose, when something was so."""
+_FRESH: Final = 1_000_000
 _SLICE: Final = 256
 _MOST_CUTS: Final = 64
 _ROOM: Final = 500
@@ -124,7 +131,7 @@ class Dispatcher:
     __slots__ = (
         "__weakref__",
         "_behind",
-        "_clock",
+        "_cut",
         "_forked",
         "_from_threads",
         "_inbox",
@@ -139,21 +146,37 @@ class Dispatcher:
         "_woken",
         "active",
         "blamed",
+        "clock",
+        "last",
         "loop",
         "on_endless",
         "on_overflow",
         "queue",
         "straight",
+        "tape",
         "thread",
+        "time",
+        "watch",
     )
 
     def __init__(self, clock: Clock, *, max_messages: int = 16_384, max_seconds: float = 0.05) -> None:
-        self._clock = clock
+        self.clock = clock
         self._max_slices = max(1, max_messages // _SLICE)
         self._max_nanoseconds = int(max_seconds * 1e9)
         self.queue: deque[tuple[Subscription[Any], Any]] = deque()
-        self._behind: deque[tuple[Subscription[Any], Any]] = deque()
+        # Turns that begin behind the running one: at its time, or at one of their own.
+        self._behind: deque[tuple[int | None, tuple[tuple[Subscription[Any], Any], ...]]] = deque()
         self.active = False
+        # The running turn's time, -1 between turns and while one is cut short; that of the last turn that has begun;
+        # and that of the turn that is cut short.
+        self.time = -1
+        self.last = 0
+        self._cut = -1
+        # What a run is recorded on, where it is.
+        self.tape: Tape | None = None
+        # Called before each message of a turn is delivered, and once more behind the last one, where a run is repeated:
+        # its turns are never cut short, however long they take.
+        self.watch: Callable[[], object] | None = None
         # How many messages the first handler of this turn, and those whom it leads to, may still hand on by a call.
         self.straight = 0
         # Whose handler has raised, where that was not the first one's.
@@ -179,6 +202,7 @@ class Dispatcher:
         """Take the calling thread and its event loop as the place where turns run."""
         self.loop = loop
         self.thread = get_ident()
+        self.last = self.clock.now()
         _OPEN.add(self)
 
     def leave_to_parent(self) -> None:
@@ -192,25 +216,77 @@ class Dispatcher:
         self.loop = None
         self._drain()
         if self.queue or self._behind:
-            self.run()
-        for subscription, _ in (*self.queue, *self._behind):
+            self._go_on()
+        for subscription, _ in (*self.queue, *(item for _, items in self._behind for item in items)):
             if subscription.channel is not None:
                 subscription.channel.dropped += 1
         self.queue.clear()
         self._behind.clear()
 
+    # -- Turns and their times -----------------------------------------------------------------------------------
+
+    def now(self) -> int:
+        """Return the running turn's time; outside of turns, and from other threads, the clock's."""
+        time = self.time
+        if time >= 0 and get_ident() == self.thread:
+            return time
+        return self._present()
+
+    def _present(self) -> int:
+        """Return the clock's time; what a timer calls by itself, outside of turns, happens when that was due."""
+        clock = self.clock
+        return clock.firing if clock.firing >= 0 and get_ident() == self.thread else clock.now()
+
+    def stamp(self, message: Any) -> int:
+        """Return the time of a stimulus: that which its maker has just stamped it with, else now."""
+        now = self._present()
+        if isinstance(message, _STAMPED):
+            time = message.time
+            if max(self.last, now - _FRESH) <= time <= now:
+                return time
+        return now
+
+    def begin(self, time: int) -> None:
+        """Begin a turn at a time: what timers bring about by then comes before it."""
+        if time >= self.clock.due and self.clock.firing < 0:
+            self.clock.fire_before(time)
+        self.time = self.last = time
+
     def deliver(self, subscription: Subscription[Any], message: object) -> None:
-        """Hand a message to one subscriber: in the running turn, or in a turn of its own."""
-        self.queue.append((subscription, message))
-        if not self.active:
+        """Hand a message to one subscriber: in the running turn, or in a turn of its own, now."""
+        if self.time >= 0:
+            self.queue.append((subscription, message))
+        elif self.active:
+            self.wait_behind(((subscription, message),), self._present())
+        else:
+            self.begin(self._present())
+            self.queue.append((subscription, message))
+            self.run()
+
+    def call_at(self, when: int, subscription: Subscription[None]) -> Timer:
+        """Begin a turn of one subscriber at a time, or at the present one where that has passed."""
+        due = max(when, self.now())
+        return self.clock.call_at(due, lambda: self.deliver_due(subscription, None, due))
+
+    def deliver_due(self, subscription: Subscription[Any], message: object, time: int) -> None:
+        """Hand a timer's message to one subscriber, in a turn at the time when that was due."""
+        if self.active:
+            self.wait_behind(((subscription, message),), time)
+        else:
+            self.time = self.last = time
+            self.queue.append((subscription, message))
             self.run()
 
     def deliver_behind(self, subscription: Subscription[Any], message: object) -> None:
         """Hand a message to one subscriber in a turn of its own: behind all that the running turn brings about."""
         if self.active:
-            self._behind.append((subscription, message))
+            self._behind.append((None, ((subscription, message),)))
         else:
             self.deliver(subscription, message)
+
+    def wait_behind(self, items: tuple[tuple[Subscription[Any], Any], ...], time: int) -> None:
+        """Hand messages to subscribers in a turn behind one that is cut short, or runs."""
+        self._behind.append((time, items))
 
     def run(  # noqa: C901 - hot path, no calls
         self, first: Subscription[Any] | None = None, message: object = None
@@ -219,6 +295,9 @@ class Dispatcher:
 
         Hot path: a hop costs about 0.2 µs, of which the handler's call is half; one by a call 0.1 µs.
         """
+        if self.watch is not None:
+            self._run_watched(first, message)
+            return
         queue = self.queue
         self.active = True
         budget = _SLICE
@@ -252,7 +331,7 @@ class Dispatcher:
                     budget -= 1
                     if not budget:
                         budget = _SLICE
-                        now = self._clock.now()
+                        now = self.clock.now()
                         if not deadline:
                             deadline = now + self._max_nanoseconds
                             slices = self._max_slices
@@ -264,15 +343,46 @@ class Dispatcher:
                             return
                 if not self._behind:
                     break
-                queue.append(self._behind.popleft())
+                time, items = self._behind.popleft()
+                if time is not None:
+                    self.time = self.last = time
+                queue.extend(items)
                 self._turns_behind += 1
             self._turns += 1
             self.active = False
+            self.time = -1
         except BaseException:
             self.straight = 0
             self.active = False  # where there is no room to go on later, the next message does
             self._resume_later()
             raise
+
+    def _run_watched(self, first: Subscription[Any] | None, message: object) -> None:
+        """As `run`, with each message from the queue, and without limits."""
+        queue, watch = self.queue, self.watch
+        assert watch is not None
+        self.active = True
+        if first is not None:
+            queue.append((first, message))
+        while True:
+            watch()
+            if queue:
+                subscription, message = queue.popleft()
+                try:
+                    subscription.handler(message)
+                except BaseException as error:
+                    subscription.fail(error)
+            elif self._behind:
+                time, items = self._behind.popleft()
+                if time is not None:
+                    self.time = self.last = time
+                queue.extend(items)
+                self._turns_behind += 1
+            else:
+                break
+        self._turns += 1
+        self.active = False
+        self.time = -1
 
     def _culprit(self, first: Subscription[Any]) -> Subscription[Any]:
         """Return the actor whose handler has raised: the first handler, or one that it has called."""
@@ -292,12 +402,20 @@ class Dispatcher:
             )
 
     def _resume_later(self, resume: Callable[[], object] | None = None) -> None:
-        # `active` stays true: whatever is published meanwhile queues behind what the turn still has to deliver.
+        # `active` stays true: whatever is published meanwhile waits behind what the turn still has to deliver.
+        if self.time >= 0:
+            self._cut, self.time = self.time, -1
         if self.loop is not None and not self.loop.is_closed():
-            self.loop.call_soon(resume or self.run)
+            self.loop.call_soon(resume or self._go_on)
             self.active = True
         else:
             self.active = False
+
+    def _go_on(self) -> None:
+        """Run the rest of a turn that was cut short, or what was left between turns, at its time."""
+        self.time = self._cut if self._cut >= 0 else self.clock.now()
+        self._cut = -1
+        self.run()
 
     def _fail_later(self, subscription: Subscription[Any], error: RecursionError, limit: int) -> None:
         """Handle a failure, and the rest of the turn, from the event loop: the stack here is too deep."""
@@ -305,10 +423,11 @@ class Dispatcher:
 
         def resume() -> None:
             sys.setrecursionlimit(limit)
+            self.time = self._cut
             try:
                 subscription.fail(error)
             finally:
-                self.run()
+                self._go_on()
 
         self._resume_later(resume)
         if not self.active:
@@ -336,7 +455,7 @@ class Dispatcher:
 
     def _drain(self) -> None:
         loop, inbox = self.loop, self._inbox
-        if self.active and loop is not None and len(self.queue) >= inbox.bound:
+        if self.active and loop is not None and len(self.queue) + len(self._behind) >= inbox.bound:
             loop.call_soon(self._drain)  # a turn without end must not become the place where things pile up
             return
         self._woken = False
@@ -347,8 +466,17 @@ class Dispatcher:
                 break
             self._from_threads += 1
             channel, message = item
-            channel.publish(message)
+            channel.publish(self._delivered(message))
         self._tell_losses()
+
+    def _delivered(self, message: Any) -> Any:
+        """Return a message of another thread with the time at which it is delivered."""
+        if message.__class__ is SensorUpdate:
+            time = message.time if message.sensed is None else message.sensed
+            return SensorUpdate(self.clock.now(), message.predicates, message.events, time)
+        if isinstance(message, _STAMPED):
+            return replace(message, time=self.clock.now())
+        return message
 
     def _tell_losses(self) -> None:
         """Report lost messages: once, until all of a channel's messages are accepted again."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import builtins
+import os
 import threading
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
@@ -15,7 +16,7 @@ import msgspec
 from mdm.checks import check_flag
 from mdm.errors import Error
 from mdm.messages import Decision, Fault, Idle, Mode, StateChange
-from mdm.runtime.actor import Actor
+from mdm.runtime.actor import Actor, descendants
 from mdm.runtime.channel import Channel, Subscription
 from mdm.runtime.dispatcher import Dispatcher
 from mdm.runtime.executors import unwatch, watch
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
     from types import TracebackType
     from typing import Self
 
+    from mdm.recording.recorder import Recorder
+    from mdm.runtime.tape import Tape
     from mdm.runtime.work import Work
 
 __all__ = ["Runtime", "RuntimeStatistics", "end_all"]
@@ -109,6 +112,8 @@ class Runtime:
         emergency_after: Seconds for which the event loop stands still before ``emergency`` is called; by default those
             of ``watchdog``.
         signals: Whether signals end the runtime; by default in the main thread, under a wall clock.
+        record: The file, such as ``run.mcap``, to which the run is recorded, or a `Recorder` with options of its own.
+            It needs the extra ``record``. What cannot be recorded is told by a fault, and lets the run go on.
 
     Raises:
         Error: If ``emergency`` cannot be called so, or the times contradict each other.
@@ -116,6 +121,7 @@ class Runtime:
 
     Attributes:
         ending: Whether it ends: no decided action starts any more.
+        recorder: What the run is recorded by; None where it is not.
     """
 
     def __init__(
@@ -128,6 +134,7 @@ class Runtime:
         emergency: Callable[[], object] | None = None,
         emergency_after: float | None = None,
         signals: bool | None = None,
+        record: str | os.PathLike[str] | Recorder | None = None,
     ) -> None:
         check_watch(watchdog, emergency, emergency_after)
         check_flag(debug, "debug")
@@ -160,6 +167,7 @@ class Runtime:
             after = None if emergency is None else watchdog if emergency_after is None else emergency_after
             self._watchdog = Watchdog(watchdog, self._alarm, self.emergency, after)
         self._signals = Signals(self._leave, self._break_off)
+        self.recorder = recorder_of(record)
         self._hears = isinstance(self.clock, WallClock) if signals is None else signals
         self._must_hear = signals is True
         self._host: asyncio.Task[Any] | None = None
@@ -206,6 +214,18 @@ class Runtime:
             channel.forget()
 
     @property
+    def tape(self) -> Tape | None:
+        """Where the run is noted, if it is recorded or repeated from a record."""
+        return self.dispatcher.tape
+
+    def now(self) -> int:
+        """Return the time of the running turn, that of its stimulus, in nanoseconds; outside of turns the clock's.
+
+        Everything that is published in a turn carries it. From another thread it is the clock's, too.
+        """
+        return self.dispatcher.now()
+
+    @property
     def channels(self) -> tuple[Channel[Any], ...]:
         """All channels, in the order of their making."""
         return tuple(self._channels.values())
@@ -250,6 +270,8 @@ class Runtime:
             self.dispatcher.deliver(Subscription(None, None, lambda _: self._tell_of_end()), None)
 
     def _tell_of_end(self) -> None:
+        if self.dispatcher.tape is not None:
+            self.dispatcher.tape.finishes(self.now())
         waiting: list[Actor] = [self.root]
         while waiting:
             actor = waiting.pop()
@@ -274,12 +296,8 @@ class Runtime:
 
     def _limit(self) -> float:
         """Return how many seconds the actors may take to stop by their own limits."""
-        waiting, limit = [self.root], 1.0
-        while waiting:
-            actor = waiting.pop()
-            limit += actor.patience + (actor.grace if actor.statistics().work else 0.0)
-            waiting += actor.children
-        return limit
+        actors = descendants(self.root)
+        return 1.0 + sum(actor.patience + (actor.grace if actor.statistics().work else 0.0) for actor in actors)
 
     def _break_off(self) -> None:
         if self._tree is not None:
@@ -307,7 +325,7 @@ class Runtime:
 
     def _alarm(self, kind: str, detail: str) -> None:
         """Publish a fault of the runtime itself, and log it before: the event loop may not turn."""
-        fault = Fault(self.clock.now(), "runtime", kind, detail)
+        fault = Fault(self.now(), "runtime", kind, detail)
         if self._log is not None:
             self._log.tell(fault)
         with suppress(Error):  # a runtime that does not run has no subscribers
@@ -328,6 +346,7 @@ class Runtime:
             )
         self.clock.open(loop)
         self.dispatcher.open(loop)
+        self._open_record()
         watch(loop)
         if self._log is not None:
             self._log.open(self)
@@ -351,6 +370,15 @@ class Runtime:
         if self._hears:
             self._signals.open(loop)
         return self
+
+    def _open_record(self) -> None:
+        if self.recorder is not None:
+            try:
+                self.recorder.open(self, virtual=isinstance(self.clock, VirtualClock))
+            except BaseException:
+                self.dispatcher.close()
+                self.clock.close()
+                raise
 
     async def _grow(self, began: asyncio.Event) -> None:
         async with anyio.create_task_group() as group:
@@ -396,7 +424,7 @@ class Runtime:
             self.dispatcher.close()
             self.clock.close()
             unwatch(tree.get_loop())
-            for told in (self._log, self._first_failures):
+            for told in (self._log, self._first_failures, self.recorder):
                 if told is not None:
                     told.close()
             self._signals.close()
@@ -458,6 +486,19 @@ async def end_all() -> None:
             await runtime._end(tree, pressed=True)  # noqa: SLF001
 
     await asyncio.gather(*map(end, tuple(_OPEN.get(asyncio.get_running_loop(), ()))), return_exceptions=True)
+
+
+def recorder_of(given: object) -> Recorder | None:
+    """Return the recorder that is given as itself or by the path of its file."""
+    if given is None:
+        return None
+    from mdm.recording.recorder import Recorder  # noqa: PLC0415 - only where a run is recorded
+
+    if isinstance(given, Recorder):
+        return given
+    if isinstance(given, str | os.PathLike):
+        return Recorder(os.fspath(given))
+    raise Error(f"a record is the path of a file, such as 'run.mcap', or a Recorder, not {given!r}")
 
 
 def _clock_of_the_loop() -> Clock:

@@ -39,12 +39,12 @@ class Work:
     """
 
     __slots__ = (
-        "_awaitable",
         "_begun",
         "_ended",
         "_jobs",
         "_leaving",
         "abandoned",
+        "awaitable",
         "interrupted",
         "name",
         "over",
@@ -59,7 +59,7 @@ class Work:
         # Whether a cancellation has reached it: what it returns after that is not the end that was asked for.
         self.interrupted = False
         self._ended = ended
-        self._awaitable = awaitable
+        self.awaitable = awaitable
         self._leaving: BaseException | None = None
         self._jobs = Jobs() if jobs is None else jobs
         self._jobs.ended = self._settle
@@ -73,14 +73,14 @@ class Work:
         OWNER.set(self._jobs)
         self._begun = True
         try:
-            return await self._awaitable
+            return await self.awaitable
         except LEAVING as error:
             self._leaving = error  # from a task it would end the event loop at once, and the actors with it
             return None
 
     def _done(self, task: asyncio.Task[Any]) -> None:
-        if inspect.iscoroutine(self._awaitable):
-            self._awaitable.close()  # which has not begun, where it was cancelled at once
+        if inspect.iscoroutine(self.awaitable):
+            self.awaitable.close()  # which has not begun, where it was cancelled at once
         if not task.cancelled():
             task.exception()  # looked at here, so that asyncio does not report it a second time
         self._settle()
@@ -122,8 +122,8 @@ class Work:
 
     def _interrupt_within(self, limit: int) -> None:
         sys.setrecursionlimit(limit)  # a task whose cancellation a deep stack cuts short would never end
-        if asyncio.isfuture(self._awaitable) and not self._begun:
-            self.interrupted = self._awaitable.cancel()  # it goes on without us: its end is awaited all the same
+        if asyncio.isfuture(self.awaitable) and not self._begun:
+            self.interrupted = self.awaitable.cancel()  # it goes on without us: its end is awaited all the same
         elif self.task.cancel():
             self.interrupted = True
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from mdm.actors import Ensemble, FixedRate
 from mdm.errors import ConfigError
 from mdm.messages import Action, Belief, Fault, Observation, State
+from mdm.recording.stimuli import TRUE_STATE
 from mdm.runtime import Actor
 from mdm.simulation.sampler import Lengths, Sampler
 
@@ -128,6 +129,7 @@ class World(Actor):
         self._states = channel(f"{path}/state", State, retain=True)
         self._observations = channel(f"{path}/observation", Observation)
         self._initial_beliefs = channel(f"{path}/initial_belief", Belief, retain=True)
+        self._true_states = channel(f"{path}/{TRUE_STATE}", State, retain=True)
         begin = self._on_action if self._lengths is None else self._on_lasting_action
         self.subscribe(channel(f"{path}/action", Action), begin)
         self._begin_episode()
@@ -135,14 +137,14 @@ class World(Actor):
             self._show_state(changed=True)
 
     def _begin_episode(self) -> None:
-        self.state = self._sampler.first_state()
+        self._be_in(self._sampler.first_state())
         self._return = 0.0
         self._weight = 1.0
         self._step = 0
-        self._began = self.runtime.clock.now()
+        self._began = self.runtime.now()
         self.moves = 0
         if self._belief_at_start is not None:
-            self._initial_beliefs.publish(Belief(self.runtime.clock.now(), self._belief_at_start(self.state)))
+            self._initial_beliefs.publish(Belief(self.runtime.now(), self._belief_at_start(self.state)))
 
     def _on_action(self, action: Action) -> None:
         self._return += self._weight * self._rewards[self.state][action.index]
@@ -178,17 +180,18 @@ class World(Actor):
         self._unfinished = self.call_later(self._lengths.draw(state, action), then)
 
     def _pay(self, action: int) -> None:
-        seconds = (self.runtime.clock.now() - self._began) / 1e9
+        seconds = (self.runtime.now() - self._began) / 1e9
         self._return += self.model.discount**seconds * self._rewards[self.state][action]
         self.moves += 1
 
     def _show_beginning(self) -> None:
-        self._began = self.runtime.clock.now()
+        self._began = self.runtime.now()
         self._show(observation=0, changed=True)
 
     def _finish(self, action: int) -> None:
         """Move on when an action is over; where nothing is observed of that, it goes on."""
-        before, self.state = self.state, self._sampler.next_state(self.state, action)
+        before = self.state
+        self._be_in(self._sampler.next_state(before, action))
         observation: int | None = 0
         if self.model.pomdp is not None:
             observation = self._sampler.observation(action, before, self.state)
@@ -207,10 +210,17 @@ class World(Actor):
             self._finished(self._return)
         self._begin_episode()
 
+    def _be_in(self, state: int) -> None:
+        """Take a state, and tell it where somebody wants to know, such as a record: no robot does."""
+        self.state = state
+        if self._true_states.heard or not self._true_states.published:
+            self._true_states.derive(State(self.runtime.now(), state, self.model.state_space.unravel(state)))
+
     def _move(self, action: int) -> tuple[int | None, int]:
         """Advance until something is observed; return the observation or None, and the number of time steps."""
         for steps in range(1, _LONGEST):
-            before, self.state = self.state, self._sampler.next_state(self.state, action)
+            before = self.state
+            self._be_in(self._sampler.next_state(before, action))
             if self.model.pomdp is None:
                 return 0, steps
             observation = self._sampler.observation(action, before, self.state)
@@ -229,7 +239,7 @@ class World(Actor):
             f"no observation in {_LONGEST} time steps, in state {names[0]!r} during action {names[1]!r}: the episode "
             f"ends"
         )
-        self.runtime.faults.publish(Fault(self.runtime.clock.now(), self.path, "no_observation", text))
+        self.runtime.faults.publish(Fault(self.runtime.now(), self.path, "no_observation", text))
 
     def _later(self, show: Callable[[], object], steps: int = 1) -> None:
         if self._period > 0:
@@ -252,7 +262,7 @@ class World(Actor):
                     for name, holds in factor.truth(value).items():
                         layer.predicates.sense(name, holds)
         else:
-            self._states.publish(State(self.runtime.clock.now(), self.state, values))
+            self._states.publish(State(self.runtime.now(), self.state, values))
 
     def _show_observation(self, index: int) -> None:
         layer = self.ensemble.observation
@@ -265,7 +275,7 @@ class World(Actor):
                 layer.predicates.occur(*raised)
                 return
         mask = (True,) * len(values)
-        self._observations.publish(Observation(self.runtime.clock.now(), index, values, mask))
+        self._observations.publish(Observation(self.runtime.now(), index, values, mask))
 
 
 def _settable(layer: StateLayer) -> bool:

@@ -295,7 +295,7 @@ class Copy:
             raise ModelError(f"this is not a copy of an ensemble: it has agents {', '.join(sorted(strangers))}")
         if not self._fit(held.kept) or (held.last is not None and not self._fit(held.last)):
             raise ModelError("this is not a copy of an ensemble: its factors have other values")
-        clock = self._ensemble.runtime.clock.now()
+        clock = self._ensemble.runtime.now()
         if not can_be(held.now, clock, 1):
             raise ModelError(f"this is not a copy of an ensemble: it is {held.now} ns old")
         before = self._process.snapshot()

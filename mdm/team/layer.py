@@ -93,7 +93,7 @@ class TeamLayer(Layer):
         """Listen to the own layers."""
         channel = self.owner.channel
         self._held = False
-        self._now = self.runtime.clock.reader()
+        self._now = self.runtime.now
         if self.ownership.takes == "state":
             self.subscribe(channel("own_state", State, retain=True), self._on_own_state)
         else:
@@ -121,7 +121,7 @@ class TeamLayer(Layer):
         if link.refusal is not None:
             self.pause()
         self.update_live(link)
-        self.assess(self.runtime.clock.now())
+        self.assess(self.runtime.now())
 
     def pause(self) -> None:
         """Decide on nothing that was begun: this agent takes no part in the team now."""
@@ -196,7 +196,7 @@ class TeamLayer(Layer):
             token: Its identifier; by default a new one.
         """
         if command == "stop":
-            self.ensemble.safety.stop(self.runtime.clock.now())
+            self.ensemble.safety.stop(self.runtime.now())
         elif token is not None and self.commands.outcomes.get(token) in {DONE, PENDING}:
             return  # another agent was asked for the same, and has told this one
         self.request(command, self.commands.ask(command, token))
@@ -255,7 +255,7 @@ class TeamLayer(Layer):
     def update_lost(self, lost: Iterable[str]) -> None:
         """Take note of the teammates that are lost."""
         self.lost = frozenset(lost)
-        self.assess(self.runtime.clock.now())
+        self.assess(self.runtime.now())
 
     def assess(self, now: int) -> None:
         """Go safe, hold or go on, by who is lost; safe as long as this agent is refused."""
@@ -311,7 +311,7 @@ class TeamLayer(Layer):
             return
         self.commits.publish(
             Committed(
-                time=self.runtime.clock.now(),
+                time=self.runtime.now(),
                 agent=self.agent,
                 ensemble=self.ensemble.name,
                 term=term,

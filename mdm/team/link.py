@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 
 from mdm.errors import Error
+from mdm.recording.stimuli import Joined, Opened, Received, Seen, Unsent
 from mdm.runtime import Actor, Subscription
 from mdm.team.configuration import Configuration
 from mdm.team.transport.bounds import UNREADABLE, Life, Name, Number, Text
@@ -108,6 +109,7 @@ class Link(Actor):
         self.live: dict[str, int] = {}
         self.left: dict[str, int] = {}
         self.opened = False
+        self._puts = 0
         self.configuration = Configuration(transport.agent, facts or {})
         self._left_at: dict[str, int] = {}
         self._since = 0
@@ -130,6 +132,8 @@ class Link(Actor):
 
     def on_start(self) -> None:
         """Have failures of the transport's handlers be this actor's, and dropped messages reported."""
+        if self.runtime.tape is not None:
+            self.runtime.tape.note(Joined(self.runtime.now(), self.agent, self.transport.incarnation))
         self.transport.supervise(self.fail, self.report)
         self.transport.watch(self._in_turn(self._on_seen))
         self.listen(join(self.team.name, "*", FAREWELL), self._on_farewell, self)
@@ -146,7 +150,9 @@ class Link(Actor):
 
     def _on_open(self, _: None) -> None:
         self.opened = True
-        self._since = self.runtime.clock.now()
+        if self.runtime.tape is not None:
+            self.runtime.tape.note(Opened(self.runtime.now(), self.agent))
+        self._since = self.runtime.now()
         self._beat()
         self._notify()
 
@@ -195,13 +201,17 @@ class Link(Actor):
         """
         if not self.opened or self._leaving:
             return False
+        self._puts += 1
         try:
-            return self.transport.put(key, body, priority=priority)
+            sent = self.transport.put(key, body, priority=priority)
         except Error as error:
+            sent = False
             if key not in self._refused:
                 self._refused.add(key)
                 self.report("oversize", str(error))
-            return False
+        if not sent and self.runtime.tape is not None:
+            self.runtime.tape.note(Unsent(self.runtime.now(), self.agent, self._puts))
+        return sent
 
     def refuse_sample(self, sample: Sample, reason: str) -> None:
         """Drop a message whose fields are none that can be, and count it by its sender."""
@@ -213,17 +223,28 @@ class Link(Actor):
         known = self._heard.get(expression)
         if known is None:
             known = self._heard[expression] = []
-            deliver = self.runtime.dispatcher.deliver
-            heard, now, heard_at = known, self.runtime.clock.reader(), self._heard_at
-
-            def hand_on(sample: Sample) -> None:
-                heard_at[sample.owner] = now()
-                for one in tuple(heard):
-                    deliver(one, sample)
-
-            self.transport.subscribe(expression, hand_on)
+            self.transport.subscribe(expression, self._hand_on(expression, known))
         known.append(subscription)
         return subscription
+
+    def _hand_on(self, expression: str, heard: list[Subscription[Any]]) -> Callable[[Sample], None]:
+        """Return a function that hands on a message in a turn of its own, to all who listen to an expression."""
+        runtime, heard_at = self.runtime, self._heard_at
+        deliver, now = runtime.dispatcher.deliver, runtime.now
+
+        def receive(sample: Sample) -> None:
+            time = now()
+            if runtime.tape is not None:
+                life, sent, body = sample.incarnation, sample.time, sample.body
+                runtime.tape.note(
+                    Received(time, self.agent, expression, sample.key, sample.owner, life, sent, bytes(body))
+                )
+            heard_at[sample.owner] = time
+            for one in tuple(heard):
+                deliver(one, sample)
+
+        turn: Subscription[Sample] = Subscription(None, self, receive)
+        return lambda sample: deliver(turn, sample)
 
     def drop(self, subscriptions: Iterable[Subscription[Any]]) -> None:
         """Bring no more to these."""
@@ -267,6 +288,8 @@ class Link(Actor):
         return lambda message: self.runtime.dispatcher.deliver(turn, message)
 
     def _on_seen(self, seen: Mapping[str, int]) -> None:
+        if self.runtime.tape is not None:
+            self.runtime.tape.note(Seen(self.runtime.now(), self.agent, dict(seen)))
         self._seen = seen
         self.left = {agent: life for agent, life in self.left.items() if seen.get(agent, life) == life}
         if self.opened:
@@ -281,7 +304,7 @@ class Link(Actor):
         self.send(self.key(BEAT), _encode(beat), priority="step")
 
     def _standing(self) -> tuple[bool, int]:
-        return self.runtime.clock.now() - self._since > self._lease + _SETTLED * 1e9, max(len(self.live), 1)
+        return self.runtime.now() - self._since > self._lease + _SETTLED * 1e9, max(len(self.live), 1)
 
     def _opened(self, sample: Sample) -> Beat | None:
         if self._seen.get(sample.owner, sample.incarnation) != sample.incarnation:
@@ -339,7 +362,7 @@ class Link(Actor):
         if not self.opened or self.left.get(other) == life:
             return
         theirs = (beat.settled, beat.company)
-        if configuration.part(other, life, told, self._standing(), theirs, self.runtime.clock.now()):
+        if configuration.part(other, life, told, self._standing(), theirs, self.runtime.now()):
             self._beats.pop(other, None)
             self.spawn(self._report_difference(other, life, beat.facts), name="compare")
             self._notify(refused=True)
@@ -362,7 +385,7 @@ class Link(Actor):
 
     def _on_tick(self, tick: Tick) -> None:
         if not tick.missed:  # else what came meanwhile has yet to be heard
-            now = self.runtime.clock.now()
+            now = self.runtime.now()
             silent = [agent for agent in self._beats if now - self._heard_at.get(agent, 0) > self._lease]
             for agent in silent:
                 del self._beats[agent]
@@ -377,7 +400,7 @@ class Link(Actor):
             self.refuse_sample(sample, "is a farewell of a life that is not here")
             return
         self.left[sample.owner] = sample.incarnation
-        self._left_at[sample.owner] = min(sample.time, self.runtime.clock.now())
+        self._left_at[sample.owner] = min(sample.time, self.runtime.now())
         self._notify(refused=self.configuration.agree(sample.owner))
 
     def _notify(self, *, refused: bool = False) -> None:
@@ -456,7 +479,7 @@ class Clocks(Actor):
 
     def time(self) -> int:
         """Return the time by this agent's clock, in nanoseconds."""
-        return self.runtime.clock.now()
+        return self.runtime.now()
 
     def _on_live(self, link: Link) -> None:
         new = [agent for agent, life in link.live.items() if agent != link.agent and self._lives.get(agent) != life]

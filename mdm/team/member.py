@@ -205,7 +205,7 @@ class Member(Actor):
         self._met.update(link.configuration.differing)
         if link.refusal is not None:
             self._live, self.lost = live, ()
-            self._teammates.publish(Teammates(self.runtime.clock.now(), self.agent, live, ()))
+            self._teammates.publish(Teammates(self.runtime.now(), self.agent, live, ()))
             return
         lost = [agent for agent in self.team.names if agent not in live and agent not in link.left]
         lost = [agent for agent in lost if agent in self._live or agent in self.lost]
@@ -216,7 +216,7 @@ class Member(Actor):
                 )
         self._live, self.lost = live, tuple(lost)
         self._met.update(live, link.left)
-        self._teammates.publish(Teammates(self.runtime.clock.now(), self.agent, live, self.lost))
+        self._teammates.publish(Teammates(self.runtime.now(), self.agent, live, self.lost))
         for layer in self.layers.values():
             layer.update_lost(lost)
 

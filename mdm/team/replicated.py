@@ -136,7 +136,7 @@ class ReplicatedLayer(TeamLayer):
         self._asked = self._behind = self._turn_ends = False
         if self._saved is not None:  # the ensemble has failed, and begins anew: the team has gone on
             self.restore(self._saved)
-            self._resume(self.runtime.clock.now())
+            self._resume(self.runtime.now())
         super().on_start()
         for to in (_ALL, self.agent):
             self.listen(join(self.team.name, "*", self.ensemble.name, "agreement", to), self._on_message)
@@ -161,7 +161,7 @@ class ReplicatedLayer(TeamLayer):
 
     def request(self, command: str, token: str) -> None:
         """Propose a command, for a step of its own."""
-        self._process(self.agreement.propose(None, self.runtime.clock.now(), command, token))
+        self._process(self.agreement.propose(None, self.runtime.now(), command, token))
 
     @property
     def still(self) -> bool:
@@ -246,7 +246,7 @@ class ReplicatedLayer(TeamLayer):
 
     def update_live(self, link: Link) -> None:
         """Take note of who is live."""
-        self._process(self.agreement.members(link.live, self.runtime.clock.now(), barred=link.refusal is not None))
+        self._process(self.agreement.members(link.live, self.runtime.now(), barred=link.refusal is not None))
 
     def _on_time(self) -> None:
         self._timer = None
@@ -400,7 +400,7 @@ class ReplicatedLayer(TeamLayer):
 
     def restore(self, snapshot: bytes) -> None:
         """Become another copy."""
-        now = self.runtime.clock.now()
+        now = self.runtime.now()
         try:
             self.copy.restore(snapshot)
         except Exception as error:

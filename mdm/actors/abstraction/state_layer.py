@@ -162,7 +162,7 @@ class StateLayer(Layer):
         now = self.predicates.values()
         self._update(
             PredicateUpdate(
-                self.runtime.clock.now(),
+                self.runtime.now(),
                 0,
                 tuple(name for name in self._slots if now[name] is True),
                 tuple(name for name in self._slots if now[name] is False),
@@ -276,7 +276,7 @@ class StateLayer(Layer):
             self._known = False
             part, self._part = self._part, tuple(self._digits)
             if part != self._part:
-                self._published.publish(State(time, None, self._part))
+                self._published.derive(State(time, None, self._part))
         elif self._known:
             self._known = False
-            self._published.publish(State(time, None, tuple(self._digits)))
+            self._published.derive(State(time, None, tuple(self._digits)))

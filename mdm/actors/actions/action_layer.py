@@ -118,6 +118,7 @@ class ActionLayer(Layer):
         "_others",
         "_recent",
         "_swift",
+        "_tape",
         "_told",
         "bindings",
         "lives",
@@ -178,6 +179,11 @@ class ActionLayer(Layer):
         """The names of the actions that are live now."""
         current = () if self.lives.current is None else (self.lives.current.name,)
         return (*current, *self.lives.beside)
+
+    @property
+    def calls(self) -> int:
+        """The number of the life whose function is being called; 0 where none is."""
+        return self.started if self.lives.calling else 0
 
     @property
     def busy(self) -> bool:
@@ -249,6 +255,19 @@ class ActionLayer(Layer):
         if self.safe is not None:
             self.safe = own.get(id(self.safe), self.safe)
 
+    def substitute(self, function: Callable[[], object]) -> None:
+        """Call one function in place of those of all actions, as where a run is repeated from its record."""
+        own = {id(binding): binding.standing_in(function) for binding in self.bindings}
+        if self.safe is not None:
+            self.safe = own.get(id(self.safe)) or self.safe.standing_in(function)
+        self.bindings = tuple([own[id(binding)] for binding in self.bindings])
+        self._briefs = tuple(
+            [
+                _Brief(binding) if known is not None else None
+                for binding, known in zip(self.bindings, self._briefs, strict=True)
+            ]
+        )
+
     # -- Life of the layer ---------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
@@ -256,6 +275,9 @@ class ActionLayer(Layer):
         self._told = self.owner.channel("lives", ActionLife)
         self._now = self.runtime.clock.reader()
         self._path = self.owner.path
+        self._tape = self.runtime.dispatcher.tape
+        if self._tape is not None:
+            self._tape.acts(self._path, self)
         self.lives.restart()
         self.subscribe(self.owner.channel("action", Action), self._on_action)
 
@@ -320,7 +342,7 @@ class ActionLayer(Layer):
                 self._tell_secured(None)
             else:
                 self._secures()
-                self._begin_life(_Run("safe action", self.safe, Action(self._now(), -1, -1), secures=True))
+                self._begin_life(_Run("safe action", self.safe, Action(self.runtime.now(), -1, -1), secures=True))
         elif (life := lives.next()) is not None:
             self._begin_life(life)
         if lives.quiet:
@@ -376,6 +398,8 @@ class ActionLayer(Layer):
             self._returned(self._begun(index, action), result, jobs)
             return
         self._swift += 1
+        if self._tape is not None:
+            self._tape.called(self._path, self.started, self.names[index], action.time)
         if self.predicates is not None and self.predicates.action_ends:
             self._raise_end(self.names[index], "succeeded")
 
@@ -383,6 +407,8 @@ class ActionLayer(Layer):
         """Return the life of a plain function that was called without one."""
         life = _Run(self.names[index], self.bindings[index], action)
         life.number = self.started
+        if self._tape is not None:
+            self._tape.lived(self._path, life.number, life.name, "running", "", action.time)
         return life
 
     def _returned(self, life: _Run, result: object, jobs: Jobs) -> None:
@@ -393,7 +419,12 @@ class ActionLayer(Layer):
                 life.work = self.spawn(result, lambda work: self._work_ended(life, work), name=life.name, jobs=jobs)
             except Error as error:  # the layer has ended already
                 self._finish(life, "failed", describe(error))
+            else:
+                if self._tape is not None:
+                    self._tape.lasts(self._path, life.number, life.work)
         elif has_not_run(result):
+            if self._tape is not None:
+                self._tape.raised(self._path, life.number, repr(result), self.runtime.now(), unrun=True)
             self._end_life(life, "failed", f"returned {result!r}, of which nothing has run")
         else:
             self._end_life(life, "succeeded")
@@ -402,6 +433,8 @@ class ActionLayer(Layer):
     def _raised(self, life: _Run, error: BaseException) -> None:
         """A function has raised."""
         self.lives.calling = False
+        if self._tape is not None:
+            self._tape.raised(self._path, life.number, describe(error), self.runtime.now(), unrun=False)
         self._end_life(life, "failed", describe(error))
         if isinstance(error, LEAVING):
             self.fail(error)  # which ends the runtime; the code that decided this action goes on
@@ -420,7 +453,15 @@ class ActionLayer(Layer):
     def _choose(self, life: _Run) -> None:
         current = self.lives.current
         own = current is not None and current.work is not None and current.work.is_calling
-        self._obey(self.lives.choose(life, lambda: life.binding.continues(life.action), own=own))
+        own = own and self.runtime.clock.firing < 0  # a timer that was due before is not its doing
+        self._obey(self.lives.choose(life, lambda: self._continues(life), own=own))
+
+    def _continues(self, life: _Run) -> bool:
+        """Whether a running task goes on when its action is chosen again."""
+        binding, action = life.binding, life.action
+        if self._tape is None or binding.goes_on is None:
+            return binding.continues(action)
+        return self._tape.goes_on(self._path, action.epoch, action.time, lambda: binding.continues(action))
 
     def _replace(self, life: _Run) -> None:
         """Report the end of a life that another of its group replaces, so that the device they drive need not stop."""
@@ -455,7 +496,7 @@ class ActionLayer(Layer):
             self.begins(life.name)
         if self._left:
             self._tell_left(life.name)
-        if self._told.heard:
+        if self._told.heard or self._tape is not None:
             self._tell(life, "running")
         ensemble = binding.ensemble
         if ensemble is not None:
@@ -465,7 +506,7 @@ class ActionLayer(Layer):
                 return
             self._keep(life, task=False)
             ensemble.when_idle(lambda: self._ensemble_ended(life))
-            ensemble.start(resume=binding.resume)
+            ensemble.begin(resume=binding.resume)
             return
         if action.epoch >= 0:
             self._record(self._now() - action.time)
@@ -518,6 +559,8 @@ class ActionLayer(Layer):
             self.report("action", f"action {name!r} begins while {' and '.join(running)}, abandoned, still runs")
 
     def _work_ended(self, life: _Run, work: Work) -> None:
+        if self._tape is not None:
+            self._tape.ended(self._path, life.number, work, self.runtime.now())
         if work.error is not None:
             self._finish(life, "failed", describe(work.error))
         elif work.interrupted:  # even where it swallowed the cancellation, and returned
@@ -567,7 +610,7 @@ class ActionLayer(Layer):
             self.report("action", text)
         lasted = life.work is not None or life.binding.ensemble is not None
         gave_up = not life.secures and self.ends(life.name, life.binding, status, lasted, text)
-        if self._told.heard:
+        if self._told.heard or self._tape is not None:
             self._tell(life, status, detail)
         if self.predicates is not None and self.predicates.action_ends:
             self._raise_end(life.name, status)
@@ -585,7 +628,11 @@ class ActionLayer(Layer):
     def _raise_end(self, name: str, status: str) -> None:
         event = f"{name}.{status}"
         if self.predicates is not None and event in self.predicates.action_ends:
-            self.predicates.occur(event)
+            self.predicates.derive((), (event,))
 
     def _tell(self, life: _Run, status: ActionStatus, detail: str = "") -> None:
-        self._told.publish(ActionLife(self._now(), self._path, life.number, life.name, status, detail))
+        time = self.runtime.now()
+        if self._tape is not None:
+            self._tape.lived(self._path, life.number, life.name, status, detail, time)
+        if self._told.heard:
+            self._told.publish(ActionLife(time, self._path, life.number, life.name, status, detail))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Awaitable, Callable, Mapping
+from copy import copy
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from mdm.actors.actions.sequel import Sequel, Then
@@ -134,6 +135,14 @@ class Binding:
         if self.goes_on is None:
             return False
         return self.goes_on(action) if self._asks_action else self.goes_on()
+
+    def standing_in(self, function: Callable[[], object]) -> Binding:
+        """Return a binding alike, with another function in place of its own; that of an ensemble is itself."""
+        if self.ensemble is not None:
+            return self
+        binding = copy(self)
+        binding.function, binding.takes_action = function, False
+        return binding
 
     def within(self, ensemble: Ensemble) -> Binding:
         """Return the binding to use as an action of an ensemble; by default itself.

@@ -206,7 +206,11 @@ class ControlLayer(Layer):
         self._command("resume")
 
     def _command(self, command: Literal["start", "stop", "reset", "resume"]) -> None:
-        self.owner.channel("control", Control).publish(Control(self.runtime.clock.now(), command))
+        self.owner.channel("control", Control).publish(Control(self.runtime.now(), command))
+
+    def command(self, command: Literal["start", "stop", "resume"]) -> None:
+        """Start, stop or resume, as what is above or around it brings about: it is nobody's input."""
+        self.owner.channel("control", Control).derive(Control(self.runtime.now(), command))
 
     @property
     def belief(self) -> Vector | None:

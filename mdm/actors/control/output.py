@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mdm.beliefs import Support
+from mdm.beliefs.information import DrawnInformation
 from mdm.messages import Action, Belief, Decision, Reward
 from mdm.runtime import Latencies
 from mdm.runtime.statistics import FULL
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from mdm.controller import Controller, Step
     from mdm.models.matrices import Vector
     from mdm.runtime import Channel, Histogram
+    from mdm.runtime.tape import Tape
+    from mdm.symbols import Symbols
 
 __all__ = ["Observed", "Output"]
 
@@ -60,6 +63,7 @@ class Output:
         "_pending",
         "_refuses",
         "_rewards",
+        "_tape",
         "acted",
         "action_names",
         "overdue",
@@ -81,6 +85,8 @@ class Output:
         # Whether actions are emitted, and nobody is told of each besides.
         self._alone = True
         self._actions: Channel[Action] | None = None
+        self._path = ""
+        self._tape: Tape | None = None
 
     def open(self, layer: Layer) -> None:
         """Publish under the name of a layer's ensemble."""
@@ -93,6 +99,21 @@ class Output:
         self._beliefs = channel("belief", Belief, retain=True)
         self._decisions = layer.runtime.decisions
         self._path = layer.owner.path
+        self._tape = layer.runtime.dispatcher.tape
+        if self._tape is not None:
+            self._tape.controls(self)
+
+    @property
+    def draws(self) -> str:
+        """The state of the random numbers by which the policy draws its actions; empty where it does not."""
+        information = self._controller.information
+        return information.draws if isinstance(information, DrawnInformation) else ""
+
+    def draw_from(self, draws: str) -> None:
+        """Have the policy draw on from that state."""
+        information = self._controller.information
+        if isinstance(information, DrawnInformation):
+            information.draws = draws
 
     @property
     def decisions(self) -> int:
@@ -111,9 +132,10 @@ class Output:
         self._pending.append(latency)
         if len(self._pending) >= FULL:
             self._latencies.fold()
-        late = self._deadline is not None and latency + self.overdue > self._deadline
-        if late and self._refuses(step, latency + self.overdue, time):
+        if self._deadline is not None and self._is_refused(step, latency, time):
             return
+        if self._tape is not None:
+            self._note(step, time, cause, observation, state)
         self._do(Action(time, step.epoch, step.action, state))
         self.acted = step.action
         if step.reward is not None:
@@ -145,9 +167,10 @@ class Output:
         self._pending.append(latency)
         if len(self._pending) >= FULL:
             self._latencies.fold()
-        late = self._deadline is not None and latency + self.overdue > self._deadline
-        if late and self._refuses(step, latency + self.overdue, time):
+        if self._deadline is not None and self._is_refused(step, latency, time):
             return
+        if self._tape is not None:
+            self._note(step, time, cause, observation, state)
         self.acted = action = step.action
         if reward is not None:
             self._rewards.emit(Reward(time, step.epoch, reward))
@@ -172,10 +195,55 @@ class Output:
         self._pending.append(self._now() - time)
         if len(self._pending) >= FULL:
             self._latencies.fold()
+        if self._tape is not None:
+            self._tape.decided(self, time, epoch, "state", state, None, None, action, None)
         self.acted = action
         assert self._actions is not None
         self._actions.emit_last(Action(time, epoch, action, state))
         return True
+
+    def _is_refused(self, step: Step, latency: int, time: int) -> bool:
+        """Whether a decision comes past its deadline, and is not published."""
+        assert self._deadline is not None
+        if self._tape is not None:
+            limit = self._deadline - self.overdue
+            latency = self._tape.latency(self._path, step.epoch, time, latency, limit)
+        latency += self.overdue
+        return latency > self._deadline and self._refuses(step, latency, time)
+
+    # -- For a record ----------------------------------------------------------------------------------------------
+
+    def _note(self, step: Step, time: int, cause: str, observation: Observed, state: int | None) -> None:
+        assert self._tape is not None
+        current = self._controller.decided_by if self._has_belief else None
+        self._tape.decided(self, time, step.epoch, cause, state, observation, current, step.action, step.reward)
+
+    @property
+    def ensemble(self) -> str:
+        """The path of the ensemble that decides."""
+        return self._path
+
+    @property
+    def configuration(self) -> str:
+        """The digest of its model, policy and options."""
+        return self._controller.configuration
+
+    @property
+    def symbols(self) -> Symbols:
+        """The names of its states, actions and observations."""
+        return self._controller.symbols
+
+    def name_of(self, action: int) -> str:
+        """Return the name of an action."""
+        return self.action_names[action] if self.action_names else self._controller.symbols.action_name(action)
+
+    def belief_of(self, current: Any) -> Vector | None:
+        """Return an information state as a belief, of S numbers; None where it is none."""
+        if current.__class__ is np.ndarray:
+            found: Vector = current
+            return found
+        size = self._controller.symbols.num_states
+        return current.dense(size) if isinstance(current, Support) and size is not None else None
 
     def _publish_belief(self, time: int) -> None:
         """Publish the belief, if one is tracked; of a belief by its support an array is made only for somebody."""
@@ -195,6 +263,8 @@ class Output:
 
     def publish_foreign(self, action: Action, belief: Vector | None) -> None:
         """Publish an action decided elsewhere, on a belief where one is known."""
+        if self._tape is not None:
+            self._tape.decided(self, action.time, action.epoch, "team", None, None, belief, action.index, None)
         self.acted = action.index
         self._emit(action)
         if belief is not None:

@@ -6,7 +6,7 @@ all agents decide on: it goes on deciding in safe modes, as they do, but its dec
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 import msgspec
 
@@ -15,11 +15,16 @@ from mdm.errors import ModelError
 from mdm.messages import Belief, Control, Observation, State
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from mdm.actors.control.control_layer import ControlLayer
     from mdm.actors.control.output import Observed
     from mdm.controller import Step
     from mdm.messages import Action, Tick
     from mdm.models.matrices import Vector
+    from mdm.runtime import Channel
+
+T = TypeVar("T")
 
 __all__ = ["JointProcess", "OwnChannels", "Source", "Team"]
 
@@ -119,12 +124,16 @@ class OwnChannels:
         control, channel = self._control, self._control.owner.channel
         self.held = False
         if control.takes_states:
-            control.subscribe(channel("state", State, retain=True), control.on_state)
+            self._listen(channel("state", State, retain=True), control.on_state)
         else:
-            control.subscribe(channel("observation", Observation), control.on_observation)
-            control.subscribe(channel("external_belief", Belief), control.on_external_belief)
-            control.subscribe(channel("initial_belief", Belief, retain=True), control.on_initial_belief)
-        control.subscribe(channel("control", Control), control.on_control)
+            self._listen(channel("observation", Observation), control.on_observation)
+            self._listen(channel("external_belief", Belief), control.on_external_belief)
+            self._listen(channel("initial_belief", Belief, retain=True), control.on_initial_belief)
+        self._listen(channel("control", Control), control.on_control)
+
+    def _listen(self, channel: Channel[T], handler: Callable[[T], object]) -> None:
+        channel.input = True
+        self._control.subscribe(channel, handler)
 
     def asked(self, command: CommandName) -> bool:
         """Return that it concerns this ensemble alone."""

@@ -264,6 +264,18 @@ class PredicateManager(Actor):
         else:
             self._input((), events)
 
+    def derive(self, predicates: tuple[tuple[str, bool | None], ...], events: tuple[str, ...] = ()) -> None:
+        """Take values of predicates, and events, that the library itself derives from other input, as one update.
+
+        They are no input of a record's: whatever they follow from is.
+        """
+        if self._senses is None:
+            self._input(predicates, events)
+        elif self.failing:
+            self._keep(SensorUpdate(self.runtime.now(), predicates, events))
+        else:
+            self.sensed.derive(SensorUpdate(self.runtime.now(), predicates, events))
+
     def _initial(self, name: str, initial: bool | None) -> bool | None:
         """A sensor's value reported before the start; else unknown at a restart, and its initial value at first."""
         return self._backlog.values.get(name, None if self._begun else initial)
@@ -274,7 +286,7 @@ class PredicateManager(Actor):
             now = self._now
             senses(SensorUpdate(now(), predicates, events))
         elif self._begun:
-            self._keep(SensorUpdate(self.runtime.clock.now(), predicates, events))
+            self._keep(SensorUpdate(self.runtime.now(), predicates, events))
         else:
             self._backlog.put(predicates, None)
 
@@ -303,17 +315,21 @@ class PredicateManager(Actor):
     def on_start(self) -> None:
         """Build the network, ground it, and make its first values known."""
         self.sensed = self.channel("sensed", SensorUpdate)
+        self.sensed.input = self.sensed.stamped = True
         self.sensed.supersedes = _subject
         self.sensed.merge = _merge
         self.updates = self.channel("updates", PredicateUpdate)
         self.events = self.channel("events", EventUpdate)
         self.map = self.channel("map", PredicateMap)
         self._batches.dispatcher = self.runtime.dispatcher
-        self._now = self.runtime.clock.reader()
+        self._now = self.runtime.now
         self._senses = self.sensed.publish
-        now = self.runtime.clock.now()
+        now = self.runtime.now()
         self._begun = self._home is self.runtime
         self._home = self.runtime
+        if (tape := self.runtime.dispatcher.tape) is not None:
+            backlog = self._backlog
+            backlog.values, backlog.times = tape.kept(self.path, backlog.values, backlog.times, now)
         if self._begun:
             self._backlog.expire(now, self._max_age)
         self._network = self.network()
@@ -331,7 +347,7 @@ class PredicateManager(Actor):
         self._counter = self._event_counter = 0
         self._age_timers.clear()
         self._first_events = EventUpdate(now, 0, first.events) if first.events else None
-        self.map.retain_by(lambda: PredicateMap(self.runtime.clock.now(), self._counter, self.values()))
+        self.map.retain_by(lambda: PredicateMap(self.runtime.now(), self._counter, self.values()))
         self.events.retain_by(lambda: self._first_events if self._event_counter == 0 else None)
         for name in first.armed:
             self._arm(name, now)
@@ -343,7 +359,9 @@ class PredicateManager(Actor):
         self._counter = 1
         self.updates.publish(PredicateUpdate(now, 1, first.rising, first.falling, unknown))
         self.subscribe(self.sensed, self._sensed)
-        for name, place, when in self._groundings:
+        tape = self.runtime.tape
+        # Where a run is repeated, its record has what these functions said.
+        for name, place, when in () if tape is not None and tape.repeats else self._groundings:
             channel = self.runtime.channel(*place) if isinstance(place, tuple) else place
             self.subscribe(channel, self._grounding(name, when))
         for agent, updates, full in self._followed:
@@ -358,7 +376,7 @@ class PredicateManager(Actor):
         self._lost = True
         if known:
             self._counter += 1
-            self.updates.publish(PredicateUpdate(self.runtime.clock.now(), self._counter, (), (), known))
+            self.updates.publish(PredicateUpdate(self.runtime.now(), self._counter, (), (), known))
 
     def on_stop(self) -> None:
         """Keep sensors' reports from now on for the next start."""
@@ -374,7 +392,7 @@ class PredicateManager(Actor):
         if self._max_age:
             for name, value in predicates:
                 if name in self._max_age:
-                    self._seen[name] = update.time
+                    self._seen[name] = update.time if update.sensed is None else update.sensed
                     if value is not None and name not in self._age_timers:
                         self._watch(name)
         if change is None:
@@ -383,7 +401,9 @@ class PredicateManager(Actor):
 
     def _fresh(self, update: SensorUpdate) -> tuple[tuple[str, bool | None], ...]:
         """Return the values of an update, unknown where they waited for longer than they hold."""
-        age = self._now() - update.time
+        if update.sensed is None:
+            return update.predicates
+        age = update.time - update.sensed
         limits = self._max_age
         stale = [name for name, value in update.predicates if value is not None and age > limits.get(name, age)]
         if not stale:
@@ -434,7 +454,7 @@ class PredicateManager(Actor):
     def _arm(self, name: str, since: int) -> None:
         def held() -> None:
             del self._hold_timers[name]
-            when = self.runtime.clock.now()
+            when = self.runtime.now()
             change = self._network.update((), (), (name,))
             if change:
                 self._publish(when, change)
@@ -446,7 +466,7 @@ class PredicateManager(Actor):
         max_age = self._max_age[name]
 
         def look() -> None:
-            now = self.runtime.clock.now()
+            now = self.runtime.now()
             if self._seen[name] + max_age > now:
                 self._age_timers[name] = self.call_at(self._seen[name] + max_age, look)
                 return

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.errors import Error
-from mdm.messages import PredicateMap, PredicateUpdate, SensorUpdate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
     from mdm.actors.predicates.predicate_manager import PredicateManager
+    from mdm.messages import PredicateMap, PredicateUpdate
     from mdm.runtime import Channel, Subscription
     from mdm.runtime.dispatcher import Dispatcher
 
@@ -102,35 +102,36 @@ class Backlog:
 
     Attributes:
         values: By predicate.
+        times: When they were told, in nanoseconds, where that is known.
     """
 
-    __slots__ = ("_times", "values")
+    __slots__ = ("times", "values")
 
     def __init__(self) -> None:
         self.values: dict[str, bool | None] = {}
-        self._times: dict[str, int] = {}
+        self.times: dict[str, int] = {}
 
     def put(self, readings: Iterable[tuple[str, bool | None]], time: int | None) -> None:
         """Take values, told at a time in nanoseconds; None before the first start, when there is no clock."""
         for name, value in readings:
             self.values[name] = value
             if time is not None:
-                self._times[name] = time
+                self.times[name] = time
 
     def expire(self, now: int, limits: Mapping[str, int]) -> None:
         """Let values expire that are older than their limits, in nanoseconds."""
         for name, limit in limits.items():
-            if now - self._times.get(name, now) > limit:
+            if now - self.times.get(name, now) > limit:
                 self.values.pop(name, None)
 
     def told(self, name: str, now: int) -> int:
         """Return when a sensor was told its value; now, where that is not known."""
-        return self._times.get(name, now)
+        return self.times.get(name, now)
 
     def clear(self) -> None:
         """Forget everything."""
         self.values.clear()
-        self._times.clear()
+        self.times.clear()
 
 
 if sys.version_info >= (3, 12):
@@ -241,7 +242,7 @@ class Follower:
             self._subscription.cancel()
             self._subscription = None
         self._counter = message.counter
-        self._take(message.time, message.values.items())
+        self._take(message.values.items())
 
     def update(self, update: PredicateUpdate) -> None:
         """Apply the other agent's changes."""
@@ -250,10 +251,10 @@ class Follower:
         self._counter = update.counter
         changes = [(name, True) for name in update.rising]
         changes += [(name, False) for name in update.falling]
-        self._take(update.time, [*changes, *((name, None) for name in update.unknown)])
+        self._take([*changes, *((name, None) for name in update.unknown)])
 
-    def _take(self, time: int, values: Iterable[tuple[str, bool | None]]) -> None:
+    def _take(self, values: Iterable[tuple[str, bool | None]]) -> None:
         known = self._manager.known
         changes = tuple((f"{self._agent}/{name}", value) for name, value in values if f"{self._agent}/{name}" in known)
         if changes:
-            self._manager.sensed.publish(SensorUpdate(time, changes))
+            self._manager.derive(changes)

@@ -153,13 +153,13 @@ class Liveness:
     @property
     def idle(self) -> float:
         """Seconds for which the ensemble has been idle, all in all."""
-        now = 0 if self.since is None else self._ensemble.runtime.clock.now() - self.since
+        now = 0 if self.since is None else self._ensemble.runtime.now() - self.since
         return (self._total + now) / 1e9
 
     @property
     def resting(self) -> float | None:
         """Seconds since when the ensemble has had nothing to do; None where it has."""
-        return None if self.since is None else (self._ensemble.runtime.clock.now() - self.since) / 1e9
+        return None if self.since is None else (self._ensemble.runtime.now() - self.since) / 1e9
 
     @property
     def waiting(self) -> tuple[str, ...]:
@@ -168,7 +168,7 @@ class Liveness:
             return (self._why,)
         if not self._rests or self.since is not None:
             return ()
-        now = self._ensemble.runtime.clock.now()
+        now = self._ensemble.runtime.now()
         return tuple(f"{name!r} to hold for {(due - now) / 1e9:g} s more" for name, due in self._holding().items())
 
     def notes(self) -> Iterator[str]:
@@ -235,7 +235,7 @@ class Liveness:
     def look(self) -> None:
         """See whether anything is done, behind all that the running turn brings about."""
         runtime = self._ensemble.runtime
-        runtime.dispatcher.deliver_behind(self._looks, runtime.clock.now())
+        runtime.dispatcher.deliver_behind(self._looks, runtime.now())
 
     def end(self) -> None:
         """Take it that the ensemble does not decide."""
@@ -273,7 +273,7 @@ class Liveness:
 
     def _decide_again(self) -> None:
         ensemble, safety = self._ensemble, self._ensemble.safety
-        now = ensemble.runtime.clock.now()
+        now = ensemble.runtime.now()
         self._cancel_again()
         if safety.modes.mode == "safe":  # by the failure itself
             safety.reopen(frozenset({"action"}), now)
@@ -287,7 +287,7 @@ class Liveness:
             return
         detail = f"action {name!r} is given up after {sequel.attempts} failures in a row; the last: {text}"
         ensemble.action.report("action", detail)
-        ensemble.safety.endanger("action", detail, ensemble.runtime.clock.now())
+        ensemble.safety.endanger("action", detail, ensemble.runtime.now())
 
     # -- Idleness ------------------------------------------------------------------------------------------------
 
@@ -380,12 +380,12 @@ class Liveness:
         if end is not None:
             why = f"action {self._chosen!r} {end.status.replace('_', ' ')}, and nothing has been decided since"
         detail = f"idle for {after:g} s: {why}"
-        ensemble.runtime.faults.publish(Fault(ensemble.runtime.clock.now(), ensemble.path, "idle", detail))
+        ensemble.runtime.faults.publish(Fault(ensemble.runtime.now(), ensemble.path, "idle", detail))
 
     def _end_rest(self) -> None:
         if self.since is None:
             return
-        now = self._ensemble.runtime.clock.now()
+        now = self._ensemble.runtime.now()
         self._total += now - self.since
         if self._patience is not None:
             self._patience.cancel()

@@ -98,7 +98,7 @@ class Safety:
     def open(self) -> None:
         """Begin a life of the ensemble: stopped; it keeps only the causes that a restart does not mend."""
         ensemble = self._ensemble
-        now = ensemble.runtime.clock.now()
+        now = ensemble.runtime.now()
         self.modes.open(now)
         self._ended_below = None
         self._ended.clear()
@@ -249,7 +249,7 @@ class Safety:
         return self._ensemble.control.decisions > self._base
 
     def _endanger(self, kind: str, detail: str) -> None:
-        time = self._ensemble.runtime.clock.now()
+        time = self._ensemble.runtime.now()
         self._obey(self.modes.endanger(kind, detail, time), time)
 
     # -- Orders --------------------------------------------------------------------------------------------------
@@ -312,7 +312,7 @@ class Safety:
         self._ensemble.runtime.dispatcher.deliver_behind(secured, failure)
 
     def _secured(self, failure: str | None) -> None:
-        now = self._ensemble.runtime.clock.now()
+        now = self._ensemble.runtime.now()
         if failure is None:
             self._safe_at = self._ensemble.action.started
         orders = self.modes.secured(failure, now, early=self._outlived)
@@ -389,7 +389,7 @@ class Safety:
 
     def _end(self, kind: str, detail: str) -> None:
         self.modes.end_here()
-        now = self._ensemble.runtime.clock.now()
+        now = self._ensemble.runtime.now()
         if not self._has_safe_action:
             self._obey(self.modes.stop(now), now)
         self._obey(self.modes.end(now, kind, detail, unsafe=self.unsafe), now)

@@ -104,6 +104,16 @@ def add_plot(verbs: Any, line: str) -> None:
     )
     _add_inputs(belief)
     belief.add_argument("--steps", metavar="H", type=count, default=25, help="decisions (25)")
+    run = _kind(
+        kinds,
+        "run",
+        "a recorded run over time",
+        "Draw the record of a run over time: the modes of each ensemble, the lives of its actions, its belief, and the "
+        "rewards since the start.",
+        "mdm plot run run.mcap -o run.png",
+    )
+    run.add_argument("record", metavar="FILE", help="the record")
+    run.add_argument("--ensemble", metavar="NAME", action="append", help="this ensemble alone; can be given again")
     for each in (policy, belief):
         each.add_argument("--seed", metavar="S", type=seed, default=0, help="of the simulated episodes (0)")
         add_false_negative(each)
@@ -145,6 +155,11 @@ def add_simulate(verbs: Any, line: str) -> None:
     add_discount(parser)
     add_false_negative(parser)
     parser.add_argument("--steps", metavar="H", type=count, help="decisions in an episode")
+    parser.add_argument(
+        "--record",
+        metavar="PATH",
+        help="record all decisions, with the world's true states, to this file, such as run.mcap",
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object")
     complete(parser, "simulate", "mdm.cli.policies.simulate")
 

@@ -1,4 +1,4 @@
-"""``mdm plot``: plots of a solver's bounds, of a policy, and of a belief over an episode."""
+"""``mdm plot``: plots of a solver's bounds, of a policy, of a belief over an episode, and of a recorded run."""
 
 from __future__ import annotations
 
@@ -19,13 +19,19 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.views.canvas import check_picture, keep, pyplot  # noqa: PLC0415 - the extra mdm[plot]
 
     pyplot()
-    bounds = arguments.picture == "bounds"
-    check_picture(arguments.output, *(arguments.histories if bounds else (arguments.model, arguments.policy)))
-    if bounds:
+    if arguments.picture == "bounds":
         from mdm.views.bounds import bounds_figure  # noqa: PLC0415
 
+        check_picture(arguments.output, *arguments.histories)
         figure = bounds_figure(arguments.histories)
+    elif arguments.picture == "run":
+        from mdm.recording.reader import Record  # noqa: PLC0415
+        from mdm.views.run import run_figure  # noqa: PLC0415
+
+        check_picture(arguments.output, arguments.record)
+        figure = run_figure(Record(arguments.record), arguments.ensemble)
     else:
+        check_picture(arguments.output, arguments.model, arguments.policy)
         figure = _of_policy(arguments)
     keep(figure, arguments.output)
     print(f"{arguments.output}: drawn")

@@ -31,7 +31,12 @@ def add_arguments(parser: argparse.ArgumentParser, *, virtual: bool = True) -> N
     parser.add_argument("file", metavar="FILE", help="the TOML file")
     parser.add_argument("--agent", metavar="NAME", help="of a team's file, which agent this process is")
     parser.add_argument(
-        "--decisions", metavar="PATH", help="of a team's file, add each joint step to this file, as a line of JSON"
+        "--decisions",
+        metavar="PATH",
+        help="add each decision, of a team each joint step, to this file as a line of JSON",
+    )
+    parser.add_argument(
+        "--record", metavar="PATH", help="record the run to this file, such as run.mcap, which mdm replay runs again"
     )
     if virtual:
         parser.add_argument(

@@ -7,6 +7,8 @@ import signal
 import sys
 from collections import Counter
 from contextlib import contextmanager
+from itertools import count
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import anyio
@@ -14,8 +16,11 @@ import anyio
 from mdm.actors.actions.action_layer import ActionStatistics
 from mdm.cli.robots.attached import Attached
 from mdm.cli.robots.decision import in_words
+from mdm.cli.robots.decisions_file import decisions_to
 from mdm.cli.usage import UsageError
 from mdm.config import load_system, load_team
+from mdm.config.recorded import attach_configuration
+from mdm.recording import Recorder
 from mdm.runtime import DeadlockError, Log, Runtime, run as run_program
 
 if TYPE_CHECKING:
@@ -38,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     async def main() -> None:
         log = Log(arguments.log, debug=arguments.debug, decisions=in_words(system.ensembles.values()))
-        async with Runtime(log=log) as runtime:
+        async with Runtime(log=log, record=_recorder(arguments)) as runtime:
 
             def tally(decision: Decision) -> None:
                 if decision.ensemble == first.path and decision.epoch >= 0:
@@ -51,7 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
                 runtime.decisions.subscribe(tally)
             if attached is not None:
                 attached.hold(runtime, sum(ensemble.patience for ensemble in system.top))
-            with _releases(system, virtual=arguments.virtual):
+            path = None if system.member is not None else arguments.decisions
+            with decisions_to(path, runtime), _releases(system, virtual=arguments.virtual):
                 await runtime.start(system)
                 try:
                     with anyio.move_on_after(arguments.seconds):
@@ -68,6 +74,27 @@ def run(arguments: argparse.Namespace) -> int:
         for failing in failings:
             print(f"mdm {arguments.command}: {failing}", file=sys.stderr)
     return 1 if failings else 0
+
+
+def _recorder(arguments: argparse.Namespace) -> Recorder | None:
+    """Return what records the run, with its configuration; None where it is not recorded."""
+    if arguments.record is None:
+        return None
+    recorder = Recorder(_record_of(Path(arguments.record), arguments.agent))
+    attach_configuration(recorder, arguments.file, agent=arguments.agent)
+    return recorder
+
+
+def _record_of(path: Path, agent: str | None) -> Path:
+    """Return the file of a record: of an agent, in a folder that is given, one that is not there yet."""
+    if agent is None or not path.is_dir():
+        return path
+    starts = count(1)
+    return next(
+        file
+        for start in starts
+        if not (file := path / (f"{agent}.mcap" if start == 1 else f"{agent}.{start}.mcap")).exists()
+    )
 
 
 def _nothing_but_failures(ended: Counter[str]) -> list[str]:
@@ -108,9 +135,8 @@ def _releases(system: System, *, virtual: bool) -> Iterator[None]:
 def _load(arguments: argparse.Namespace) -> System:
     team = load_team(arguments.file)
     if team is None:
-        for option in ("agent", "decisions"):
-            if getattr(arguments, option) is not None:
-                raise UsageError(f"--{option} is for a team's file, and {arguments.file} has no table [team]")
+        if arguments.agent is not None:
+            raise UsageError(f"--agent is for a team's file, and {arguments.file} has no table [team]")
         return load_system(arguments.file)
     if arguments.agent is None:
         raise UsageError(

@@ -72,6 +72,9 @@ def _add_up(verbs: Any, name: str) -> argparse.ArgumentParser:
     parser.add_argument(
         "--decisions", metavar="FOLDER", help="write each agent's joint steps to a file of its own in this folder"
     )
+    parser.add_argument(
+        "--record", metavar="FOLDER", help="record each agent's run to a file of its own in this folder, NAME.mcap"
+    )
     parser.add_argument("--log", choices=("console", "json"), default="console", help="how to write the log")
     return parser
 

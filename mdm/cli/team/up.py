@@ -37,6 +37,8 @@ def run(arguments: argparse.Namespace) -> int:
     check_zenoh()
     _check_ports(team)
     folder = None if arguments.decisions is None else _folder(arguments.decisions, team.names)
+    if arguments.record is not None:
+        _record_folder(arguments.record)
     commands = {agent: _command(arguments, agent, folder) for agent in team.names}
     return asyncio.run(_run(commands, arguments, patience))
 
@@ -67,8 +69,18 @@ def _folder(name: str, agents: Sequence[str]) -> Path:
     return folder
 
 
+def _record_folder(name: str) -> None:
+    """Make the folder of records, where there is none; a file an agent is added at each of its starts."""
+    try:
+        Path(name).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = "that is a file, and no folder" if isinstance(error, FileExistsError) else error.strerror
+        raise Error(f"records cannot be written to {name!r}: {reason}") from None
+
+
 def _command(arguments: argparse.Namespace, agent: str, folder: Path | None) -> list[str]:
     options = [] if folder is None else ["--decisions", str(folder / f"{agent}.jsonl")]
+    options += [] if arguments.record is None else ["--record", arguments.record]
     options += ["--debug"] if arguments.debug else []
     command = [sys.executable, "-u", "-m", "mdm", "run", arguments.file]
     return [*command, "--agent", agent, "--attached", "--log", "json", *options]

@@ -16,7 +16,6 @@ import os
 import sys
 import time
 from abc import ABC, abstractmethod
-from collections import deque
 from itertools import count
 from time import monotonic_ns
 from typing import TYPE_CHECKING
@@ -108,6 +107,9 @@ def close(descriptor: int) -> None:
 
 _SWEEP = 1024
 
+_MOST = 10_000
+_NEVER = sys.maxsize
+
 _STEP = 4_000
 _LONGEST_LEAD = 400_000
 
@@ -150,15 +152,22 @@ class Timer:
 class Clock(ABC):
     """Tells the time in integer nanoseconds, and calls back at a time.
 
-    A clock serves one runtime at a time. Timers of the same instant fire in the order of their ``rank``, then of
-    their making: input has rank 0 and fixed-rate ticks rank 1, so that a tick sees all input of its instant.
+    A clock serves one runtime at a time. Timers fire in the order of their times; those of the same instant in that of
+    their ``rank``, then of their making: input has rank 0 and fixed-rate ticks rank 1, so that a tick sees all input of
+    its instant.
+
+    Attributes:
+        due: When the next timer is due, or earlier, where that one was cancelled.
+        firing: When the timer was due that fires now; -1 between timers.
     """
 
     def __init__(self) -> None:
+        self.due = _NEVER
+        self.firing = -1
         self._heap: list[tuple[int, int, int, Timer]] = []
         self._order = count()
         self._sweep_at = _SWEEP
-        self._armed: int | None = None
+        self._firing = False
         self._loop: asyncio.AbstractEventLoop | None = None
 
     @abstractmethod
@@ -179,8 +188,11 @@ class Clock(ABC):
         if len(self._heap) >= self._sweep_at:
             self._sweep()
         heapq.heappush(self._heap, (when, rank, next(self._order), timer))
-        if self._armed is None or when < self._armed:
-            self._arm_next()
+        if when < self.due:
+            if self._firing:  # what fires looks at it next
+                self.due = when
+            else:
+                self._arm_next()
         return timer
 
     async def sleep(self, seconds: float, *, rank: int = 0) -> None:
@@ -206,7 +218,7 @@ class Clock(ABC):
     def close(self) -> None:
         """Forget all timers."""
         self._heap.clear()
-        self._armed = None
+        self.due = _NEVER
         self._loop = None
 
     @abstractmethod
@@ -214,15 +226,15 @@ class Clock(ABC):
         """Have `_fire_due` called at ``when``, in place of any earlier request."""
 
     def _arm_next(self) -> None:
+        self._look_at_next()
+        if self.due != _NEVER and self._loop is not None:
+            self._arm(self.due)
+
+    def _look_at_next(self) -> None:
         heap = self._heap
         while heap and not heap[0][3].waiting:
             heapq.heappop(heap)
-        if heap:
-            self._armed = heap[0][0]
-            if self._loop is not None:
-                self._arm(self._armed)
-        else:
-            self._armed = None
+        self.due = heap[0][0] if heap else _NEVER
 
     def _sweep(self) -> None:
         # Timers that are taken back long before their time, such as deadlines that were met, must not pile up.
@@ -234,23 +246,56 @@ class Clock(ABC):
         """Return the rank of the next timer."""
         return self._heap[0][1] if self._heap else 0
 
-    def _fire_due(self) -> None:
-        # Only what is due now: a timer that re-arms itself for the present must not starve the event loop. And only
-        # one rank: those of the next are armed anew, and fire when what these caused has been done.
-        heap = self._heap
-        now = self.now()
-        rank = self._next_rank()
-        due: deque[tuple[int, int, int, Timer]] = deque()
-        while heap and heap[0][0] <= now and heap[0][1] == rank:
-            due.append(heapq.heappop(heap))
-        self._armed = None
+    def fire_before(self, when: int) -> None:
+        """Fire what comes before a stimulus of that time: all timers due by then, but for ticks of its own instant."""
+        self._fire(when, when)
+
+    def fire_first(self) -> None:
+        """Fire the timer that is due first, and no other."""
+        when, _, _, timer = heapq.heappop(self._heap)
+        self._call(when, timer)
+
+    def _call(self, when: int, timer: Timer) -> None:
+        before, self.firing = self.firing, when
         try:
-            while due:
-                due.popleft()[3].fire()
+            timer.fire()
         finally:
-            for entry in due:  # those behind one that raised are still due
-                heapq.heappush(heap, entry)
-            self._arm_next()
+            self.firing = before
+
+    def _fire_due(self) -> None:
+        now = self.now()
+        self._fire(now, now + 1, one_rank=True)
+
+    def _fire(self, by: int, before: int, *, one_rank: bool = False) -> None:
+        """Fire timers of rank 0 that are due by a time, and those of other ranks that are due before one.
+
+        One by one, for a timer may set another that comes before the next. A bounded number: one that sets itself for
+        the present must not starve the event loop.
+
+        Args:
+            by: The one time, in nanoseconds.
+            before: The other.
+            one_rank: Leave timers of a further rank of an instant to the next call, when tasks that those before have
+                resumed have run.
+        """
+        heap, left, nested, due = self._heap, _MOST, self._firing, self.due
+        fired = (-1, 0)
+        self._firing = True
+        try:
+            while heap and left:
+                when, rank, _, timer = heap[0]
+                if when > by or (rank and (when >= before or (one_rank and fired[0] == when and fired[1] < rank))):
+                    break
+                heapq.heappop(heap)
+                if timer.waiting:
+                    left -= 1
+                    fired = (when, rank)
+                    self._call(when, timer)
+        finally:
+            self._firing = nested
+            self._look_at_next()
+            if not nested and (by < before or self.due != due):  # else the request to be called is as it was
+                self._arm_next()
 
 
 class WallClock(Clock):
@@ -331,8 +376,8 @@ class WallClock(Clock):
             # Small steps, two up for one that is twice as long down, lead to the time that two wakes in three exceed.
             late = now - self._woken_for > self._lead
             self._lead = min(self._lead + _STEP, _LONGEST_LEAD) if late else max(self._lead - 2 * _STEP, 0)
-        if self._armed is not None:
-            due = self._armed - self._offset
+        if self.due != _NEVER:
+            due = self.due - self._offset
             while monotonic_ns() < due:
                 pass
         self._fire_due()

@@ -48,6 +48,7 @@ class Ticker:
         rate: Ticks per second.
         deliver: Called with each `Tick`.
         overrun: When ticks were missed, ``skip`` them (counted in ``missed``), or deliver each as a ``burst``.
+        since: From when on, in nanoseconds; by default now.
     """
 
     __slots__ = (
@@ -55,6 +56,7 @@ class Ticker:
         "_clock",
         "_deliver",
         "_denominator",
+        "_missed",
         "_number",
         "_numerator",
         "_overrun",
@@ -70,6 +72,7 @@ class Ticker:
         deliver: Callable[[Tick], object],
         *,
         overrun: Literal["skip", "burst"] = "skip",
+        since: int | None = None,
     ) -> None:
         check_rate(rate)
         check_choice(overrun, ("skip", "burst"), "overrun", key="overrun")
@@ -80,7 +83,8 @@ class Ticker:
         self._overrun = overrun
         self.ticks = 0
         self.missed = 0
-        self._number = next_tick(clock.now(), rate)
+        self._missed: int | None = None  # by the tick that stands for them, once they have been counted
+        self._number = next_tick(clock.now() if since is None else since, rate)
         self._timer: Timer = clock.call_at(self._due(self._number), self._fire, rank=1)
 
     def _due(self, number: int) -> int:
@@ -89,14 +93,24 @@ class Ticker:
     def _fire(self) -> None:
         due = self._due(self._number)
         now = self._clock.now()
-        missed = 0
-        if self._overrun == "skip":
-            missed = max(now * self._denominator // self._numerator - self._number, 0)
-            due = self._due(self._number + missed)
-        tick = Tick(due, self._number + missed, now - due, missed)
-        self.missed += missed
+        missed, self._missed = self._missed, None
+        if missed is None:
+            missed = 0
+            if self._overrun == "skip":
+                missed = max(now * self._denominator // self._numerator - self._number, 0)
+            if missed:  # the tick that stands for all comes at its own time, behind what is due before that
+                self._missed = missed
+                self._number += missed
+                self._timer = self._clock.call_at(self._due(self._number), self._fire, rank=1)
+                return
+        self.tick(Tick(due, self._number, now - due, missed))
+
+    def tick(self, tick: Tick) -> None:
+        """Tick now, and go on with the next number."""
+        self._timer.cancel()
+        self.missed += tick.missed
         self.ticks += 1
-        self._number += missed + 1
+        self._number = tick.number + 1
         self._timer = self._clock.call_at(self._due(self._number), self._fire, rank=1)
         self._deliver(tick)
 

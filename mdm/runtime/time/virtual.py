@@ -126,15 +126,23 @@ class VirtualEventLoop(asyncio.SelectorEventLoop):
 
 
 class VirtualClock(Clock):
-    """A clock in virtual time: 0 at the start of its event loop, which must be a `VirtualEventLoop`."""
+    """A clock in virtual time; its event loop must be a `VirtualEventLoop`.
 
-    def __init__(self) -> None:
+    Args:
+        epoch: The time in nanoseconds that it shows at the start of its event loop, such as that at which a record
+            begins: ticks are aligned to multiples of their period from 0 on, whatever this is.
+    """
+
+    def __init__(self, *, epoch: int = 0) -> None:
         super().__init__()
+        if not isinstance(epoch, int) or isinstance(epoch, bool) or epoch < 0:
+            raise Error(f"an epoch is a whole number of nanoseconds from 0 on, not {epoch!r}")
+        self.epoch = epoch
         self._handle: asyncio.TimerHandle | None = None
 
     def now(self) -> int:
-        """Return nanoseconds since the event loop began."""
-        return self._loop.time_ns() if isinstance(self._loop, VirtualEventLoop) else 0
+        """Return the nanoseconds since the event loop began, and the epoch."""
+        return self.epoch + self._loop.time_ns() if isinstance(self._loop, VirtualEventLoop) else self.epoch
 
     def open(self, loop: asyncio.AbstractEventLoop) -> None:
         """Serve timers on this virtual event loop.
@@ -161,7 +169,8 @@ class VirtualClock(Clock):
         if self._handle is not None:
             self._handle.cancel()
         if self._loop is not None:
-            self._handle = self._loop.call_at(when / 1e9, self._fire_when, when)
+            # Seconds since the event loop began: those since 1970 have steps of 238 ns in floating point.
+            self._handle = self._loop.call_at((when - self.epoch) / 1e9, self._fire_when, when)
 
     def _fire_when(self, when: int) -> None:
         loop = self._loop
@@ -169,7 +178,7 @@ class VirtualClock(Clock):
             return
         if self.now() < when:
             # Seconds in floating point may be a nanosecond short of the due time.
-            self._handle = loop.call_at((when + 1) / 1e9, self._fire_when, when)
+            self._handle = loop.call_at((when - self.epoch + 1) / 1e9, self._fire_when, when)
         elif self._next_rank() > 0:
             # Tasks that slept until this instant shall have their say before its ticks: they run in the loop's next
             # round, and what they resume in the one after.

@@ -114,13 +114,13 @@ class CentralisedFollower(TeamLayer):
         first = self.proposals.first
         if first is not None:
             self.link.send(self._key, encode(first), priority="step")
-            self._sent_at = self.runtime.clock.now()
+            self._sent_at = self.runtime.now()
             if self._retry is None:
                 self._retry = self.call_at(self._sent_at + _RETRY_NS, self._resend)
 
     def _resend(self) -> None:
         due, self._retry = self._sent_at + _RETRY_NS, None
-        if self.proposals.first is not None and due > self.runtime.clock.now():  # it is another one, said since
+        if self.proposals.first is not None and due > self.runtime.now():  # it is another one, said since
             self._retry = self.call_at(due, self._resend)
         else:
             self._send()
@@ -152,7 +152,7 @@ class CentralisedFollower(TeamLayer):
             if self.ownership.takes == "state" and self.team.event_driven:
                 self.propose_values(self.own)  # a controller that has just begun knows nothing
         taken = decision.taken.get(self.agent, 0)
-        if can_be(taken, self.runtime.clock.now(), 1000):
+        if can_be(taken, self.runtime.now(), 1000):
             self.proposals.acknowledge(taken, self._bar(decision)[0])
             self._send_due()
         if (void := decision.void.get(self.agent)) and self.commands.outcomes.get(void) == PENDING:
@@ -170,7 +170,7 @@ class CentralisedFollower(TeamLayer):
         The messages of a life come in order. Where the controller is at an earlier step than it said before, or has
         decided something else at the same, it did not say that: its decision counts as when it is heard first.
         """
-        now = self.runtime.clock.now()
+        now = self.runtime.now()
         last, self._last = self._last, decision
         if last is not None and (
             decision.step < last.step or (decision.step == last.step and not _same(decision, last))
@@ -224,7 +224,7 @@ class CentralisedFollower(TeamLayer):
                 self._unsaid += self.proposals.forget()
             text = f"agent {self._controller!r}, which decides, is gone"
             self.report_loss([self._controller], "lost_controller", text, lambda: not self._here)
-        self.assess(self.runtime.clock.now())
+        self.assess(self.runtime.now())
 
     @property
     def _lost(self) -> str:

@@ -87,7 +87,7 @@ class CentralisedLeader(TeamLayer):
         self._begin()
         self._send_again()
         self._close(late=False)
-        self.assess(self.runtime.clock.now())
+        self.assess(self.runtime.now())
 
     def _wait_no_more(self) -> None:
         """Wait no longer for agents that are not there."""
@@ -181,7 +181,7 @@ class CentralisedLeader(TeamLayer):
     def _is_possible(self, proposal: Proposal) -> bool:
         """Return whether the numbers of a proposal can be, where its sender's clock is an hour ahead at most."""
         period = round((self.team.period or 1.0) * 1e9)
-        return can_be(proposal.tick - self.tick, 0, period) and can_be(proposal.number, self.runtime.clock.now(), 1000)
+        return can_be(proposal.tick - self.tick, 0, period) and can_be(proposal.number, self.runtime.now(), 1000)
 
     def _receive_command(self, sample: Sample, proposal: Proposal, command: str) -> None:
         """Carry out a command of another agent, unless a stop came between."""
@@ -238,7 +238,7 @@ class CentralisedLeader(TeamLayer):
             missing = tuple([agent for agent in self._seeing if agent not in live and agent not in inputs])
         self._on = (inputs, missing, None, "")
         known, before = not self.ensemble.control.blind, self._last.step
-        self.copy.step(inputs, missing, self.runtime.clock.now())
+        self.copy.step(inputs, missing, self.runtime.now())
         if known and self.ensemble.control.blind:
             self._publish(None)
         elif self._last.step == before:
@@ -254,7 +254,7 @@ class CentralisedLeader(TeamLayer):
         if command != HOLD:
             self._open = None
             self._stopped = self._stopped or command == STOP
-            self.apply_command(command, token, self.runtime.clock.now())
+            self.apply_command(command, token, self.runtime.now())
         if self._last.step == before and runs and (command == HOLD or command in STARTS):
             self._publish_again()
         elif self._last.step == before:

@@ -114,7 +114,7 @@ class CommunicatingLayer(TeamLayer):
         """Go on after a failure."""
         if self._decides:
             self.ensemble.control.running = True
-            self.ensemble.safety.start(self.runtime.clock.now())
+            self.ensemble.safety.start(self.runtime.now())
 
     def update_live(self, _link: Link) -> None:
         """Take note of who is live: who has just come is told of the episode; nobody waits for who is gone."""
@@ -148,7 +148,7 @@ class CommunicatingLayer(TeamLayer):
             self.commands.done(token)
             return
         assert self.team.period is not None
-        behind = self.runtime.clock.now() + round(self.team.deadline * 1e9)  # by when all will have heard of it
+        behind = self.runtime.now() + round(self.team.deadline * 1e9)  # by when all will have heard of it
         origin = next_tick(behind, 1 / self.team.period)
         decides = command != "stop" and (command != "reset" or running)
         self._enter(Episode(number + 1, origin, self.agent, decides, dict(self.stops.last), token))
@@ -174,7 +174,7 @@ class CommunicatingLayer(TeamLayer):
         return dict(sorted(self.stops.last.items()))
 
     def _enter(self, episode: Episode) -> None:
-        now = self.runtime.clock.now()
+        now = self.runtime.now()
         self.episode, self._offset = episode, None
         self._shut()
         self._last_step_of.clear()
@@ -200,7 +200,7 @@ class CommunicatingLayer(TeamLayer):
         if decided and not self._decides and self.episode is not None:
             self._shut()
             self.ensemble.control.running = False
-            self.ensemble.safety.stop(self.runtime.clock.now())
+            self.ensemble.safety.stop(self.runtime.now())
             self._report_void_start(self.episode)
             self._send()
 
@@ -382,7 +382,7 @@ class CommunicatingLayer(TeamLayer):
 
     def _is_impossible(self, word: Update) -> str | None:
         """Return why an update cannot be, if it cannot."""
-        now, episode = self.runtime.clock.now(), word.episode
+        now, episode = self.runtime.now(), word.episode
         assert self.team.period is not None
         latest = next_tick(now + round((self.team.deadline + self.team.lease) * 1e9), 1 / self.team.period)
         if not can_be(episode.number, now):

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from mdm.errors import Error
+from mdm.recording.stimuli import Commanded
 from mdm.runtime import Actor, Subscription
 from mdm.runtime.statistics import Histogram
 from mdm.runtime.supervision import describe
@@ -100,8 +101,13 @@ class Answers(Actor):
             getattr(ensemble, call)()
         else:
             order = cast('Literal["start", "stop", "reset"]', call)
-            turn: Subscription[str | None] = Subscription(None, layer, lambda token: layer.command(order, token))
-            self.runtime.dispatcher.deliver(turn, token)
+
+            def carry_out(token: str | None) -> None:
+                if self.runtime.tape is not None:
+                    self.runtime.tape.note(Commanded(self.runtime.now(), name, order, token))
+                layer.command(order, token)
+
+            self.runtime.dispatcher.deliver(Subscription(None, layer, carry_out), token)
         return "done"
 
     def _status(self, name: str) -> dict[str, Any]:

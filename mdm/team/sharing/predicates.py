@@ -13,7 +13,8 @@ import msgspec
 
 from mdm.logic import similar
 from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate
-from mdm.runtime import Actor
+from mdm.recording.stimuli import Answered
+from mdm.runtime import Actor, Subscription
 from mdm.team.transport.bounds import UNREADABLE, Name, Number, Text
 from mdm.team.transport.keys import join
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
     from mdm.actors import PredicateManager
-    from mdm.runtime import Channel, Runtime, Subscription, Timer, Work
+    from mdm.runtime import Channel, Runtime, Timer, Work
     from mdm.team.link import Link
     from mdm.team.transport.transport import Sample
 
@@ -179,7 +180,7 @@ class PredicatePublisher(Actor):
                 for name in names
                 if manager.declared.names[name] == "predicate"
             }
-            self._send(Change(self._number, self.runtime.clock.now(), values))
+            self._send(Change(self._number, self.runtime.now(), values))
 
     def _send(self, change: Change) -> None:
         for tell in self.local:
@@ -224,6 +225,7 @@ class PredicateSubscriber(Actor):
         self._hears: list[Subscription[Any]] = []
         self._max_age = link.team.max_age
         self._follows = False
+        self._answer: Subscription[Reply] = Subscription(None, self, self._take_answer)
 
     def prepare(self, runtime: Runtime) -> None:
         """Have the manager follow; call this before it starts."""
@@ -270,7 +272,17 @@ class PredicateSubscriber(Actor):
         """Ask the other agent to send the predicates and events."""
         key = join(self._link.team.name, self._agent, PREDICATES, "follow")
         answer = await self._link.ask_one(self._agent, key, _encode(self._names), _reply)
-        self._receive_reply(answer)
+        self.runtime.dispatcher.deliver(self._answer, answer)
+
+    def _take_answer(self, reply: Reply) -> None:
+        """Take the answer of the other agent, in a turn of its own."""
+        if self.runtime.tape is not None:
+            self.runtime.tape.note(Answered(self.runtime.now(), self.path, _encode(reply)))
+        self._receive_reply(reply)
+
+    def repeat_answer(self, body: bytes) -> None:
+        """Take an answer that is in the record of a run."""
+        self.runtime.dispatcher.deliver(self._answer, _reply(body))
 
     def _receive_reply(self, reply: Reply) -> None:
         if self._answered != self._life or self._publisher is not None:
@@ -310,7 +322,7 @@ class PredicateSubscriber(Actor):
             self._publish_map()
         events = [f"{self._agent}/{name}" for name in change.events if name in self._names.events]
         if events:
-            self._manager.occur(*events)
+            self._manager.derive((), tuple(events))
 
     def _update(self, values: Mapping[str, bool | None]) -> None:
         """Publish the new values of the predicates."""
@@ -325,8 +337,8 @@ class PredicateSubscriber(Actor):
                 tuple(name for name, value in new.items() if value is truth) for truth in (True, False, None)
             )
             self._count += 1
-            self._updates.publish(PredicateUpdate(self.runtime.clock.now(), self._count, rising, falling, unknown))
+            self._updates.publish(PredicateUpdate(self.runtime.now(), self._count, rising, falling, unknown))
 
     def _publish_map(self) -> None:
         """Publish all values, for a manager that has just begun anew."""
-        self._map.publish(PredicateMap(self.runtime.clock.now(), self._count, dict(self._values)))
+        self._map.publish(PredicateMap(self.runtime.now(), self._count, dict(self._values)))

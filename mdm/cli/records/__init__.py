@@ -1,0 +1,130 @@
+"""``mdm record``: look into the record of a run: its verbs and their arguments."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from mdm.cli.usage import complete, count, finite
+
+__all__ = ["VERBS", "add_record", "add_replay"]
+
+VERBS = {
+    "info": "what is in a record",
+    "cat": "print the messages of a record, a line of JSON each",
+    "export": "write the decisions of a record as a table",
+    "repair": "write what is left of a torn record as a complete one",
+}
+"""The verbs, and a line of help for each."""
+
+
+def add_record(verbs: Any, line: str) -> None:
+    """Add the verb, its own verbs and their arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "record",
+        help=line,
+        description="Look into the record of a run, an MCAP file, which Foxglove and other programs open, too.",
+        epilog="example: mdm record info run.mcap",
+    )
+    kinds = parser.add_subparsers(dest="record_verb", metavar="VERB", required=True)
+    for name, add in {"info": _add_info, "cat": _add_cat, "export": _add_export, "repair": _add_repair}.items():
+        complete(add(kinds, name), f"record {name}", f"mdm.cli.records.{name}")
+
+
+def add_replay(verbs: Any, line: str) -> None:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "replay",
+        help=line,
+        description=(
+            "Run what a record has once more, in virtual time and as fast as it goes, with the configuration in the "
+            "record, and compare every decision: exactly in the same environment, else actions exactly and numbers to "
+            "1e-9. The first difference is told with what led to it. No function of the configuration is called. With "
+            "--config, another configuration is compared: which decisions it would have made otherwise. Of a folder, "
+            "each agent's record is replayed, and what it received compared with what the replays of the others sent. "
+            "The exit status is 1 where a decision or a message differs."
+        ),
+        epilog="example: mdm replay run.mcap",
+    )
+    parser.add_argument("file", metavar="FILE", help="the record, or a folder with those of a team's agents")
+    parser.add_argument("--config", metavar="OTHER.toml", help="another configuration of the same ensembles")
+    parser.add_argument("--most", metavar="N", type=count, help="tell at most N differences (1; with --config, 20)")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    complete(parser, "replay", "mdm.cli.records.replay")
+
+
+def _add_info(verbs: Any, name: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help=VERBS[name],
+        description=(
+            "Describe a record: whether it is complete, its time, its topics with the numbers of their messages, the "
+            "files attached to it, and its head: versions, clock, seeds. Where a run was split, its first file stands "
+            "for all."
+        ),
+        epilog="example: mdm record info run.mcap --json",
+    )
+    parser.add_argument("file", metavar="FILE", help="the record")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    return parser
+
+
+def _add_cat(verbs: Any, name: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help=VERBS[name],
+        description=(
+            "Print the messages of a record in their order, a JSON object a line: topic, seconds since the record's "
+            "first message, sequence number, message. With --stimuli, print what mdm trace reads instead: sensor "
+            "input, states, observations, beliefs and commands, which decide as the run did where no action takes time."
+        ),
+        epilog="example: mdm record cat run.mcap --topic decisions --since 10 --until 20",
+    )
+    parser.add_argument("file", metavar="FILE", help="the record")
+    parser.add_argument("--topic", metavar="NAME", action="append", help="this topic alone; can be given again")
+    parser.add_argument("--since", metavar="S", type=_moment, help="from second S of the record on")
+    parser.add_argument("--until", metavar="S", type=_moment, help="before second S of the record")
+    parser.add_argument("--ensemble", metavar="NAME", help="messages of this ensemble alone, and of those below it")
+    parser.add_argument("--stimuli", action="store_true", help="print the stimuli, as mdm trace reads them")
+    return parser
+
+
+def _add_export(verbs: Any, name: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help=VERBS[name],
+        description=(
+            "Write the decisions of a record as a table: time, ensemble, epoch, cause, state, observation and action "
+            "with their names, reward, the end of the action, the true state where a simulated world told it, and a "
+            "column for each state of a belief. The suffix of the table's file chooses its format: .csv or .parquet "
+            "(needs mdm[parquet])."
+        ),
+        epilog="example: mdm record export run.mcap -o run.csv",
+    )
+    parser.add_argument("file", metavar="FILE", help="the record")
+    parser.add_argument("-o", "--output", metavar="TABLE", required=True, help="the table's file")
+    parser.add_argument("--ensemble", metavar="NAME", help="the decisions of this ensemble alone")
+    parser.add_argument("--no-beliefs", action="store_true", help="leave out the columns of beliefs")
+    return parser
+
+
+def _add_repair(verbs: Any, name: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name,
+        help=VERBS[name],
+        description=(
+            "Write all that can be read of a record as a complete one: of a robot whose machine has failed, or of a "
+            "full disk. Where a run was split, its files become one. The record itself stays as it is."
+        ),
+        epilog="example: mdm record repair run.mcap -o whole.mcap",
+    )
+    parser.add_argument("file", metavar="FILE", help="the record")
+    parser.add_argument("-o", "--output", metavar="OUT", required=True, help="the complete record's file")
+    return parser
+
+
+def _moment(text: str) -> float:
+    moment = finite(text)
+    if moment is None:
+        raise argparse.ArgumentTypeError(f"a number of seconds was expected, not {text!r}")
+    return moment

@@ -1,0 +1,145 @@
+"""``mdm record export``: the decisions of a record as a table."""
+
+from __future__ import annotations
+
+import csv
+import importlib
+import io
+import json
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from mdm.cli.usage import UsageError
+from mdm.errors import Error
+from mdm.formats.target import check_place, replacing
+from mdm.recording.names import Names, names_of
+from mdm.recording.reader import Record
+from mdm.recording.table import Row, rows
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable, Iterator
+
+__all__ = ["run"]
+
+_MOST = 5000
+"""Columns of beliefs, at most."""
+
+_WHOLE = {"time", "epoch", "state", "action", "life", "true_state"}
+_REAL = {"seconds", "reward", "end_seconds"}
+"""Columns of numbers, beside those of beliefs; the others are text."""
+
+Columns = dict[str, list[Any]]
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the table; return the exit status."""
+    suffix = Path(arguments.output).suffix.lower()
+    writers: dict[str, Callable[[Columns, IO[bytes]], None]] = {".csv": _write_csv, ".parquet": _write_parquet}
+    if suffix not in writers:
+        raise UsageError(f"the file of a table ends in {' or '.join(writers)}, not {arguments.output!r}")
+    if suffix == ".parquet":
+        _pyarrow()
+    record = Record(arguments.file)
+    check_place(arguments.output, *record.paths)
+    if "decisions" not in record.topics:
+        raise Error(f"{record.path}: there are no decisions in this record")
+    found = rows(record, arguments.ensemble)
+    if not found and arguments.ensemble is not None:
+        there = ", ".join(sorted({row.decision.ensemble for row in rows(record)}))
+        raise Error(f"{record.path}: there are no decisions of {arguments.ensemble!r}; there are of {there or 'none'}")
+    columns = _columns(record, found, beliefs=not arguments.no_beliefs)
+    with replacing(arguments.output) as file:
+        writers[suffix](columns, file)
+    print(f"{arguments.output}: {len(found):,} decisions written")
+    if record.torn is not None:
+        print(f"{record.torn}: these are the decisions before")
+    return 0
+
+
+def _columns(record: Record, found: list[Row], *, beliefs: bool) -> Columns:
+    start = 0 if record.span is None else record.span[0]
+    names = names_of(record)
+    decisions = [row.decision for row in found]
+    columns: Columns = {
+        "time": [each.time for each in decisions],
+        "seconds": [(each.time - start) / 1e9 for each in decisions],
+        "ensemble": [each.ensemble for each in decisions],
+        "epoch": [each.epoch for each in decisions],
+        "cause": [each.cause for each in decisions],
+        "state": [each.state for each in decisions],
+        "state_name": [row.state for row in found],
+        "observation": _whole([each.observation for each in decisions]),
+        "observation_name": [row.observation for row in found],
+        "action": [each.action for each in decisions],
+        "action_name": [each.action_name for each in decisions],
+        "reward": [each.reward for each in decisions],
+        "life": [row.life for row in found],
+        "end": [row.end for row in found],
+        "end_seconds": [None if row.ended is None else (row.ended - start) / 1e9 for row in found],
+        "end_detail": [row.detail or None for row in found],
+        "true_state": [row.true_state for row in found],
+        "true_state_name": [names.get(row.decision.ensemble, Names()).state(row.true_state) for row in found],
+    }
+    return columns | (dict(_beliefs(record, found, names)) if beliefs else {})
+
+
+def _whole(observations: list[Any]) -> list[Any]:
+    """Return observations as numbers, or all as text if some have several components."""
+    if all(each is None or isinstance(each, int) for each in observations):
+        return observations
+    return [None if each is None else json.dumps(each) for each in observations]
+
+
+def _beliefs(record: Record, found: list[Row], names: dict[str, Names]) -> Iterator[tuple[str, list[Any]]]:
+    """Yield a column for each state of each ensemble that has a belief."""
+    sizes: dict[str, int] = {}
+    for row in found:
+        if row.decision.belief is not None:
+            sizes[row.decision.ensemble] = len(row.decision.belief)
+    if sum(sizes.values()) > _MOST:
+        raise Error(
+            f"{record.path}: beliefs have {sum(sizes.values()):,} states, and tables at most {_MOST:,} columns for "
+            f"them: leave them out by --no-beliefs, or choose an ensemble by --ensemble"
+        )
+    for ensemble, size in sizes.items():
+        own = names.get(ensemble, Names())
+        for state in range(size):
+            name = own.state(state) or str(state)
+            label = f"belief[{name}]" if len(sizes) == 1 else f"belief[{ensemble}: {name}]"
+            yield (
+                label,
+                [
+                    None
+                    if row.decision.belief is None or row.decision.ensemble != ensemble
+                    else float(row.decision.belief[state])
+                    for row in found
+                ],
+            )
+
+
+def _write_csv(columns: Columns, file: IO[bytes]) -> None:
+    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+    writer = csv.writer(text)
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    text.detach()
+
+
+def _write_parquet(columns: Columns, file: IO[bytes]) -> None:
+    pyarrow, parquet = _pyarrow()
+
+    def kind(name: str, values: list[Any]) -> Any:
+        if name in _WHOLE or (name == "observation" and not any(isinstance(each, str) for each in values)):
+            return pyarrow.int64()
+        return pyarrow.float64() if name in _REAL or name.startswith("belief[") else pyarrow.string()
+
+    arrays = {name: pyarrow.array(values, kind(name, values)) for name, values in columns.items()}
+    parquet.write_table(pyarrow.table(arrays), file)
+
+
+def _pyarrow() -> tuple[Any, Any]:
+    try:
+        return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
+    except ImportError:
+        raise Error("tables in parquet need pyarrow: pip install 'markov-decision-making[parquet]'") from None

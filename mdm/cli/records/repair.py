@@ -1,0 +1,28 @@
+"""``mdm record repair``: what is left of a torn record as a complete one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mdm.formats.target import check_place, replacing
+from mdm.recording.reader import Record
+from mdm.recording.repair import repair
+
+if TYPE_CHECKING:
+    import argparse
+
+__all__ = ["run"]
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the record anew; return the exit status."""
+    record = Record(arguments.file)
+    check_place(arguments.output, *record.paths)
+    with replacing(arguments.output) as file:
+        count = repair(record, file)
+    print(f"{arguments.output}: {count:,} messages written")
+    if record.torn is None:
+        print(f"{arguments.file}: it was complete")
+    else:
+        print(f"{record.torn}: {record.unread:,} bytes could not be read")
+    return 0

@@ -1,0 +1,81 @@
+"""The stimuli of a record in the words of `mdm trace`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from mdm.errors import Error
+from mdm.messages import ActionLife, Belief, Control, Observation, SensorUpdate, State
+from mdm.recording.stimuli import Ended, Said
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from mdm.recording.reader import Record
+
+__all__ = ["traced"]
+
+_COMMANDS = {"start", "stop", "reset", "release"}
+
+
+def traced(
+    record: Record, ensemble: str | None, since: int | None, until: int | None, others: dict[str, int]
+) -> Iterator[dict[str, Any]]:
+    """Yield the lines that `mdm trace` reads.
+
+    Args:
+        record: The record.
+        ensemble: What is said to this ensemble alone, beside what sensors say; by default to all.
+        since: From this time on.
+        until: Before this time.
+        others: Where the numbers of stimuli are put that it has no words for, by their channels.
+
+    Raises:
+        Error: If the record has no stimuli.
+    """
+    if "stimuli" not in record.topics:
+        raise Error(f"{record.path}: there are no stimuli in this record")
+    assert record.span is not None or not record.counts
+    start = 0 if record.span is None else record.span[0]
+    actions = _actions(record)
+    for _, time, _, stimulus in record.messages(["stimuli"], since, until):
+        line: dict[str, Any] | None = None
+        if isinstance(stimulus, Said):
+            path, _, name = stimulus.channel.rpartition("/")
+            if ensemble is not None and name != "sensed" and path != ensemble:
+                continue
+            line = _line(name, stimulus.message)
+            if line is None:
+                others[stimulus.channel] = others.get(stimulus.channel, 0) + 1
+            elif name != "sensed":
+                line["ensemble"] = path.rpartition("/")[2]
+        elif isinstance(stimulus, Ended) and not stimulus.cancelled:
+            action = actions.get((stimulus.ensemble, stimulus.life))
+            if action is not None and ensemble in {None, stimulus.ensemble}:
+                line = {"events": [f"{action}.{'succeeded' if stimulus.error is None else 'failed'}"]}
+        if line is not None:
+            yield {"time": (time - start) / 1e9, **line}
+
+
+def _line(channel: str, message: Any) -> dict[str, Any] | None:
+    """Return what a message on a channel is for `mdm trace`, None where it has no words for it."""
+    if channel == "sensed" and isinstance(message, SensorUpdate):
+        line: dict[str, Any] = {"predicates": dict(message.predicates)} if message.predicates else {}
+        return line | ({"events": list(message.events)} if message.events else {})
+    if channel == "state" and isinstance(message, State) and message.index is not None:
+        return {"state": message.index}
+    if channel == "observation" and isinstance(message, Observation):
+        return {"observation": list(message.values) if message.index is None else message.index}
+    if channel == "external_belief" and isinstance(message, Belief):
+        return {"belief": message.probabilities}
+    if channel == "control" and isinstance(message, Control) and message.command in _COMMANDS:
+        return {"control": message.command}
+    return None
+
+
+def _actions(record: Record) -> dict[tuple[str, int], str]:
+    """Return the actions of lives."""
+    if "lives" not in record.topics:
+        return {}
+    lives = (each.message for each in record.messages(["lives"]))
+    return {(life.ensemble, life.life): life.action for life in lives if isinstance(life, ActionLife)}

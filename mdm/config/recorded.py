@@ -1,0 +1,142 @@
+"""The configuration in a record: the TOML file of the run and the files that it names, to run it again from them."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
+
+from mdm.config.builder import load_system
+from mdm.errors import ConfigError, Error
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from mdm.config.system import System
+    from mdm.recording import Record, Recorder
+    from mdm.team.transport.transport import Transport
+
+__all__ = ["attach_configuration", "attach_file", "lay_out", "load_recorded"]
+
+_LARGEST = 64 * 1024 * 1024
+_FOLDER = "files/"
+_DEEP = PurePosixPath("up3/up2/up1/here")
+"""Where the TOML file is laid out, so that files some folders above it have a place, too."""
+
+
+def attach_configuration(recorder: Recorder, path: str | Path, *, agent: str | None = None) -> None:
+    """Keep a run's TOML file with its record, and the files that it names: models, policies, maps.
+
+    Args:
+        recorder: Of the run, which has not begun.
+        path: The TOML file.
+        agent: Of a team's file, which agent the process is.
+    """
+    file = Path(path).absolute()
+    recorder.head(configuration=file.name, folder=str(file.parent))
+    if agent is not None:
+        recorder.head(agent=agent)
+    for name, found in _files(file):
+        recorder.attach(_FOLDER + name, "application/octet-stream", found.read_bytes())
+
+
+def attach_file(recorder: Recorder, path: str | Path) -> str:
+    """Keep a file, such as a model, with a run's record; return the name that it has there."""
+    file = Path(path)
+    recorder.attach(_FOLDER + file.name, "application/octet-stream", file.read_bytes())
+    return file.name
+
+
+def _files(file: Path) -> Iterator[tuple[str, Path]]:
+    """Yield the file and those that it names, and files that these name, by their paths relative to its folder."""
+    waiting, known = [file], {file}
+    while waiting:
+        found = waiting.pop(0)
+        name = _relative(found, file.parent)
+        if name is not None:
+            yield name, found
+        for named in _named(found):
+            if named not in known and named.is_file() and named.stat().st_size <= _LARGEST:
+                known.add(named)
+                waiting.append(named)
+
+
+def _relative(file: Path, folder: Path) -> str | None:
+    """Return the path from a folder to a file that is at most a few folders above it; else None."""
+    for ups, above in enumerate((folder, *folder.parents)[: len(_DEEP.parts)]):
+        if file.is_relative_to(above):
+            return str(PurePosixPath(*[".."] * ups, file.relative_to(above).as_posix()))
+    return None
+
+
+def _named(file: Path) -> Iterator[Path]:
+    """Yield the paths that a TOML or YAML file may name."""
+    if file.suffix == ".toml":
+        try:
+            content: Any = tomllib.loads(file.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return
+        texts = list(_texts(content))
+    elif file.suffix in {".yaml", ".yml"}:
+        texts = [part.strip("'\"") for part in file.read_text(encoding="utf-8", errors="replace").split()]
+    else:
+        return
+    for text in texts:
+        if 0 < len(text) < 1000 and "\0" not in text and "\n" not in text:
+            path = Path(text).expanduser()
+            yield Path(*(file.parent / path).parts) if not path.is_absolute() else path
+
+
+def _texts(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict):
+        for each in value.values():
+            yield from _texts(each)
+    elif isinstance(value, list):
+        for each in value:
+            yield from _texts(each)
+
+
+def load_recorded(
+    record: Record, folder: str | Path, given: str | Path | None = None, *, transport: Transport | None = None
+) -> System:
+    """Return the system of a recorded run, whose functions are not called.
+
+    Args:
+        record: The record.
+        folder: Where files of the record are laid out, such as a temporary folder.
+        given: Another configuration, in place of the record's own.
+        transport: Of a team's agent, the transport of its replay.
+
+    Raises:
+        ConfigError: If the record has no configuration and none is given, or that cannot be loaded.
+    """
+    agent = record.head.get("agent")
+    if given is not None:
+        return load_system(given, agent=agent, callbacks=False, transport=transport)
+    name = record.head.get("configuration")
+    if name is None:
+        raise ConfigError(
+            f"{record.path}: the record has no configuration, for its run was no TOML file's: give the file of the "
+            f"same system with --config, or call mdm.testing.replay with the actors"
+        )
+    return load_system(lay_out(record, folder) / name, agent=agent, callbacks=False, transport=transport)
+
+
+def lay_out(record: Record, folder: str | Path) -> Path:
+    """Write the files that are kept with a record below a folder; return the folder of its configuration.
+
+    Raises:
+        Error: If a file has its place elsewhere.
+    """
+    here = Path(folder) / _DEEP
+    here.mkdir(parents=True)
+    for attached in record.attachments:
+        if attached.name.startswith(_FOLDER):
+            place = (here / attached.name.removeprefix(_FOLDER)).resolve()
+            if not place.is_relative_to(Path(folder).resolve()):
+                raise Error(f"{record.path}: it has a file {attached.name!r}, which has no place below a folder")
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_bytes(attached.data)
+    return here

@@ -1,0 +1,473 @@
+"""The recorder: keeps what a runtime notes, and has it written to a file.
+
+What happens is appended to a list within its turn; it is encoded between turns, in slices so short that no decision
+waits for long, and written by a process of its own (see `RecordWriter`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+import os
+import platform
+import time as times
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import msgspec
+import numpy as np
+
+from mdm.checks import is_whole
+from mdm.errors import ConfigError
+from mdm.messages import ActionLife, Decision, Fault
+from mdm.recording import schemas
+from mdm.recording.stimuli import (
+    TRUE_STATE,
+    Began,
+    Ended,
+    Failed,
+    Finished,
+    GoesOn,
+    Kept,
+    Lasts,
+    Late,
+    Raised,
+    Said,
+    Stimulus,
+    Ticked,
+    count_messages,
+)
+from mdm.recording.writer import RecordWriter
+from mdm.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from mdm.messages import Tick
+    from mdm.recording.writer import RecordStatistics
+
+__all__ = ["FORMAT", "Recorder"]
+
+FORMAT = 1
+
+_AFTER = 0.05
+"""Seconds after which what was noted is encoded."""
+_SLICE = 100_000
+"""Nanoseconds that encoding takes before the event loop has its turn."""
+_BOUND = 100_000
+_Kept = tuple[dict[str, "bool | None"], dict[str, int]]
+_SAID, _CALLED, _LIVED, _DECIDED, _SENT = range(5)
+
+
+class Recorder:
+    """Records a run: every stimulus, decision, life of an action, mode and fault, and channels that are asked for.
+
+    Hand it to a `Runtime`, or a path alone where the defaults will do. A runtime that ends completes the file.
+
+    Args:
+        path: The file, such as ``run.mcap``.
+        channels: Names of further channels of which each message is kept, such as ``robot/belief``.
+        largest_belief: Beliefs over more states than this are not kept with decisions: a replay restores them.
+        split_bytes: Begin another file when one has about this size.
+        split_seconds: Begin another file when the messages of one span this time.
+        bound: How many items may wait to be encoded; more are lost and counted.
+
+    Raises:
+        ConfigError: If one of these is of another kind.
+    """
+
+    repeats = False
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        channels: Iterable[str] = (),
+        largest_belief: int = 256,
+        split_bytes: int | None = None,
+        split_seconds: float | None = None,
+        bound: int = _BOUND,
+    ) -> None:
+        if not is_whole(largest_belief) or largest_belief < 0:
+            raise ConfigError(f"largest_belief is a number of states, not {largest_belief!r}", key="largest_belief")
+        self.path = Path(path)
+        self.channels = tuple(channels)
+        self.lost = 0
+        self._largest = largest_belief
+        self._bound = bound
+        self._writer = RecordWriter(path, split_bytes=split_bytes, split_seconds=split_seconds)
+        self._attached: list[tuple[str, str, bytes]] = []
+        self._head: dict[str, str] = {}
+        self._items: list[tuple[Any, ...]] = []
+        self._topics: dict[str, int] = {}
+        self._encode = msgspec.json.Encoder(enc_hook=_plain).encode
+        self._layers: dict[str, _Acting] = {}
+        self._tasks: dict[asyncio.Task[Any] | None, tuple[str, int]] = {}
+        self._controlled: set[str] = set()
+        self._waits = False
+        self._virtual = False
+        self._failed = False
+        self._told_lost = 0
+        self._runtime: _Runtime | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+
+    def head(self, **facts: str) -> None:
+        """Say more about the run, in its record's head; before the runtime is entered."""
+        self._head |= facts
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Keep a file with the record, such as the configuration; before the runtime is entered."""
+        self._attached.append((name, media_type, data))
+
+    # -- Life ----------------------------------------------------------------------------------------------------
+
+    def open(self, runtime: _Runtime, *, virtual: bool) -> None:
+        """Begin the record of a runtime.
+
+        Raises:
+            Error: If the file cannot be written, or what writes it is not installed.
+        """
+        self._writer.open()
+        self._runtime, self._virtual = runtime, virtual
+        self._loop = asyncio.get_running_loop()
+        self._writer.metadata("mdm", {**environment(), **self._head, **_clock(runtime, virtual=virtual)})
+        for name, media_type, data in self._attached:
+            self._writer.attach(name, media_type, data)
+        runtime.dispatcher.tape = self
+        for topic, kind in (("stimuli", Stimulus), ("decisions", Decision), ("lives", ActionLife)):
+            self._topics[topic] = self._writer.topic(topic, schemas.name(kind), schemas.schema(kind))
+        for channel in (runtime.modes, runtime.faults, runtime.lives, runtime.idles):
+            topic = "actors" if channel is runtime.lives else channel.name
+            self._hear(topic, channel)
+
+    def _hear(self, topic: str, channel: Any) -> None:
+        if topic not in self._topics:
+            kind = channel.type
+            self._topics[topic] = self._writer.topic(topic, schemas.name(kind), schemas.schema(kind))
+        number = self._topics[topic]
+        channel.subscribe(lambda message: self._put((_SENT, number, message)))
+
+    def close(self, seconds: float = 5.0) -> None:
+        """Complete the file; what has not been written after so many seconds is lost."""
+        self._write(slice_=None)
+        self._writer.close(seconds)
+        if self._runtime is not None:
+            self._runtime.dispatcher.tape = None
+        self._loop = None
+
+    @property
+    def failure(self) -> str | None:
+        """Why nothing more is written, None while all is well."""
+        return self._writer.failure
+
+    def statistics(self) -> RecordStatistics:
+        """Return how many messages were taken, written and lost."""
+        found = self._writer.statistics()
+        return msgspec.structs.replace(found, dropped=found.dropped + self.lost)
+
+    # -- From the tape to the file ---------------------------------------------------------------------------------
+
+    def _put(self, item: tuple[Any, ...]) -> None:
+        items = self._items
+        if len(items) >= self._bound:
+            self.lost += 1
+            return
+        items.append(item)
+        if not self._waits and self._loop is not None:
+            self._waits = True
+            if self._virtual:  # time may stand still for as long as a turn lasts
+                self._loop.call_soon(self._write, None)
+            else:
+                self._loop.call_later(_AFTER, self._write)
+
+    def _write(self, slice_: int | None = _SLICE) -> None:
+        """Encode what was noted, for so many nanoseconds, or all of it."""
+        items, self._items = self._items, []
+        until = None if slice_ is None else times.perf_counter_ns() + slice_
+        for number, item in enumerate(items):
+            self._encode_item(item)
+            if until is not None and not number % 8 and times.perf_counter_ns() > until:
+                self._items = items[number + 1 :] + self._items
+                break
+        if self._virtual:
+            self._writer.drain(10.0)  # time stands still: nothing is gained by losing anything
+        else:
+            self._writer.flush()
+        self._waits = False
+        if self._items and self._loop is not None:
+            self._waits = True
+            self._loop.call_soon(self._write, slice_)
+        self._complain()
+
+    def _complain(self) -> None:
+        """Make a fault of it, once, that the record ends, or that some of it is lost."""
+        runtime, failure = self._runtime, self._writer.failure
+        if runtime is None or self._loop is None:
+            return
+        if failure is not None and not self._failed:
+            self._failed = True
+            runtime.faults.publish(Fault(runtime.now(), "runtime", "record", failure))
+        lost = self.statistics().dropped
+        if lost and not self._told_lost and not self._failed:
+            self._told_lost = lost
+            text = f"{self.path}: {lost:,} messages of the record are lost: more was recorded than could be written"
+            runtime.faults.publish(Fault(runtime.now(), "runtime", "record", text))
+
+    def _encode_item(self, item: tuple[Any, ...]) -> None:
+        kind = item[0]
+        if kind.__class__ is not int:
+            self._add("stimuli", kind)
+        elif kind == _DECIDED:
+            self._add("decisions", self._decision(*item[1:]))
+        elif kind == _SAID:
+            _, time, name, message, *source = item
+            self._add("stimuli", Said(time, name, type(message).__name__, message, *source))
+        elif kind == _CALLED:
+            _, ensemble, life, action, time = item
+            self._add("lives", ActionLife(time, ensemble, life, action, "running"))
+            self._add("lives", ActionLife(time, ensemble, life, action, "succeeded"))
+        elif kind == _LIVED:
+            _, ensemble, life, action, status, detail, time = item
+            self._add("lives", ActionLife(time, ensemble, life, action, status, detail))
+        else:
+            _, topic, message = item
+            time = getattr(message, "time", None)
+            self._writer.write(topic, self._now() if time is None else time, self._encode(message))
+
+    def _now(self) -> int:
+        return 0 if self._runtime is None else self._runtime.now()
+
+    def _add(self, topic: str, message: Any) -> None:
+        self._writer.write(self._topics[topic], max(message.time, 0), self._encode(message))
+
+    def _decision(
+        self,
+        output: _Deciding,
+        time: int,
+        epoch: int,
+        cause: str,
+        state: int | None,
+        observation: Any,
+        current: Any,
+        action: int,
+        reward: float | None,
+    ) -> Decision:
+        belief = None if current is None else output.belief_of(current)
+        if belief is not None and len(belief) > self._largest:
+            belief = None
+        name = output.name_of(action)
+        return Decision(time, output.ensemble, epoch, cause, state, observation, belief, action, name, reward)
+
+    # -- Notes of the runtime and its actors -------------------------------------------------------------------------
+
+    def said(self, channel: Any, message: Any, time: int) -> None:
+        """Note a message on a channel of input, and whose code has said it."""
+        runtime = self._runtime
+        assert runtime is not None
+        dispatcher = runtime.dispatcher
+        if dispatcher.active and dispatcher.time >= 0:
+            for ensemble, layer in self._layers.items():
+                if life := layer.calls:
+                    self._put((_SAID, time, channel.name, message, "call", ensemble, life, 0))
+                    return
+            self._put((_SAID, time, channel.name, message, "turn", "", 0, count_messages(runtime.channels)))
+        elif self._tasks and (source := self._tasks.get(asyncio.current_task())) is not None:
+            self._put((_SAID, time, channel.name, message, "task", *source, 0))
+        else:
+            self._put((_SAID, time, channel.name, message, "outside", "", 0, 0))
+
+    async def comes(self, actor: str, step: str) -> None:
+        """Let an actor come to a step of its life."""
+
+    def came(self, actor: str, step: Any, time: int) -> None:
+        """Note that an actor has come to a step of its life; hear the channels that there are by then."""
+        self._put((Began(time, actor, step),))
+        assert self._runtime is not None
+        if step == "run":
+            for channel in self._runtime.channels:
+                wanted = channel.name in self.channels or channel.name.endswith(f"/{TRUE_STATE}")
+                if wanted and channel.name not in self._topics:
+                    self._hear(channel.name, channel)
+
+    def failed(self, actor: str, error: str, time: int) -> None:
+        """Note that an actor has failed."""
+        self._put((Failed(time, actor, error),))
+
+    def kept(self, actor: str, values: dict[str, bool | None], times: dict[str, int], time: int) -> _Kept:
+        """Note the values that sensors have told a predicate manager before it starts."""
+        if values:
+            self._put((Kept(time, actor, dict(values), dict(times)),))
+        return values, times
+
+    def rates(self, actor: str, ticker: Any) -> None:
+        """Let an actor tick."""
+
+    def ticked(self, actor: str, tick: Tick) -> None:
+        """Note a tick."""
+        self._put((Ticked(tick.time, actor, tick.number, tick.missed),))
+
+    def finishes(self, time: int) -> None:
+        """Note that the runtime begins to end."""
+        self._put((Finished(time),))
+
+    def note(self, stimulus: Stimulus) -> None:
+        """Note a stimulus as it is."""
+        self._put((stimulus,))
+
+    def acts(self, ensemble: str, layer: _Acting) -> None:
+        """Know an action layer."""
+        self._layers[ensemble] = layer
+
+    def lasts(self, ensemble: str, life: int, work: Any) -> None:
+        """Know the task of a life."""
+        self._tasks[work.task] = (ensemble, life)
+        self._put((Lasts(self._now(), ensemble, life),))
+
+    def ended(self, ensemble: str, life: int, work: Any, time: int) -> None:
+        """Note that the work of a life has ended, and how."""
+        self._tasks.pop(work.task, None)
+        error = None if work.error is None else f"{type(work.error).__name__}: {work.error}"
+        self._put((Ended(time, ensemble, life, work.interrupted, work.cancelled, error),))
+
+    def raised(self, ensemble: str, life: int, error: str, time: int, *, unrun: bool) -> None:
+        """Note that the function of a life has raised, or has not run."""
+        self._put((Raised(time, ensemble, life, error, unrun),))
+
+    def goes_on(self, ensemble: str, epoch: int, time: int, ask: Callable[[], bool]) -> bool:
+        """Ask whether a running action that is chosen again goes on, and note the answer."""
+        answer = bool(ask())
+        self._put((GoesOn(time, ensemble, epoch, answer),))
+        return answer
+
+    def lived(self, ensemble: str, life: int, action: str, status: str, detail: str, time: int) -> None:
+        """Note that a life has begun or ended."""
+        self._put((_LIVED, ensemble, life, action, status, detail, time))
+
+    def called(self, ensemble: str, life: int, action: str, time: int) -> None:
+        """Note a plain function's whole life."""
+        self._put((_CALLED, ensemble, life, action, time))
+
+    def controls(self, output: _Deciding) -> None:
+        """Note what an ensemble decides by."""
+        if output.ensemble not in self._controlled:
+            self._controlled.add(output.ensemble)
+            facts = {"configuration": output.configuration}
+            if output.draws:
+                facts["draws"] = output.draws
+            for key in ("state", "action", "observation"):
+                space = getattr(output.symbols, f"{key}_space", None)
+                if space is not None and len(space) <= _NAMED:
+                    facts[f"{key}s"] = msgspec.json.encode(list(space.names)).decode()
+            self._writer.metadata(f"ensemble {output.ensemble}", facts)
+
+    def latency(self, ensemble: str, epoch: int, time: int, latency: int, limit: int) -> int:
+        """Return how late a decision is; note one past its limit."""
+        if latency > limit:
+            self._put((Late(time, ensemble, epoch, latency),))
+        return latency
+
+    def decided(self, output: _Deciding, *decision: Any) -> None:
+        """Note a decision."""
+        self._put((_DECIDED, output, *decision))
+
+
+_NAMED = 10_000
+"""Spaces with more symbols than this have no names in a record's head."""
+
+
+class _Acting(Protocol):
+    @property
+    def calls(self) -> int: ...
+
+
+class _Deciding(Protocol):
+    @property
+    def ensemble(self) -> str: ...
+
+    @property
+    def configuration(self) -> str: ...
+
+    @property
+    def symbols(self) -> Any: ...
+
+    @property
+    def draws(self) -> str: ...
+
+    def name_of(self, action: int) -> str: ...
+
+    def belief_of(self, current: Any) -> Any: ...
+
+
+class _Runtime(Protocol):
+    """A runtime, as its recorder knows it."""
+
+    dispatcher: Any
+    clock: Any
+    modes: Any
+    faults: Any
+    lives: Any
+    idles: Any
+
+    @property
+    def channels(self) -> tuple[Any, ...]: ...
+
+    def now(self) -> int: ...
+
+
+def _plain(value: object) -> object:
+    """Return what JSON has for a value: lists for arrays, numbers for numpy's."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    return repr(value)
+
+
+def environment() -> dict[str, str]:
+    """Return the facts on which the last bits of numbers depend, and the format of records."""
+    return {
+        "format": str(FORMAT),
+        "mdm": __version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "numba": _numba(),
+        "blas": _blas(),
+        "machine": platform.machine(),
+        "compiled": _compiled(),
+    }
+
+
+def _compiled() -> str:
+    """Return whether the decision loop is from a compiled wheel."""
+    found = find_spec("mdm.runtime.dispatcher")
+    return "no" if found is None or found.origin is None or found.origin.endswith(".py") else "yes"
+
+
+def _numba() -> str:
+    """Return the version by which kernels are compiled; empty where they are not."""
+    if os.environ.get("MDM_COMPILE") == "0":
+        return ""
+    try:
+        return metadata.version("numba")
+    except metadata.PackageNotFoundError:
+        return ""
+
+
+def _blas() -> str:
+    """Return the kernel of numpy's linear algebra; empty where nothing tells it."""
+    try:
+        threadpoolctl = importlib.import_module("threadpoolctl")  # which numba or scikit-learn may have brought
+    except ImportError:
+        return ""
+    found = [each for each in threadpoolctl.threadpool_info() if each.get("user_api") == "blas"]
+    return ", ".join(f"{each.get('internal_api')} {each.get('version')} {each.get('architecture')}" for each in found)
+
+
+def _clock(runtime: _Runtime, *, virtual: bool) -> dict[str, str]:
+    return {
+        "clock": "virtual" if virtual else "wall",
+        "epoch": str(runtime.clock.now()),
+        "wall": str(times.time_ns()),
+    }

@@ -1,0 +1,258 @@
+"""Stimuli: what begins turns, as a record keeps it, so that a run can be repeated from them alone.
+
+What the library derives from a stimulus is no stimulus: timers and what follows from them, predicates of places, ends
+of actions as events. ``time`` is that of the turn which the stimulus begins, in nanoseconds of the clock.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+import msgspec
+
+from mdm.messages import (
+    Action,
+    Answer,
+    Control,
+    EventUpdate,
+    Observation,
+    PredicateUpdate,
+    Question,
+    SensorUpdate,
+    State,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+__all__ = [
+    "TRUE_STATE",
+    "Answered",
+    "Began",
+    "Commanded",
+    "Ended",
+    "Failed",
+    "Finished",
+    "GoesOn",
+    "Joined",
+    "Kept",
+    "Lasts",
+    "Late",
+    "Opened",
+    "Raised",
+    "Received",
+    "Said",
+    "Seen",
+    "Stimulus",
+    "Ticked",
+    "Unsent",
+    "Where",
+    "count_messages",
+]
+
+Where = Literal["outside", "call", "task", "turn"]
+"""Where users' code said something: outside of all turns; within the call of an action, or in its task, both of a life
+with a number; or elsewhere within a turn, as in a handler of their own."""
+
+_COUNTED = frozenset(
+    {Action, Answer, Control, EventUpdate, Observation, PredicateUpdate, Question, SensorUpdate, State}
+)
+
+
+class _Counted(Protocol):
+    """A channel, as far as it counts its messages."""
+
+    @property
+    def type(self) -> Any: ...
+
+    published: int
+
+
+def count_messages(channels: Iterable[_Counted]) -> int:
+    """Return how many messages the channels have carried that lead to decisions: how far a turn has come."""
+    return sum([channel.published for channel in channels if channel.type in _COUNTED])
+
+
+TRUE_STATE = "true_state"
+"""The name of the channel, behind an ensemble's path, on which a simulated world tells its state: a record keeps it."""
+
+
+class _Stimulus(msgspec.Struct, frozen=True, gc=False, tag_field="kind", tag=str.lower):
+    time: int
+
+
+class Began(_Stimulus, frozen=True, gc=False):
+    """An actor came to a step of its life: its start when `on_start` is called, ``run`` when `on_running` is.
+
+    An ensemble comes to its ``stop`` when its end begins, for good or before it starts anew.
+    """
+
+    actor: str
+    step: Literal["start", "run", "stop"]
+
+
+class Failed(_Stimulus, frozen=True, gc=False):
+    """An actor failed, by itself or with another that did before."""
+
+    actor: str
+    error: str
+
+
+class Kept(_Stimulus, frozen=True, gc=False):
+    """Sensors had told a predicate manager values before it started; ``times`` says when, where that is known."""
+
+    actor: str
+    values: dict[str, bool | None]
+    times: dict[str, int]
+
+
+class Said(_Stimulus, frozen=True, gc=False):
+    """A message was published on a channel that the library takes input from.
+
+    ``type`` is the message's class; ``ensemble`` and ``life`` are those of the action whose code said it, where
+    ``where`` is ``call`` or ``task``. Where it is ``turn``, ``after`` is how many messages had been published by then,
+    see `count_messages`: its place in that turn.
+    """
+
+    channel: str
+    type: str
+    message: Any
+    where: Where = "outside"
+    ensemble: str = ""
+    life: int = 0
+    after: int = 0
+
+
+class Ticked(_Stimulus, frozen=True, gc=False):
+    """A fixed-rate tick of an actor came, due at ``time``, for itself and ``missed`` ones before it."""
+
+    actor: str
+    number: int
+    missed: int
+
+
+class Lasts(_Stimulus, frozen=True, gc=False):
+    """The function of an action's life returned an awaitable, which runs as work."""
+
+    ensemble: str
+    life: int
+
+
+class Ended(_Stimulus, frozen=True, gc=False):
+    """The work of an action's life came to its end.
+
+    ``interrupted`` tells that a cancellation had reached it by then, ``error`` what it raised, where it did;
+    ``cancelled`` that it was cancelled, by whomever.
+    """
+
+    ensemble: str
+    life: int
+    interrupted: bool
+    cancelled: bool
+    error: str | None = None
+
+
+class Raised(_Stimulus, frozen=True, gc=False):
+    """The function of an action raised within its call; ``unrun`` where it returned something that never ran."""
+
+    ensemble: str
+    life: int
+    error: str
+    unrun: bool = False
+
+
+class GoesOn(_Stimulus, frozen=True, gc=False):
+    """What an action's ``goes_on`` answered when the action was chosen again, by the decision of an epoch."""
+
+    ensemble: str
+    epoch: int
+    answer: bool
+
+
+class Late(_Stimulus, frozen=True, gc=False):
+    """A decision came so many nanoseconds after its stimulus, past its deadline."""
+
+    ensemble: str
+    epoch: int
+    latency: int
+
+
+class Joined(_Stimulus, frozen=True, gc=False):
+    """An agent of a team began its link to the others, in a life of this number."""
+
+    agent: str
+    incarnation: int
+
+
+class Opened(_Stimulus, frozen=True, gc=False):
+    """An agent's link to its team was open."""
+
+    agent: str
+
+
+class Seen(_Stimulus, frozen=True, gc=False):
+    """Agents of the team were live, by the numbers of their lives."""
+
+    agent: str
+    live: dict[str, int]
+
+
+class Received(_Stimulus, frozen=True, gc=False):
+    """A message of another agent came, under a key that an expression has; ``sent`` is when, by its owner's clock."""
+
+    agent: str
+    expression: str
+    key: str
+    owner: str
+    incarnation: int
+    sent: int
+    body: bytes
+
+
+class Unsent(_Stimulus, frozen=True, gc=False):
+    """A message of this agent was held back, the one of this number that it put."""
+
+    agent: str
+    number: int
+
+
+class Answered(_Stimulus, frozen=True, gc=False):
+    """An actor got an answer of another agent that it had asked for."""
+
+    actor: str
+    body: bytes
+
+
+class Commanded(_Stimulus, frozen=True, gc=False):
+    """Somebody asked this agent, from outside, for a command to the team."""
+
+    ensemble: str
+    command: str
+    token: str | None
+
+
+class Finished(_Stimulus, frozen=True, gc=False):
+    """The runtime began to end."""
+
+
+Stimulus = (
+    Began
+    | Failed
+    | Kept
+    | Said
+    | Ticked
+    | Lasts
+    | Ended
+    | Raised
+    | GoesOn
+    | Late
+    | Joined
+    | Opened
+    | Seen
+    | Received
+    | Unsent
+    | Answered
+    | Commanded
+    | Finished
+)
+"""One of them; ``kind`` in JSON is the name of its class in small letters."""

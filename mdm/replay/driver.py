@@ -1,0 +1,195 @@
+"""What plays a record: it starts the actors that a run has started, and gives them each stimulus at its time."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+
+from mdm import messages
+from mdm.actors import Ensemble
+from mdm.messages import Control, Tick
+from mdm.recording.stimuli import Began, Ended, Failed, Finished, Said, Ticked, count_messages
+from mdm.replay.stand_in import AsRecordedError
+from mdm.replay.teammates import Teammates
+from mdm.runtime.actor import descendants
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from mdm.recording.stimuli import Stimulus
+    from mdm.replay.clock import ReplayClock
+    from mdm.replay.player import Player
+    from mdm.replay.transport import ReplayTransport
+    from mdm.runtime import Actor, Runtime
+
+__all__ = ["Driver"]
+
+_PATIENCE = 3600.0
+"""Seconds of virtual time within which an actor that the record has comes to its start."""
+
+
+class Driver:
+    """Plays a record.
+
+    Args:
+        runtime: The runtime, not entered yet: its own start is in the record, too.
+        player: The tape of the runtime.
+        clock: The clock of the runtime.
+        tops: The actors at the top.
+        transports: Those of agents of a team, by agent.
+    """
+
+    def __init__(
+        self,
+        runtime: Runtime,
+        player: Player,
+        clock: ReplayClock,
+        tops: Sequence[Actor],
+        transports: Mapping[str, ReplayTransport],
+    ) -> None:
+        self._runtime, self._player, self._clock, self._tops = runtime, player, clock, tops
+        self._teammates = Teammates(runtime, player, transports)
+        self._program: list[asyncio.Task[None]] = []
+        player.say = self._say
+        runtime.dispatcher.watch = self._say_in_turn
+
+    async def play(self, stimuli: Sequence[Stimulus], most: int) -> None:
+        """Play all stimuli, or those up to the last difference that is to be found."""
+        driver = asyncio.create_task(self._drive(stimuli, most))
+        async with self._runtime:
+            program = self._program
+            program += [asyncio.create_task(self._runtime.start(top)) for top in self._tops]
+            try:
+                await driver
+            finally:
+                for task in program:
+                    task.cancel()
+                await asyncio.gather(*program, return_exceptions=True)
+                self._runtime.dispatcher.tape = None
+
+    async def _drive(self, stimuli: Sequence[Stimulus], most: int) -> None:
+        """Give the stimuli, each at its time."""
+        player = self._player
+        try:
+            for stimulus in stimuli:
+                await self._move_to(stimulus.time)
+                if isinstance(stimulus, Finished) or len(player.differences) >= most:
+                    break
+                player.since.append(stimulus)
+                await self._give(stimulus)
+                await self._settle()
+            if len(player.differences) < most:
+                player.missed(self._clock.now())
+        finally:
+            for stand_in, work in player.stand_ins.values():
+                if not work.done:
+                    stand_in.end()
+            player.release()
+
+    async def _move_to(self, time: int) -> None:
+        """Let timers fire that are due by then; what they begin takes its first step."""
+        while self._clock.step(time):
+            await self._settle()
+
+    async def _settle(self) -> None:
+        while any(not work.begun and not work.done for _, work in self._player.fresh):  # noqa: ASYNC110 - likewise
+            await asyncio.sleep(0)
+        self._player.fresh.clear()
+
+    async def _give(self, stimulus: Stimulus) -> None:
+        if isinstance(stimulus, Began):
+            self._ask(stimulus)
+            await self._player.admit(stimulus, _PATIENCE)
+        elif isinstance(stimulus, Failed):
+            self._fail(stimulus)
+        elif isinstance(stimulus, Said):
+            await self._repeat(stimulus)
+        elif isinstance(stimulus, Ticked):
+            ticker = self._player.tickers.get(stimulus.actor)
+            if ticker is not None:
+                ticker.tick(Tick(stimulus.time, stimulus.number, 0, stimulus.missed))
+        elif isinstance(stimulus, Ended):
+            await self._end(stimulus)
+        else:
+            await self._teammates.give(stimulus)
+
+    # -- Actors ------------------------------------------------------------------------------------------------------
+
+    def _ask(self, began: Began) -> None:
+        """Stop or start anew an actor at the top, where the program has done so."""
+        for top in self._tops:
+            if top.path == began.actor and not top.failing:
+                if began.step == "stop" and top.life == "running":
+                    self._program.append(asyncio.create_task(self._runtime.stop(top)))
+                elif began.step == "start" and top.life in {"stopped", "failed"}:
+                    self._program.append(asyncio.create_task(self._runtime.start(top)))
+
+    def _fail(self, failed: Failed) -> None:
+        """Have an actor fail, unless it has with another, or by itself."""
+        actor = next((one for one in descendants(self._runtime.root) if one.path == failed.actor), None)
+        if actor is not None and not actor.failing:
+            actor.fail(AsRecordedError(failed.error))
+
+    async def _end(self, ended: Ended) -> None:
+        """Have the task of an action end as it did."""
+        found = self._player.stand_ins.get((ended.ensemble, ended.life))
+        if found is None or found[1].done:
+            return
+        stand_in, work = found
+        work.interrupted = ended.interrupted
+        error: BaseException | None = None
+        if ended.error is not None:
+            error = AsRecordedError(ended.error)
+        elif ended.cancelled and not ended.interrupted:
+            error = asyncio.CancelledError()
+        stand_in.end(error)
+        await work.over
+
+    # -- What was said -----------------------------------------------------------------------------------------------
+
+    async def _repeat(self, said: Said) -> None:
+        """Publish what was said outside of turns; what was said within one has its place there."""
+        player = self._player
+        if said.where == "outside":
+            self._say(said)
+        elif said.where == "task":
+            found = player.stand_ins.get((said.ensemble, said.life))
+            if found is not None and not found[1].done:
+                await found[0].do(lambda: self._say(said))
+            else:
+                self._say(said)
+        elif said.where == "turn" and player.turns and player.turns[0] is said:  # else its turn has come
+            player.turns.popleft()
+            self._say(said)
+
+    def _say_in_turn(self) -> None:
+        """Publish what users' handlers said in the running turn, once that has come as far as it had then."""
+        runtime, turns = self._runtime, self._player.turns
+        while turns and turns[0].time == runtime.dispatcher.time and turns[0].after == count_messages(runtime.channels):
+            self._say(turns.popleft())
+
+    def _say(self, said: Said) -> None:
+        """Publish what was said, on its channel, in the present turn or as the beginning of one."""
+        kind = getattr(messages, said.type, None)
+        if kind is None or not isinstance(said.message, kind):
+            return  # of a type that only the program knew
+        if kind is Control and self._command(said):
+            return
+        for channel in self._runtime.channels:
+            if channel.name == said.channel:
+                channel.publish(said.message)
+                return
+
+    def _command(self, said: Said) -> bool:
+        """Give an ensemble a command, by which one that has not started keeps it; return whether there is one."""
+        path = said.channel.rpartition("/")[0]
+        ensembles = (actor for actor in descendants(self._runtime.root) if isinstance(actor, Ensemble))
+        ensemble: Any = next((one for one in ensembles if one.path == path), None)
+        if ensemble is None:
+            return False
+        command = said.message.command
+        if command == "resume":
+            ensemble.start(resume=True)
+        else:
+            getattr(ensemble, command)()
+        return True

@@ -1,0 +1,277 @@
+"""The player: the tape of a replay. It answers what the record says, and compares what is decided."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter, defaultdict, deque
+from typing import TYPE_CHECKING, Any
+
+from mdm.messages import Decision
+from mdm.recording.stimuli import Began, Ended, GoesOn, Kept, Lasts, Late, Raised, Said
+from mdm.replay.difference import Difference, unlike
+from mdm.replay.stand_in import AsRecordedError, StandIn
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from mdm.actors.actions.action_layer import ActionLayer
+    from mdm.messages import Tick
+    from mdm.recording.stimuli import Stimulus
+    from mdm.runtime.tape import Deciding
+    from mdm.runtime.time.scheduler import Ticker
+    from mdm.runtime.work import Work
+
+__all__ = ["Player"]
+
+_SINCE = 5
+
+
+class Player:
+    """Answers as the record does, and compares decisions with its.
+
+    Args:
+        stimuli: Those of the record.
+        decisions: Those of the record.
+        tolerance: By how much numbers may differ.
+        most: How many differences are kept.
+
+    Attributes:
+        differences: Those found so far, in the order of the record's decisions.
+        made: How many decisions were made.
+    """
+
+    repeats = True
+
+    def __init__(
+        self, stimuli: Sequence[Stimulus], decisions: Iterable[Decision], *, tolerance: float, most: int
+    ) -> None:
+        self.differences: list[Difference] = []
+        self.count = 0
+        self.made = 0
+        self.noted = 0
+        self.stand_ins: dict[tuple[str, int], tuple[StandIn, Work]] = {}
+        self.tickers: dict[str, Ticker] = {}
+        self.say: Callable[[Said], None] = lambda _: None
+        # What users' handlers said within turns, and was not said yet.
+        self.turns: deque[Said] = deque()
+        self.since: deque[Stimulus] = deque(maxlen=_SINCE)
+        self._tolerance, self._most = tolerance, most
+        self._expected: dict[str, deque[tuple[int, Decision]]] = defaultdict(deque)
+        for number, decision in enumerate(decisions):
+            self._expected[decision.ensemble].append((number, decision))
+            self.count += 1
+        self._next = 0
+        self._compared = False
+        self._said: dict[tuple[str, int], list[Said]] = defaultdict(list)
+        self._raised: dict[tuple[str, int], Raised] = {}
+        self._lasting: set[tuple[str, int]] = set()
+        self._kept: dict[tuple[str, int], tuple[dict[str, bool | None], dict[str, int]]] = {}
+        self._ended: set[tuple[str, int]] = set()
+        self._goes_on: dict[tuple[str, int, int], bool] = {}
+        self._late: dict[tuple[str, int, int], int] = {}
+        self._begins: Counter[tuple[str, str]] = Counter()
+        self._waiting: dict[tuple[str, str], asyncio.Future[None]] = {}
+        self._came = asyncio.Event()
+        self._steps: set[tuple[str, str]] = set()
+        self._over = False
+        self._draws: dict[str, str] = {}
+        # Work that has not been waited for to take its first step.
+        self.fresh: list[tuple[StandIn, Work]] = []
+        self._layers: dict[str, ActionLayer] = {}
+        for stimulus in stimuli:
+            self._sort(stimulus)
+
+    def _sort(self, stimulus: Stimulus) -> None:
+        """Put what answers a question where it is found when that is asked."""
+        if isinstance(stimulus, Said) and stimulus.where == "call":
+            self._said[stimulus.ensemble, stimulus.life].append(stimulus)
+        elif isinstance(stimulus, Said) and stimulus.where == "turn":
+            self.turns.append(stimulus)
+        elif isinstance(stimulus, Raised):
+            self._raised[stimulus.ensemble, stimulus.life] = stimulus
+        elif isinstance(stimulus, Lasts):
+            self._lasting.add((stimulus.ensemble, stimulus.life))
+        elif isinstance(stimulus, GoesOn):
+            self._goes_on[stimulus.ensemble, stimulus.epoch, stimulus.time] = stimulus.answer
+        elif isinstance(stimulus, Late):
+            self._late[stimulus.ensemble, stimulus.epoch, stimulus.time] = stimulus.latency
+        elif isinstance(stimulus, Kept):
+            self._kept[stimulus.actor, stimulus.time] = stimulus.values, stimulus.times
+        elif isinstance(stimulus, Began):
+            self._begins[stimulus.actor, stimulus.step] += 1
+        elif isinstance(stimulus, Ended):
+            self._ended.add((stimulus.ensemble, stimulus.life))
+
+    # -- Starts and ends -----------------------------------------------------------------------------------------------
+
+    async def comes(self, actor: str, step: str) -> None:
+        """Wait until the record comes to this step; one that it does not have is taken at once."""
+        if self._over or not self._begins[actor, step]:
+            return
+        self._begins[actor, step] -= 1
+        self._waiting[actor, step] = permit = asyncio.get_running_loop().create_future()
+        self._came.set()
+        await permit
+
+    async def admit(self, stimulus: Began, seconds: float) -> bool:
+        """Let an actor come to its step, once it wants to, and wait until it has; return whether it did."""
+        key = (stimulus.actor, stimulus.step)
+        while key not in self._waiting:
+            self._came.clear()
+            try:
+                await asyncio.wait_for(self._came.wait(), seconds)
+            except TimeoutError:
+                return False
+        self._waiting.pop(key).set_result(None)
+        while key not in self._waiting and not self._arrived(key):  # noqa: ASYNC110 - the loop's next round counts
+            await asyncio.sleep(0)
+        return True
+
+    def release(self) -> None:
+        """Hold nobody any more: the record is over."""
+        self._over = True
+        for permit in self._waiting.values():
+            if not permit.done():
+                permit.set_result(None)
+
+    def _arrived(self, key: tuple[str, str]) -> bool:
+        arrived = key in self._steps
+        self._steps.discard(key)
+        return arrived
+
+    def came(self, actor: str, step: str, time: int) -> None:
+        """Take it that an actor comes to a step."""
+        self._steps.add((actor, step))
+
+    def failed(self, actor: str, error: str, time: int) -> None:
+        """Take a failure."""
+
+    def kept(
+        self, actor: str, values: dict[str, bool | None], times: dict[str, int], time: int
+    ) -> tuple[dict[str, bool | None], dict[str, int]]:
+        """Return what sensors had told before the actor's start."""
+        return self._kept.get((actor, time), ({}, {}))
+
+    # -- Input -----------------------------------------------------------------------------------------------------
+
+    def said(self, channel: Any, message: Any, time: int) -> None:
+        """Take it that something is said again."""
+
+    def rates(self, actor: str, ticker: Ticker) -> None:
+        """Keep a ticker, which ticks when the record does."""
+        self.tickers[actor] = ticker
+
+    def ticked(self, actor: str, tick: Tick) -> None:
+        """Take a tick."""
+
+    def finishes(self, time: int) -> None:
+        """Take the end."""
+
+    def note(self, stimulus: Stimulus) -> None:
+        """Take it that a stimulus has come again."""
+        self.noted += 1
+
+    # -- Actions -----------------------------------------------------------------------------------------------------
+
+    def acts(self, ensemble: str, layer: Any) -> None:
+        """Have the layer call a stand-in for each of its functions."""
+        acting: ActionLayer = layer
+        self._layers[ensemble] = acting
+        acting.substitute(lambda: self._call(ensemble, acting.started))
+
+    def _call(self, ensemble: str, life: int) -> Any:
+        """Do what the function of a life did within its call."""
+        for said in self._said.get((ensemble, life), ()):
+            self.say(said)
+        raised = self._raised.get((ensemble, life))
+        if raised is not None:
+            if raised.unrun:
+                return (None for _ in ())  # of which nothing runs, either
+            raise AsRecordedError(raised.error)
+        return StandIn() if (ensemble, life) in self._lasting else None
+
+    def lasts(self, ensemble: str, life: int, work: Work) -> None:
+        """Know the stand-in and the work of a life."""
+        stand_in = work.awaitable
+        if isinstance(stand_in, StandIn):
+            self.stand_ins[ensemble, life] = stand_in, work
+            self.fresh.append((stand_in, work))
+            if self._over:
+                stand_in.end()
+
+    def ended(self, ensemble: str, life: int, work: Work, time: int) -> None:
+        """Take the end of a life."""
+
+    def raised(self, ensemble: str, life: int, error: str, time: int, *, unrun: bool) -> None:
+        """Take the failure of a function."""
+
+    def goes_on(self, ensemble: str, epoch: int, time: int, ask: Callable[[], bool]) -> bool:
+        """Return what the action's function answered."""
+        return self._goes_on.get((ensemble, epoch, time), False)
+
+    def lived(self, ensemble: str, life: int, action: str, status: str, detail: str, time: int) -> None:
+        """Take a life's beginning or end."""
+
+    def called(self, ensemble: str, life: int, action: str, time: int) -> None:
+        """Take a plain function's life."""
+
+    # -- Decisions ---------------------------------------------------------------------------------------------------
+
+    def draw_from(self, ensemble: str, draws: str) -> None:
+        """Have the policy of an ensemble draw as it did; before that starts."""
+        self._draws[ensemble] = draws
+
+    def controls(self, output: Deciding) -> None:
+        """Have an ensemble's policy draw, where it does, from where it did."""
+        draws = self._draws.pop(output.ensemble, "")
+        if draws:
+            output.draw_from(draws)
+
+    def latency(self, ensemble: str, epoch: int, time: int, latency: int, limit: int) -> int:
+        """Return how late the decision was."""
+        return self._late.get((ensemble, epoch, time), 0)
+
+    def decided(
+        self,
+        output: Deciding,
+        time: int,
+        epoch: int,
+        cause: str,
+        state: int | None,
+        observation: Any,
+        current: Any,
+        action: int,
+        reward: float | None,
+    ) -> None:
+        """Compare a decision with that of the record, as long as that goes on."""
+        if self._compared:
+            return
+        belief = None if current is None else output.belief_of(current)
+        name = output.name_of(action)
+        made = Decision(time, output.ensemble, epoch, cause, state, observation, belief, action, name, reward)
+        self.made += 1
+        expected = self._expected[output.ensemble]
+        if not expected:
+            self._differ(Difference(self._next, None, made, (), tuple(self.since)))
+            return
+        number, recorded = expected.popleft()
+        self._next = number + 1
+        fields = unlike(recorded, made, self._tolerance)
+        if fields:
+            self._differ(Difference(number, recorded, made, fields, tuple(self.since)))
+
+    def _differ(self, difference: Difference) -> None:
+        if len(self.differences) < self._most:
+            self.differences.append(difference)
+
+    def missed(self, until: int) -> None:
+        """Take it that decisions of the record up to a time are not made any more, and compare no further ones."""
+        self._compared = True
+        left = sorted(
+            (item for expected in self._expected.values() for item in expected if item[1].time <= until),
+            key=lambda item: item[0],
+        )
+        for number, recorded in left:
+            self._differ(Difference(number, recorded, None, (), tuple(self.since)))
+        for expected in self._expected.values():
+            expected.clear()

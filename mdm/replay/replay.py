@@ -1,0 +1,122 @@
+"""A replay: the stimuli of a record are given to the same system anew, in virtual time, and its decisions compared.
+
+Timers and what follows from them come about as they did, for a turn has the time of its stimulus and a timer its due
+time. Users' functions are not called: stand-ins last as long as they did, and say what they said.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from mdm.errors import Error
+from mdm.recording import Record
+from mdm.recording.recorder import environment
+from mdm.recording.stimuli import Began, Joined, Unsent
+from mdm.replay.clock import ReplayClock
+from mdm.replay.difference import Difference
+from mdm.replay.driver import Driver
+from mdm.replay.player import Player
+from mdm.replay.transport import ReplayTransport
+from mdm.runtime import Actor, Runtime, run
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from mdm.messages import Decision
+    from mdm.recording.stimuli import Stimulus
+    from mdm.runtime.tape import Tape
+
+__all__ = ["Replayed", "replay", "transports_of"]
+
+_BITS = ("numpy", "numba", "blas", "machine")
+
+
+class Replayed(msgspec.Struct, frozen=True):
+    """What became of a replay.
+
+    Attributes:
+        recorded: How many decisions the record has.
+        replayed: How many were made.
+        differences: Those that were not the same, the first one first.
+        exact: Whether numbers were compared bit by bit, for the environment is that of the record; else to 1e-9.
+        lost: How many messages the record lacks: behind such a gap a replay differs.
+    """
+
+    recorded: int
+    replayed: int
+    differences: tuple[Difference, ...]
+    exact: bool
+    lost: int
+
+    @property
+    def same(self) -> bool:
+        """Whether all decisions were the same."""
+        return not self.differences
+
+
+def transports_of(record: Record) -> dict[str, ReplayTransport]:
+    """Return the transports of the recorded agents of teams, by agent: their members are to be built with these."""
+    lives: dict[str, int] = {}
+    unsent: dict[str, set[int]] = defaultdict(set)
+    for each in record.messages(["stimuli"]):
+        stimulus = each.message
+        if isinstance(stimulus, Joined):
+            lives.setdefault(stimulus.agent, stimulus.incarnation)
+        elif isinstance(stimulus, Unsent):
+            unsent[stimulus.agent].add(stimulus.number)
+    return {agent: ReplayTransport(agent, life, frozenset(unsent[agent])) for agent, life in lives.items()}
+
+
+def replay(
+    record: Record | str | Path,
+    actors: Actor | Sequence[Actor],
+    *,
+    most: int = 100,
+    transports: Mapping[str, ReplayTransport] = {},
+) -> Replayed:
+    """Run what a record has once more, in virtual time, and compare every decision.
+
+    Args:
+        record: The record, or its file.
+        actors: The system, or the actors at the top, built as for the run and not started. Their functions are not
+            called.
+        most: How many differences are kept; at the last of them the replay ends.
+        transports: Of agents of a team, those that `transports_of` returned, with which their members were built.
+
+    Raises:
+        Error: If the record has no beginning.
+    """
+    found = record if isinstance(record, Record) else Record(record)
+    tops = [actors] if isinstance(actors, Actor) else list(actors)
+    stimuli, decisions = _contents(found)
+    if not any(isinstance(stimulus, Began) for stimulus in stimuli):
+        raise Error(f"{found.path}: the record has no beginning: nothing in it says when an actor started")
+    now = environment()
+    exact = all(found.head.get(name) == now[name] for name in _BITS)
+    player = Player(stimuli, decisions, tolerance=0.0 if exact else 1e-9, most=most)
+    for name, facts in found.metadata.items():
+        if name.startswith("ensemble ") and "draws" in facts:
+            player.draw_from(name.removeprefix("ensemble "), facts["draws"])
+    clock = ReplayClock(int(found.head["epoch"]))
+
+    async def main() -> None:
+        runtime = Runtime(clock=clock, log=False, watchdog=None, signals=False)
+        tape: Tape = player
+        runtime.dispatcher.tape = tape
+        await Driver(runtime, player, clock, tops, transports).play(stimuli, most)
+
+    run(main, virtual=True)
+    return Replayed(player.count, player.made, tuple(player.differences), exact, found.lost)
+
+
+def _contents(record: Record) -> tuple[list[Stimulus], list[Decision]]:
+    stimuli: list[Stimulus] = []
+    decisions: list[Decision] = []
+    topics = [topic for topic in ("stimuli", "decisions") if topic in record.topics]
+    for each in record.messages(topics):
+        (stimuli if each.topic == "stimuli" else decisions).append(each.message)
+    return stimuli, decisions

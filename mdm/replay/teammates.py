@@ -1,0 +1,76 @@
+"""What comes from a team in a replay: messages of other agents, who is live, answers, and commands from outside."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+
+from mdm.recording.stimuli import Answered, Commanded, Opened, Received, Seen
+from mdm.runtime.actor import descendants
+from mdm.runtime.channel import Subscription
+from mdm.team.layer import TeamLayer
+from mdm.team.sharing.predicates import PredicateSubscriber
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from mdm.recording.stimuli import Stimulus
+    from mdm.replay.player import Player
+    from mdm.replay.transport import ReplayTransport
+    from mdm.runtime import Runtime
+
+__all__ = ["Teammates"]
+
+_ROUNDS = 100
+"""Rounds of the event loop within which a link takes note that it is open."""
+
+
+class Teammates:
+    """Stands for the other agents of a team, as far as one agent has heard of them.
+
+    Args:
+        runtime: The agent's.
+        player: Its tape.
+        transports: Those of the agents that are played, by agent.
+    """
+
+    def __init__(self, runtime: Runtime, player: Player, transports: Mapping[str, ReplayTransport]) -> None:
+        self._runtime, self._player, self._transports = runtime, player, transports
+
+    async def give(self, stimulus: Stimulus) -> None:
+        """Give what came from teammates, or from outside to the team; another stimulus is none of these."""
+        transport = self._transports.get(getattr(stimulus, "agent", ""))
+        if isinstance(stimulus, Commanded):
+            self._command(stimulus)
+        elif isinstance(stimulus, Answered):
+            self._answer(stimulus)
+        elif transport is not None and isinstance(stimulus, Received):
+            transport.receive(stimulus)
+            await asyncio.sleep(0)  # what it acknowledges behind its turn
+        elif transport is not None and isinstance(stimulus, Seen):
+            transport.see(stimulus.live)
+        elif transport is not None and isinstance(stimulus, Opened):
+            await self._open(transport)
+
+    async def _open(self, transport: ReplayTransport) -> None:
+        before = self._player.noted
+        transport.release()
+        for _ in range(_ROUNDS):
+            if self._player.noted > before:
+                break
+            await asyncio.sleep(0)
+
+    def _command(self, commanded: Commanded) -> None:
+        """Have a command carried out that was asked for from outside."""
+        layers = (actor for actor in descendants(self._runtime.root) if isinstance(actor, TeamLayer))
+        layer = next((one for one in layers if one.ensemble.name == commanded.ensemble), None)
+        if layer is not None:
+            order: Any = commanded.command
+            turn = Subscription[Any](None, layer, lambda token: layer.command(order, token))
+            self._runtime.dispatcher.deliver(turn, commanded.token)
+
+    def _answer(self, answered: Answered) -> None:
+        """Have an actor take the answer that it got."""
+        for actor in descendants(self._runtime.root):
+            if isinstance(actor, PredicateSubscriber) and actor.path == answered.actor:
+                actor.repeat_answer(answered.body)

@@ -1,0 +1,97 @@
+"""The transport of a replay: what other agents sent comes from the record, and what this one sends goes nowhere."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+from mdm.runtime.statistics import Latencies
+from mdm.team.transport.transport import Sample, TransportStatistics
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from mdm.recording.stimuli import Received
+    from mdm.team.transport.transport import Priority
+
+__all__ = ["ReplayTransport"]
+
+
+class ReplayTransport:
+    """Carries what a record has to one agent.
+
+    Args:
+        agent: The agent.
+        incarnation: The number of its recorded life.
+        unsent: The numbers of its messages that were held back.
+
+    Attributes:
+        sent: The messages that it has sent, by their keys.
+    """
+
+    def __init__(self, agent: str, incarnation: int, unsent: frozenset[int] = frozenset()) -> None:
+        self.agent = agent
+        self.incarnation = incarnation
+        self._unsent = unsent
+        self._puts = 0
+        self.sent: list[tuple[str, bytes]] = []
+        self._handlers: dict[str, Callable[[Sample], None]] = {}
+        self._watchers: list[Callable[[Mapping[str, int]], None]] = []
+        self._opened = asyncio.Event()
+
+    async def open(self) -> None:
+        """Wait until the record's link was open."""
+        await self._opened.wait()
+
+    async def close(self) -> None:
+        """Leave."""
+
+    def release(self) -> None:
+        """Let it be open."""
+        self._opened.set()
+
+    def receive(self, received: Received) -> None:
+        """Hand a recorded message on."""
+        handler = self._handlers.get(received.expression)
+        if handler is not None:
+            sample = Sample(received.key, received.owner, received.incarnation, received.body, received.sent)
+            handler(sample)
+
+    def see(self, live: Mapping[str, int]) -> None:
+        """Tell which agents were live."""
+        for watcher in self._watchers:
+            watcher(live)
+
+    def put(self, key: str, body: bytes, *, priority: Priority = "value") -> bool:
+        """Send nothing; return whether it was sent then."""
+        self._puts += 1
+        if self._puts in self._unsent:
+            return False
+        self.sent.append((key, bytes(body)))
+        return True
+
+    def subscribe(self, expression: str, handler: Callable[[Sample], None]) -> None:
+        """Have a handler called with each recorded message under the keys of an expression."""
+        self._handlers[expression] = handler
+
+    def serve(self, key: str, answer: Callable[[bytes], bytes]) -> None:
+        """Answer nobody."""
+
+    async def ask(self, expression: str, body: bytes = b"", *, timeout: float = 1.0) -> dict[str, bytes]:  # noqa: ASYNC109
+        """Wait for ever: answers that count are in the record by themselves."""
+        await asyncio.get_running_loop().create_future()
+        return {}
+
+    def watch(self, handler: Callable[[Mapping[str, int]], None]) -> None:
+        """Have a handler called with the live agents."""
+        self._watchers.append(handler)
+
+    def supervise(self, failed: Callable[[BaseException], None], report: Callable[[str, str], None]) -> None:
+        """Report nothing."""
+
+    def refuse(self, sender: str, reason: str) -> None:
+        """Take note of nothing."""
+
+    def statistics(self) -> TransportStatistics:
+        """Return no counts."""
+        return TransportStatistics({}, {}, {}, {}, Latencies().snapshot(), {})

@@ -1,0 +1,121 @@
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+from records import HEAD, PATIENCE, official
+
+from mdm.messages import Control
+from mdm.recording import process
+from mdm.recording.process import Claimed, claim
+from mdm.recording.reader import Record
+from mdm.recording.schemas import schema
+
+
+def frame(kind, data):
+    return process.HEADER.pack(kind, len(data)) + data
+
+
+def message(topic, stamp, data):
+    return frame(process.MESSAGE, process.MESSAGE_HEADER.pack(topic, stamp) + data)
+
+
+BEGIN = frame(process.METADATA, json.dumps(["mdm", HEAD]).encode()) + frame(
+    process.TOPIC, json.dumps(["controls", "mdm.Control", json.dumps(schema(Control))]).encode()
+)
+
+
+def ran(path, sent, **settings):
+    """Run the process with bytes for input; return what it reported."""
+    descriptor = claim(str(path))
+    given = {
+        "robot": os.getpid(),
+        "path": str(path),
+        "descriptor": descriptor,
+        "library": "mdm/0.1.0",
+        "split_bytes": None,
+        "split_time": None,
+        **settings,
+    }
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "mdm.recording.process", json.dumps(given)],
+        input=sent,
+        stdout=subprocess.PIPE,
+        pass_fds=(descriptor,),
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        timeout=PATIENCE,
+    )
+    os.close(descriptor)
+    assert done.returncode == 0
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def test_a_frame_that_was_sent_in_part_is_left_out(tmp_path):
+    path = tmp_path / "run.mcap"
+    whole = message(1, 7, b'{"time":7,"command":"stop"}')
+    for cut in range(len(whole)):
+        if cut % 5 and cut > 6:
+            continue  # each takes a process
+        assert ran(path, BEGIN + whole + whole[:cut])[-1] == {"written": 1, "finished": True}
+        assert official(path) == [("controls", 7, 0, 7, b'{"time":7,"command":"stop"}')]
+
+
+def test_a_robot_that_says_nothing_has_a_whole_file(tmp_path):
+    path = tmp_path / "run.mcap"
+    assert ran(path, b"") == [{"written": 0, "finished": True}]
+    assert official(path) == []
+
+
+def test_numbers_that_are_left_out_are_kept(tmp_path):
+    path = tmp_path / "run.mcap"
+    lost = frame(process.LOST, (5).to_bytes(8, "little"))
+    told = b'{"time":7,"command":"stop"}'
+    ran(path, BEGIN + message(1, 7, told) + lost + message(1, 8, told) + frame(process.END, b""))
+    assert [each[2] for each in official(path)] == [0, 6]
+    record = Record(path)
+    assert (record.lost, record.closed) == (5, True)
+
+
+def test_a_frame_that_cannot_be_written_is_told(tmp_path):
+    path = tmp_path / "run.mcap"
+    told = ran(path, BEGIN + frame(process.METADATA, b"?") + message(1, 7, b"{}"))
+    assert [*told[0]] == ["failure"]
+    assert told[-1] == {"written": 0, "lost": 1, "finished": False}
+
+
+def test_it_loads_no_more_than_it_needs():
+    program = "import json, sys\nimport mdm.recording.process, mcap.writer\nprint(json.dumps(sorted(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    loaded = json.loads(done.stdout)
+    assert "numpy" not in loaded
+    assert "msgspec" not in loaded
+    assert [name for name in loaded if name.split(".")[0] == "mdm"] == ["mdm", "mdm.recording", "mdm.recording.process"]
+
+
+def test_a_claim_holds_until_its_file_is_closed(tmp_path):
+    path = str(tmp_path / "run.mcap")
+    held = claim(path)
+    with pytest.raises(Claimed):
+        claim(path)
+    os.close(held)
+    os.close(claim(path))
+
+
+@pytest.mark.parametrize("content", [b"x", b"\x89MCAQ0\r\n", b"[ensembles]"])
+def test_only_records_are_replaced(tmp_path, content):
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    with pytest.raises(Claimed):
+        claim(str(path))
+    assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MC", process.MAGIC + b"\1\2"])
+def test_a_record_that_was_cut_off_is_replaced(tmp_path, content):
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    os.close(claim(str(path)))
+    assert path.read_bytes() == b""

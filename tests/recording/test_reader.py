@@ -1,0 +1,306 @@
+from __future__ import annotations
+
+import io
+import json
+import random
+import struct
+from contextlib import suppress
+
+import damage
+import msgspec
+import pytest
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
+from records import HEAD, PATIENCE, Writing, decision, encoded, official, written
+from sentences import refused
+
+from mdm.errors import Error, FormatError
+from mdm.messages import ActionLife, Control, Decision, Message, State
+from mdm.recording.process import File
+from mdm.recording.reader import Record
+from mdm.recording.schemas import schema
+from mdm.recording.stimuli import Said, Stimulus
+
+SOUND, MESSAGES = damage.sound()
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Return a function that reads a record from bytes."""
+    path = tmp_path / "run.mcap"
+
+    def call(content):
+        path.write_bytes(content)
+        return Record(path)
+
+    return call
+
+
+def of(library="mdm/0.1.0", head=HEAD, times=(1, 2, 3)):
+    """Return a record with controls, written by the official library alone."""
+    content = io.BytesIO()
+    file = File(content, library)
+    if head is not None:
+        file.metadata("mdm", head)
+    topic = file.topic("controls", "mdm.Control", json.dumps(schema(Control)).encode())
+    for number, time in enumerate(times):
+        file.add_message(topic, time, encoded(Control(time, "stop")), time, number)
+    file.finish()
+    return content.getvalue()
+
+
+def test_messages_come_in_order_as_structs(tmp_path):
+    pairs = []
+    for number in range(50):
+        made = decision(number // 2)  # of one turn, and so of one time
+        pairs += [("decisions", made), ("lives", ActionLife(made.time, "patrol", number, "Go", "running"))]
+    record = Record(written(tmp_path / "run.mcap", pairs))
+    assert [(each.topic, each.message) for each in record.messages()] == pairs
+    assert [each.sequence for each in record.messages()] == [*range(100)]
+    assert record.counts == {"decisions": 50, "lives": 50}
+    assert record.span == (0, 24_000_000)
+    assert record.head == HEAD
+    assert (record.torn, record.closed, record.lost, record.unread, record.number) == (None, True, 0, 0, 0)
+    assert record.size == (tmp_path / "run.mcap").stat().st_size
+    assert record.topics["lives"].schema_name == "mdm.ActionLife"
+
+
+def test_messages_are_chosen_by_topic_and_time(read):
+    record = read(SOUND)
+    assert [*record.messages(["decisions"])] == [*record.messages()]
+    assert [*record.messages([])] == []
+    chosen = [each.time for each in record.messages(since=7_000_000, until=300_000_000)]
+    assert chosen == [number * 1_000_000 for number in range(7, 300)]
+    with refused(Error):
+        next(record.messages(["nothing"]))
+
+
+def test_stimuli_come_with_what_was_said(tmp_path):
+    said = Said(5, "patrol/state", "State", State(5, 2, (1, 0)), "task", "patrol", 7)
+    record = Writing(tmp_path / "run.mcap")
+    record.write("stimuli", said, Stimulus)
+    record.write("stimuli", Said(6, "weather", "Weather", {"wet": True}), Stimulus)
+    read = Record(record.close())
+    assert [each.message for each in read.messages()] == [said, Said(6, "weather", "Weather", {"wet": True})]
+
+
+class Weather(Message, frozen=True, gc=False):
+    wet: bool
+
+
+def test_messages_of_unknown_types_are_what_json_has_unless_their_type_is_given(tmp_path):
+    path = written(tmp_path / "run.mcap", [("weather", Weather(1, wet=True))])
+    assert [each.message for each in Record(path).messages()] == [{"time": 1, "wet": True}]
+    assert [each.message for each in Record(path, types={"mdm.Weather": Weather}).messages()] == [Weather(1, wet=True)]
+
+
+def test_files_of_a_split_record_are_one(tmp_path):
+    pairs = [("decisions", decision(1000 * number)) for number in range(10)]
+    path = written(tmp_path / "run.mcap", pairs, split_seconds=3)
+    paths = [path, *(tmp_path / f"run-{number}.mcap" for number in (1, 2, 3))]
+    for given in (path, str(path), paths):
+        record = Record(given)
+        assert [each.message for each in record.messages()] == [message for _, message in pairs]
+        assert record.paths == paths
+        assert record.counts == {"decisions": 10}
+        assert (record.torn, record.closed, record.lost) == (None, True, 0)
+    alone = Record(paths[2])
+    assert (alone.number, alone.counts["decisions"], alone.closed) == (2, 3, None)
+    with refused(FormatError):
+        Record([paths[0], paths[2]])
+    with refused(FormatError):
+        Record(paths[::-1])
+    with refused(Error):
+        Record([])
+
+
+def test_files_that_another_record_has_left_are_not_taken(tmp_path):
+    for count in (10, 4):
+        pairs = [("decisions", decision(1000 * number)) for number in range(count)]
+        path = written(tmp_path / "run.mcap", pairs, split_seconds=3)
+    assert len(list(tmp_path.iterdir())) == 4
+    assert Record(path).counts == {"decisions": 4}
+    with refused(FormatError):
+        Record([path, tmp_path / "run-2.mcap"])
+    (tmp_path / "run-1.mcap").write_text("a letter")
+    assert Record(path).counts == {"decisions": 3}
+
+
+def test_a_record_that_is_being_written_says_so(tmp_path):
+    record = Writing(tmp_path / "run.mcap")
+    record.write("decisions", decision(0))
+    record.writer.drain(PATIENCE)
+    while not record.writer.statistics().written:
+        record.writer.flush()
+    live = Record(tmp_path / "run.mcap")
+    assert "it is still being written" in live.torn
+    assert (live.counts["decisions"], live.closed) == (1, None)
+    record.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("empty", b""),
+        ("text", b"discount: 0.9\n"),
+        ("short", b"\x89MCAP"),
+        ("magic alone", b"\x89MCAP0\r\n"),
+        ("cut in its head", SOUND[:60]),
+        ("another program's", of("ros2bag", None)),
+        ("without a head", of(head=None)),
+        ("newer", of(head={"format": "2", "mdm": "0.9.0"})),
+        ("unnumbered", of(head={"format": "two"})),
+        ("without a format", of(head={})),
+    ],
+    ids=lambda given: given if isinstance(given, str) else "",
+)
+def test_what_is_no_record_is_refused_in_a_sentence(read, name, content):
+    with refused(FormatError):
+        read(content)
+
+
+def test_a_file_that_is_not_there_or_a_folder_is_refused(tmp_path):
+    with refused(FormatError):
+        Record(tmp_path / "missing.mcap")
+    with refused(FormatError):
+        Record(tmp_path)
+
+
+def test_records_that_other_programs_wrote_anew_are_read(read):
+    record = read(of("another/1.0"))
+    assert [each.message for each in record.messages()] == [Control(time, "stop") for time in (1, 2, 3)]
+
+
+@pytest.mark.parametrize("compression", CompressionType)
+def test_each_compression(read, compression):
+    content = io.BytesIO()
+    writer = Writer(content, compression=compression, enable_data_crcs=True)
+    writer.start(library="mdm/0.1.0")
+    writer.add_metadata("mdm", HEAD)
+    topic = writer.register_channel("a", "json", 0)
+    writer.add_message(topic, 1, b"{}", 1, 0)
+    writer.finish()
+    if compression is CompressionType.LZ4:
+        with refused(Error):
+            read(content.getvalue())
+    else:
+        assert [each.message for each in read(content.getvalue()).messages()] == [{}]
+
+
+def test_messages_outside_of_chunks_are_not_trusted(read):
+    content = io.BytesIO()
+    writer = Writer(content, use_chunking=False)
+    writer.start(library="mdm/0.1.0")
+    writer.add_metadata("mdm", HEAD)
+    writer.add_message(writer.register_channel("a", "json", 0), 1, b"{}", 1, 0)
+    writer.finish()
+    record = read(content.getvalue())
+    assert "a message is in no chunk" in record.torn
+    assert [*record.messages()] == []
+
+
+def test_each_cut_is_read_to_the_last_whole_chunk(read):
+    """What is read of each cut is all that the official reader of streams gives before it fails, chunk by chunk."""
+    ends = {}
+    stream = io.BytesIO(SOUND)
+    seen = 0
+    for record in StreamReader(stream, emit_chunks=True).records:
+        if type(record).__name__ == "Chunk":
+            body = StreamReader(io.BytesIO(record.data), skip_magic=True)
+            assert body is not None
+            seen += 1
+            ends[stream.tell()] = seen
+    chunks = [0, *ends]
+    counts = {}
+    for cut in sorted({*chunks[1:], *(end - 1 for end in chunks[1:]), *range(200, len(SOUND), 97)}):
+        record = read(SOUND[:cut])
+        whole = sum(end <= cut for end in ends)
+        counts.setdefault(whole, set()).add(record.counts["decisions"])
+        assert record.torn is not None
+        assert [data for *_, data in record.raw()] == MESSAGES[: record.counts["decisions"]]
+    assert all(len(each) == 1 for each in counts.values())  # a chunk more or less is all that a cut can do
+    assert sorted(counts) == sorted(counts, key=lambda whole: min(counts[whole]))
+    assert counts[len(ends)] == {len(MESSAGES)}
+
+
+def test_the_place_of_the_tear_is_told(read):
+    record = read(SOUND[:5000])
+    assert record.torn.endswith(" of 5,000")
+    assert "a record is cut off, at byte " in record.torn
+    assert record.size - record.unread == int(record.torn.split()[-3].replace(",", ""))
+
+
+def test_damaged_records_are_read_to_their_damage(tmp_path):
+    """As `python tests/damage.py` does with 10,000."""
+    path = tmp_path / "run.mcap"
+    choice = random.Random(1)
+    kept = []
+    for _ in range(300):
+        path.write_bytes(damage.damaged(SOUND, choice))
+        with suppress(FormatError):
+            kept.append(damage.read(path, MESSAGES)[0])
+    assert len(set(kept)) > 10
+
+
+def test_a_flipped_bit_anywhere_gives_no_wrong_message(tmp_path):
+    path = tmp_path / "run.mcap"
+    for place in range(0, len(SOUND), 41):
+        content = bytearray(SOUND)
+        content[place] ^= 1 << place % 8
+        path.write_bytes(content)
+        try:
+            _, torn = damage.read(path, MESSAGES)
+        except FormatError:
+            assert place < 400  # the head
+        else:
+            assert torn is not None
+
+
+def test_a_chunk_that_claims_to_be_huge_takes_no_memory(read):
+    place = SOUND.index(b"zstd") - 4
+    content = bytearray(SOUND)
+    struct.pack_into("<Q", content, place - 12, 2**40)
+    assert "a chunk is damaged" in read(bytes(content)).torn
+    struct.pack_into("<Q", content, place - 12, 2**29)
+    assert "a chunk is damaged" in read(bytes(content)).torn
+
+
+def test_a_file_that_changes_while_it_is_read_is_told(tmp_path, read):
+    record = read(SOUND)
+    messages = record.messages()
+    next(messages)
+    (tmp_path / "run.mcap").write_bytes(SOUND[:700])
+    with refused(FormatError):
+        list(messages)
+
+
+def numbered(*numbers):
+    """Return a record without an end, whose messages have these numbers, a chunk each."""
+    content = io.BytesIO()
+    file = File(content, "mdm/0.1.0", chunk=100)
+    file.metadata("mdm", HEAD)
+    topic = file.topic("decisions", "mdm.Decision", json.dumps(schema(Decision)).encode())
+    for number in numbers:
+        file.add_message(topic, number, encoded(decision(number)), number, number)
+    file.flush()
+    return content.getvalue()
+
+
+def test_lost_messages_show_in_the_numbers_of_a_torn_record(read):
+    assert read(numbered(0, 1, 2)).lost == 0
+    assert read(numbered(3, 4, 9, 10)).lost == 7
+    assert read(numbered(0, 2**31 - 1, 2**32 - 2, 1)).counts["decisions"] == 4
+
+
+@pytest.mark.parametrize("numbers", [(0, 1, 1, 2), (0, 1, 0, 1), (5, 4)])
+def test_a_chunk_that_is_not_in_its_place_is_a_tear(read, numbers):
+    record = read(numbered(*numbers))
+    assert "a chunk is not in its place" in record.torn
+    assert [each.sequence for each in record.messages()] == list(numbers[: len(numbers) // 2])
+
+
+def test_what_json_cannot_say_of_numbers(tmp_path):
+    path = written(tmp_path / "run.mcap", [("decisions", decision(1, reward=float("nan")))])
+    (only,) = Record(path).messages()
+    assert only.message.reward is None
+    assert msgspec.json.decode(official(path)[0][-1])["reward"] is None

@@ -1,0 +1,139 @@
+"""Records for tests: written by the process, read by the official reader."""
+
+from __future__ import annotations
+
+import fcntl
+from functools import partial
+from pathlib import Path
+
+import msgspec
+from mcap.reader import make_reader
+from places import EXAMPLES
+
+from mdm import load_system, messages
+from mdm.recording import schemas
+from mdm.recording.names import Factor, Names, attached
+from mdm.recording.stimuli import Said, Stimulus
+from mdm.recording.writer import RecordWriter
+from mdm.runtime import Runtime, run as run_program
+
+HEAD = {"format": "1", "mdm": "0.1.0", "clock": "virtual", "epoch": "0"}
+PATIENCE = 60.0
+"""Seconds after which a test has failed; nothing waits so long."""
+
+
+def encoded(message):
+    return msgspec.json.encode(message, enc_hook=lambda array: array.tolist())
+
+
+def decision(number, *, name="Go", ensemble="patrol", **fields):
+    given = {
+        "state": number % 3,
+        "observation": None,
+        "belief": None,
+        "action": 1,
+        "action_name": name,
+        "reward": 0.5,
+        "cause": "state",
+        "epoch": number,
+        **fields,
+    }
+    return messages.Decision(time=number * 1_000_000, ensemble=ensemble, **given)
+
+
+class Writing:
+    """A record that is open, and takes messages by the names of topics."""
+
+    def __init__(self, path, head=HEAD, **options):
+        self.writer = RecordWriter(path, **options)
+        self.writer.open()
+        if head is not None:
+            self.writer.metadata("mdm", head)
+        self.topics = {}
+
+    def write(self, topic, message, kind=None):
+        kind = kind or type(message)
+        if topic not in self.topics:
+            self.topics[topic] = self.writer.topic(topic, schemas.name(kind), schemas.schema(kind))
+        self.writer.write(self.topics[topic], message.time, encoded(message))
+
+    def close(self):
+        self.writer.close(PATIENCE)
+        assert self.writer.failure is None
+        return self.writer.path
+
+
+def written(path, messages, head=HEAD, **options):
+    """Write pairs of topic and message; return the path."""
+    record = Writing(path, head, **options)
+    for topic, message in messages:
+        record.write(topic, message)
+        record.writer.flush()
+    return record.close()
+
+
+def official(path):
+    """Return what the official reader reads, checksums included: topic, time, sequence, publish time, data."""
+    with Path(path).open("rb") as file:
+        return [
+            (channel.topic, message.log_time, message.sequence, message.publish_time, message.data)
+            for _, channel, message in make_reader(file, validate_crcs=True).iter_messages(log_time_order=False)
+        ]
+
+
+def wait_until_written(path):
+    """Wait until no process records to a file any more."""
+    with Path(path).open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_SH)
+
+
+def run(path, file, inputs, *, stop=None):
+    """Run a TOML file in virtual time, without its functions, on what is sensed at some times; record it.
+
+    Args:
+        path: The record.
+        file: The TOML file.
+        inputs: Triples of seconds, predicates and events.
+        stop: Seconds at which it ends; by default those of the last input.
+    """
+    record = Writing(path)
+    system = load_system(file, callbacks=False)
+    for name, ensemble in system.ensembles.items():
+        symbols = ensemble.controller.symbols
+        spaces = (symbols.state_space, symbols.observation_space)
+        factors = [
+            () if space is None else tuple(Factor(each.name, tuple(each.names)) for each in space.factors)
+            for space in spaces
+        ]
+        record.writer.attach(*attached(name, Names(*factors)))
+
+    def note(channel, update):
+        record.write("stimuli", Said(update.time, channel, type(update).__name__, update), Stimulus)
+
+    async def main():
+        async with Runtime(log=False) as runtime:
+            sensed = runtime.channel("predicates/sensed", messages.SensorUpdate)
+            sensed.subscribe(partial(note, sensed.name))
+            runtime.decisions.subscribe(partial(record.write, "decisions"))
+            runtime.modes.subscribe(partial(record.write, "modes"))
+            runtime.faults.subscribe(partial(record.write, "faults"))
+            for name in system.ensembles:
+                runtime.channel(f"{name}/lives", messages.ActionLife).subscribe(partial(record.write, "lives"))
+            await runtime.start(system)
+            for seconds, predicates, events in inputs:
+                await runtime.clock.sleep(seconds - runtime.clock.now() / 1e9)
+                with system.predicates.batch():
+                    for name, value in predicates.items():
+                        system.predicates.sense(name, value)
+                    if events:
+                        system.predicates.occur(*events)
+            await runtime.clock.sleep((inputs[-1][0] if stop is None else stop) - runtime.clock.now() / 1e9, rank=2)
+
+    run_program(main, virtual=True)
+    return record.close()
+
+
+def tiger(path):
+    """Record the example of the tiger, which listens and opens a door, for ten seconds."""
+    heard = ["HearLeft", "HearRight", "HearRight", "HearRight", "HearLeft", "HearLeft", "HearLeft"]
+    return run(path, EXAMPLES / "tiger.toml", [(0.4 + 0.7 * number, {}, [heard[number % 7]]) for number in range(14)])

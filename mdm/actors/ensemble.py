@@ -60,6 +60,7 @@ class EnsembleStatistics(ActorStatistics, frozen=True):
         waiting: The unknown predicates that keep it from deciding, or the pause before it decides again.
         safe_actions: Runs of the safe action.
         idle: For how many seconds it has had nothing to do, in all.
+        live: For how many seconds each live action has lived, by name: one that never ends shows here.
     """
 
     mode: ModeName
@@ -68,6 +69,7 @@ class EnsembleStatistics(ActorStatistics, frozen=True):
     waiting: tuple[str, ...]
     safe_actions: int
     idle: float = 0.0
+    live: dict[str, float] = msgspec.field(default_factory=dict)
 
 
 class Ensemble(Layer):
@@ -181,25 +183,24 @@ class Ensemble(Layer):
 
     def problems(self) -> Iterator[ConfigError]:
         """Yield everything that would keep the ensemble, or one below it, from starting."""
-        for layer in (self.state, self.observation, self.action):
-            if layer is not None:
-                yield from layer.problems()
-        space = None if self.controller.model is None else self.controller.model.state_space
+        yield from self.layer_problems()
         if self.safety.on_lost_teammate is not None and not self.control.source.shared:
             yield ConfigError(
                 f"on_lost_teammate is for ensembles of a team, but {self.name!r} is of none",
                 key=f"ensembles.{self.name}.on_lost_teammate",
             )
+
+    def layer_problems(self) -> Iterator[ConfigError]:
+        """Yield those that have nothing to do with a team, whose member may not have been made."""
+        for layer in (self.state, self.observation, self.action):
+            if layer is not None:
+                yield from layer.problems()
         if self.state is not None:
             product = 1
             for factor in self.state.factors:
                 product *= factor.size
             expected = self.controller.symbols.num_states
-            if (
-                expected is not None
-                and product != expected
-                and (space is None or len(self.state.factors) == len(space.factors))
-            ):
+            if expected is not None and product != expected and self.controller.model is None:
                 yield ConfigError(
                     f"the state factors of {self.name!r} make {product} states, but the policy is for {expected}",
                     key=f"ensembles.{self.name}.states",
@@ -215,6 +216,8 @@ class Ensemble(Layer):
         if given[other] is not None:
             yield f"ensemble {self.name!r} has {other}, but its policy decides on {wanted}"
         yield from self.liveness.notes()
+        if not isinstance(self.parent, Ensemble):  # else a decision above ends its action, too
+            yield from self.liveness.endless()
 
     def tree(self) -> str:
         """Return the ensemble and those below it, a line each, indented, with the action that each is bound to."""
@@ -464,6 +467,7 @@ class Ensemble(Layer):
             waiting=self.safety.waiting.names + self.liveness.waiting,
             safe_actions=self.safety.runs,
             idle=self.liveness.idle,
+            live=self.action.ages,
         )
 
     # -- Life ----------------------------------------------------------------------------------------------------

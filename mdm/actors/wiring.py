@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, Self, TypeVar
 
 from mdm.errors import ConfigError, ModelError
 from mdm.logic import similar
@@ -151,18 +151,18 @@ def places(symbols: Iterable[str | int], factor: Factor, what: str, *, enough: i
 
 
 def arrange(
-    factors: Iterable[W], space: Space | None, kind: str, *, complete: bool
+    factors: Iterable[W], space: Space | None, kind: Literal["state factor", "observation factor"]
 ) -> tuple[tuple[W, ...], list[ConfigError]]:
     """Put factors, and the predicates or events of their symbols, in a model's order.
 
     Where the model names its factors they are matched by name, else by order. Where it has one factor only, which it
-    does not name, several may make up its symbols together.
+    does not name, several may make up its symbols together. Each of the model's factors is needed: a joint index of
+    some of them would be that of another symbol of the model.
 
     Args:
         factors: As the user gave them.
         space: The model's space; None without a model, where everything is in order.
-        kind: Their name in messages: ``state factor`` or ``observation factor``.
-        complete: Whether all of the model's factors are needed.
+        kind: Their name in messages.
 
     Returns:
         The factors, as far as they could be arranged, and the problems. The key of a problem is a factor's name, or
@@ -179,7 +179,7 @@ def arrange(
         return given, problems
     models = {factor.name: factor for factor in space.factors}
     if space.is_named or set(names) == models.keys():
-        problems = list(_unmatched(names, models, kind, complete=complete))
+        problems = list(_unmatched(names, models, kind))
         order = list(models)
         pairs = [(factor, models[factor.name]) for factor in given if factor.name in models]
         pairs.sort(key=lambda pair: order.index(pair[1].name))
@@ -196,15 +196,21 @@ def arrange(
     return (given if problems else tuple(arranged)), problems
 
 
-def _unmatched(given: Sequence[str], known: Iterable[str], kind: str, *, complete: bool) -> Iterator[ConfigError]:
+def _unmatched(given: Sequence[str], known: Iterable[str], kind: str) -> Iterator[ConfigError]:
     """Yield the factors that the model does not have, and those of the model that are missing."""
     for name in given:
         if name not in known:
             hint = similar(name, known) or f"; it has {', '.join(known)}"
             yield ConfigError(f"the model has no {kind} {name!r}{hint}", key=name)
-    missing = [name for name in known if name not in given]
-    if complete and missing and all(name in known for name in given):
-        yield ConfigError(f"nothing stands for the model's {kind} {', '.join(map(repr, missing))}")
+    if all(name in known for name in given):  # else a name that is wrong may be meant for one that is missing
+        source = "predicates" if kind == "state factor" else "events"
+        for name in known:
+            if name not in given:
+                whole = "a state" if kind == "state factor" else "an observation"
+                yield ConfigError(
+                    f"the model's {kind} {name!r} has no {source}: give it some, for {whole} is made of all factors",
+                    key=name,
+                )
 
 
 def _mismatches(factors: Sequence[Wired], space: Space, kind: str) -> Iterator[ConfigError]:

@@ -97,6 +97,7 @@ class Ensembles:
         self._invalid: set[str] = set()
         self._parents: dict[str, str] = {}
         self._share = share
+        self._unowned = False
         self.joint: dict[str, Placement] = {}
         self._wired: dict[str, tuple[list[StateFactor], list[ObservationFactor]]] = {}
 
@@ -113,17 +114,31 @@ class Ensembles:
 
     @property
     def complete(self) -> bool:
-        """Whether all of them could be built."""
-        return all(self._ensembles.get(name) is not None for name in self._tables)
+        """Whether all of them could be built, and every factor is an agent's."""
+        return not self._unowned and all(self._ensembles.get(name) is not None for name in self._tables)
 
-    def check(self, built: dict[str, Ensemble]) -> None:
-        """Note problems that would keep ensembles from starting."""
+    def check(self, built: dict[str, Ensemble], *, led: bool = True) -> None:
+        """Note problems that would keep ensembles from starting.
+
+        Args:
+            built: The ensembles that could be built.
+            led: Whether those of a team are led by its member, which has their teammates' predicates known.
+        """
         for name, ensemble in built.items():
-            if self._parents.get(name) not in built:  # otherwise the parent's problems include them
-                for problem in ensemble.problems():
+            if not led and self._names_others(name):
+                self._check_wiring(name)
+            elif self._parents.get(name) not in built:  # otherwise the parent's problems include them
+                for problem in ensemble.problems() if led else ensemble.layer_problems():
                     self._problems.add(problem.message, problem.key)
-        for name in self._wired.keys() - built.keys() if self._share is None else ():
+        for name in self._wired.keys() - built.keys():
             self._check_wiring(name)
+
+    def _names_others(self, name: str) -> bool:
+        """Whether factors of an ensemble use predicates or events of other agents, by their names."""
+        states, observations = self._wired[name]
+        used = [name for state in states for name in state.predicates]
+        used += [event for seen in observations for event in seen.events if event is not None]
+        return any("/" in name for name in used)
 
     def _check_wiring(self, name: str) -> None:
         """Note undeclared names in the factors of an ensemble that could not be built for other reasons."""
@@ -139,7 +154,7 @@ class Ensembles:
         known = [name for name, of in declared.names.items() if of == kind]
         what = "state factor" if kind == "predicate" else "observation factor"
         for name in names:
-            if declared.knows(name) != kind:
+            if declared.knows(name) != kind and "/" not in name:  # another agent's has been checked
                 text = f"{what} {factor!r} uses {name!r}, which is no declared {kind}{similar(name, known)}"
                 self._problems.add(text, f"{key}.{factor}")
 
@@ -211,7 +226,7 @@ class Ensembles:
         safe = self._safe_action(table, seat, f"{key}.safe_action")
         if any(part is None for part in parts.values()):
             return None
-        self._refuse_owners(seat, (*parts["states"], *parts["observations"]), key)
+        self._check_owners(seat, (*parts["states"], *parts["observations"]), key)
         if seat.placement is not None:
             self.joint[name] = seat.placement
         own = {"rewards": rewards, "safe_action": safe, "agent": seat.agent, "memory": memory}
@@ -243,12 +258,19 @@ class Ensembles:
             raise ConfigError(f"there are no actions for agent {seat.who!r}", key=key)
         return {name: Binding(nothing) for name in model.action_space.factors[0].names}
 
-    def _refuse_owners(self, seat: Seat, factors: Sequence[StateFactor | ObservationFactor], key: str) -> None:
-        owned = next((factor for factor in factors if factor.owner is not None), None)
-        if owned is not None and seat.placement is None:
-            kind = "states" if isinstance(owned, StateFactor) else "observations"
-            place = f"{key}.{kind}.{owned.name}"
-            raise ConfigError("an owner is for factors of what a team decides together", key=place)
+    def _check_owners(self, seat: Seat, factors: Sequence[StateFactor | ObservationFactor], key: str) -> None:
+        """Note owners that are no agents of the team; refuse them where no team decides together."""
+        for factor in factors:
+            if factor.owner is None:
+                continue
+            kind = "states" if isinstance(factor, StateFactor) else "observations"
+            place = f"{key}.{kind}.{factor.name}"
+            if seat.placement is None or self._share is None:
+                raise ConfigError("an owner is for factors of what a team decides together", key=place)
+            before = len(self._problems)
+            with self._problems.collecting(place):
+                self._share.team.check_agent(factor.owner, key=f"{place}.owner")
+            self._unowned |= len(self._problems) > before
 
     # -- Parts -----------------------------------------------------------------------------------------------------
 

@@ -84,11 +84,12 @@ class _Stimulus(msgspec.Struct, frozen=True, gc=False, tag_field="kind", tag=str
 class Began(_Stimulus, frozen=True, gc=False):
     """An actor came to a step of its life: its start when `on_start` is called, ``run`` when `on_running` is.
 
-    An ensemble comes to its ``stop`` when its end begins, for good or before it starts anew.
+    An ensemble comes to its ``stop`` when its end begins, for good or before it starts anew; every actor comes to its
+    ``end`` when it hears nothing more.
     """
 
     actor: str
-    step: Literal["start", "run", "stop"]
+    step: Literal["start", "run", "stop", "end"]
 
 
 class Failed(_Stimulus, frozen=True, gc=False):

@@ -101,7 +101,7 @@ class Tape(Protocol):
         """A message was published on a channel of input, in the turn of a time or as the beginning of it."""
 
     async def comes(self, actor: str, step: str) -> None:
-        """An actor is about to come to a step of its life: ``start``, ``run`` or ``stop``."""
+        """An actor is about to come to a step of its life: ``start``, ``run``, ``stop`` or ``end``."""
 
     def came(self, actor: str, step: str, time: int) -> None:
         """An actor has come to a step of its life."""

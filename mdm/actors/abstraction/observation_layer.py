@@ -51,7 +51,7 @@ class ObservationLayer(Layer):
         name: str = "observation",
     ) -> None:
         super().__init__(name)
-        self.factors, self._misplaced = arrange(factors, space, "observation factor", complete=True)
+        self.factors, self._misplaced = arrange(factors, space, "observation factor")
         self.predicates = predicates
         predicates.declared.use(*(name for factor in self.factors for name in factor.events if name is not None))
         self.space = space

@@ -108,13 +108,13 @@ def _examine(arguments: argparse.Namespace) -> Findings:
 
 def _examine_ensembles(file: str, *, imports: bool) -> Findings:
     from mdm.cli.robots.ensembles import load_ensembles  # noqa: PLC0415 - a model needs no actors
-    from mdm.config import load_team  # noqa: PLC0415
+    from mdm.config.builder import agents_of  # noqa: PLC0415
 
-    team = load_team(file)
-    if team is not None:
+    agents = agents_of(file)
+    if agents:
         from mdm.cli.team.check import examine  # noqa: PLC0415 - a robot without a team needs none of it
 
-        return examine(file, team, imports=imports)
+        return examine(file, agents, imports=imports)
     system = load_ensembles(file, imports=imports)
     return "ensembles", [], [note for ensemble in system.ensembles.values() for note in ensemble.notes()]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import runpy
 import subprocess
 import sys
 
@@ -79,6 +81,25 @@ def test_its_policy_is_the_best_for_its_model(kind, model, policy, gap):
         assert [kept.action(state) for state in range(len(made.state_space))] == [
             found.policy.action(state) for state in range(len(made.state_space))
         ]
+
+
+@pytest.mark.parametrize(
+    ("kind", "model", "seen", "of"),
+    [
+        ("pomdp", "robot.pomdp", [("see-open",), ("see-shut",)], "open"),
+        ("team", "team.dpomdp", list(itertools.product(["hear-left", "hear-right"], repeat=2)), "tiger-left"),
+    ],
+)
+def test_its_sensors_are_right_as_often_as_its_model_says(kind, model, seen, of):
+    made = mdm.load_model(PROJECTS / kind / model)
+    told = runpy.run_path(str(PROJECTS / kind / "robot.py"))["RIGHT"]
+    state, true = made.state_space.index(of), seen[0][0]
+    share = sum(
+        made.observation(0, state, made.observation_space.index(" ".join(both)), state=state)
+        for both in seen
+        if both[0] == true
+    )
+    assert share == pytest.approx(told)
 
 
 @pytest.mark.parametrize(

@@ -132,7 +132,7 @@ def test_a_failing_system_exits_with_1_after_the_safe_action(tmp_path):
 @pytest.mark.parametrize(
     ("code", "status", "last"),
     [
-        ("raise ValueError('no arm')", 1, "mdm run: every action that ended has failed: 3"),
+        ("raise ValueError('no arm')", 1, "mdm run: every action that was decided and ended has failed: 3"),
         ("calls.append(1)\n    if len(calls) != 2:\n        raise ValueError('no arm')", 0, None),
     ],
 )
@@ -150,6 +150,20 @@ def test_a_robot_whose_every_action_fails_does_not_end_well(mdm, tmp_path, code,
     found, _, errors = mdm("run", path, "--virtual", "--epochs", "3")
     assert found == status
     assert (errors.splitlines()[-1] == last) == (status == 1)
+
+
+def test_the_safe_action_of_a_robot_whose_every_action_fails_is_no_success(mdm, tmp_path):
+    (tmp_path / "failing_arm.py").write_text("def fail():\n    raise ValueError('no arm')\ndef stop():\n    pass\n")
+    path = tmp_path / "robot.toml"
+    path.write_text(
+        "[predicates]\nA = { initial = true }\n"
+        "[ensembles.robot]\npolicy = [0, 1]\nsafe_action = 'failing_arm:stop'\n"
+        "[ensembles.robot.states]\na = ['A']\n"
+        "[ensembles.robot.actions]\nGo = 'failing_arm:fail'\nStay = 'failing_arm:fail'\n"
+    )
+    found, _, errors = mdm("run", path, "--virtual", "--seconds", "60")
+    assert found == 1
+    assert errors.splitlines()[-1] == "mdm run: every action that was decided and ended has failed: 1"
 
 
 def test_the_emergency_of_a_file_is_called_while_an_action_holds_the_loop(tmp_path):

@@ -99,7 +99,7 @@ KINDS: Final[dict[str, FaultKind]] = {
         "The detail names the state; see whether the policy belongs to the model (`mdm check`).",
     ),
     "policy": FaultKind(
-        "The policy failed to choose an action for a belief.",
+        "The policy failed to choose an action for a belief, or its code raised an error.",
         "Correct the policy that the detail names.",
     ),
     "observation": FaultKind(

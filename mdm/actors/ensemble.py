@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Mapping
+from itertools import islice
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import anyio
@@ -22,6 +24,7 @@ from mdm.actors.options import ControlOptions, SafetyOptions
 from mdm.actors.predicates.predicate_manager import PredicateManager
 from mdm.actors.safety.liveness import Liveness
 from mdm.actors.safety.safety import Safety
+from mdm.actors.wiring import combined
 from mdm.checks import check_flag
 from mdm.errors import ConfigError, Error
 from mdm.messages import Belief, Cause, Control, ModeName, Observation, State
@@ -40,6 +43,7 @@ if TYPE_CHECKING:
     from mdm.actors.control.source import Team
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models.space import Symbol
+    from mdm.policies import Policy
     from mdm.runtime import Supervision
 
 __all__ = ["MOST_LEVELS", "Ensemble", "EnsembleStatistics"]
@@ -161,6 +165,7 @@ class Ensemble(Layer):
             self.observation = ObservationLayer(
                 observations, self._manager("observations"), space=controller.symbols.observation_space
             )
+            self._divide(self.observation)
         self.action.adopt(self)
         self.levels: int = 1 + max((below.levels for below in self.subensembles), default=0)
         if self.levels > MOST_LEVELS:
@@ -170,6 +175,14 @@ class Ensemble(Layer):
         for child in (*self.subensembles, self.action, self.control, self.observation, self.state):
             if child is not None:
                 self.add(child)
+
+    def _divide(self, layer: ObservationLayer) -> None:
+        """Tell the controller of which factors an observation is made, where the model does not divide it."""
+        space = self.controller.symbols.observation_space
+        if space is not None and len(space.factors) == 1 < len(layer.factors):
+            sizes = [factor.size for factor in layer.factors]
+            if math.prod(sizes) == len(space):  # else the layer has told of it
+                self.controller.divide_observations(sizes)
 
     def _manager(self, factors: str) -> PredicateManager:
         if self.predicates is None:
@@ -195,6 +208,7 @@ class Ensemble(Layer):
         for layer in (self.state, self.observation, self.action):
             if layer is not None:
                 yield from layer.problems()
+        yield from self._parts_missing()
         if self.state is not None:
             product = 1
             for factor in self.state.factors:
@@ -206,6 +220,18 @@ class Ensemble(Layer):
                     key=f"ensembles.{self.name}.states",
                 )
 
+    def _parts_missing(self) -> Iterator[ConfigError]:
+        """Yield the factors that may be missing from observations that a plan knows as wholes alone."""
+        if self.observation is None or not (self.controller.divided and self.controller.can_end):
+            return
+        for factor in self.observation.factors:
+            if factor.idle is None and not factor.hold:
+                yield ConfigError(
+                    f"observation factor {factor.name!r} may be missing, but the policy has an edge for each whole "
+                    "observation: give the factor 'idle' or 'hold'",
+                    key=f"ensembles.{self.name}.observations.{factor.name}",
+                )
+
     def notes(self) -> Iterator[str]:
         """Yield allowed oddities: input that nothing here gives, or nothing takes; of this ensemble alone."""
         over_states = self.controller.takes == "state"
@@ -215,9 +241,33 @@ class Ensemble(Layer):
             yield f"ensemble {self.name!r} has no {wanted}: it waits for code that publishes what it decides on"
         if given[other] is not None:
             yield f"ensemble {self.name!r} has {other}, but its policy decides on {wanted}"
+        for kind, layer in (("state", self.state), ("observation", self.observation)):
+            pairs = [] if layer is None else list(islice(combined(layer.factors, layer.space), 2))
+            if layer is not None and pairs:
+                names = ", ".join(factor.name for factor in layer.factors)
+                (symbol, condition) = pairs[-1]
+                yield (
+                    f"ensemble {self.name!r}: the order of the {kind} factors {names} decides which is which, for the "
+                    f"model does not name them: {kind} {symbol!r} is {condition}"
+                )
+        if self.action.safe is not None and (silent := self._silent()):
+            yield (
+                f"ensemble {self.name!r} has a safe action, but nothing tells that {', '.join(sorted(silent))} "
+                f"{'is' if len(silent) == 1 else 'are'} no longer sensed: give sensors a max_age"
+            )
         yield from self.liveness.notes()
         if not isinstance(self.parent, Ensemble):  # else a decision above ends its action, too
             yield from self.liveness.endless()
+
+    def _silent(self) -> set[str]:
+        """Return the predicates that it decides on and that code sets, unless one of them becomes unknown by age."""
+        declared = None if self.predicates is None else self.predicates.declared
+        layer = self.state if self.controller.takes == "state" else self.observation
+        if declared is None or layer is None:
+            return set()
+        names = {name for factor in layer.factors for name in _inputs(factor) if name is not None}
+        sensed = {sensor for name in names for sensor in declared.inputs_of(name) if declared.senses(sensor)}
+        return set() if sensed & declared.aged else sensed
 
     def tree(self) -> str:
         """Return the ensemble and those below it, a line each, indented, with the action that each is bound to."""
@@ -235,6 +285,19 @@ class Ensemble(Layer):
         if not hasattr(self, "controller") or not hasattr(self, "safety"):  # its construction failed half way
             return f"<Ensemble {self.name!r}>"
         return f"<Ensemble {self.name!r}: {self.summary()}, {self.mode}>"
+
+    @property
+    def policy(self) -> Policy:
+        """The policy, which stays the one that the ensemble was made with."""
+        return self.controller.policy
+
+    @policy.setter
+    def policy(self, policy: object) -> None:
+        raise ConfigError(
+            f"an ensemble keeps the policy that it was made with: make another one with policy={policy!r}; a TOML file "
+            "names one of your own as policy = 'module:name'",
+            key=f"ensembles.{self.name}.policy",
+        )
 
     def summary(self) -> str:
         """Return the kind of its process, in a few words."""
@@ -544,6 +607,10 @@ class Ensemble(Layer):
         # One that begins when all has settled here, and not below, comes to its end, too, before it is the last word.
         early = 0.5 + max(last, own) + once if self.subensembles else 0.0
         return 0.5 + max(below, early) + 2 * once
+
+
+def _inputs(factor: StateFactor | ObservationFactor) -> Sequence[str | None]:
+    return factor.predicates if isinstance(factor, StateFactor) else factor.events
 
 
 def _call(target: object) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, Self, TypeVar
 
 from mdm.errors import ConfigError, ModelError
@@ -14,7 +15,18 @@ if TYPE_CHECKING:
 
     from mdm.models import Factor, Space
 
-__all__ = ["Names", "Wire", "Wired", "arrange", "check_name", "check_owner", "index_order", "named", "places"]
+__all__ = [
+    "Names",
+    "Wire",
+    "Wired",
+    "arrange",
+    "check_name",
+    "check_owner",
+    "combined",
+    "index_order",
+    "named",
+    "places",
+]
 
 Names = Sequence[str] | Mapping[str, str] | Mapping[int, str]
 """Predicates or events: in the order of a factor's symbols, or by symbol."""
@@ -50,6 +62,9 @@ class Wired(Protocol):
     @property
     def by_symbol(self) -> bool:
         """Whether its predicates or events were given by symbol."""
+
+    def wires(self) -> tuple[Wire, ...]:
+        """Return the wire of each of its values, in their order."""
 
     def arranged(self, factor: Factor) -> Self:
         """Return it with its predicates or events in the order of a model's factor, or raise a `ConfigError`."""
@@ -196,6 +211,18 @@ def arrange(
     return (given if problems else tuple(arranged)), problems
 
 
+def combined(factors: Sequence[Wired], space: Space | None) -> Iterator[tuple[str, str]]:
+    """Yield each symbol that several factors make up by their order alone, and what has to hold for it.
+
+    Nothing where the model names its factors, or divides its symbols itself.
+    """
+    if space is None or not len(space.factors) == 1 < len(factors):
+        return
+    if math.prod(factor.size for factor in factors) == len(space):
+        each = product(*([wire.source or f"no {wire.factor}" for wire in factor.wires()] for factor in factors))
+        yield from ((name, " and ".join(sources)) for name, sources in zip(space.names, each, strict=True))
+
+
 def _unmatched(given: Sequence[str], known: Iterable[str], kind: str) -> Iterator[ConfigError]:
     """Yield the factors that the model does not have, and those of the model that are missing."""
     for name in given:
@@ -220,10 +247,11 @@ def _mismatches(factors: Sequence[Wired], space: Space, kind: str) -> Iterator[C
         model = ", ".join(f"{factor.name}: {len(factor)}" for factor in space.factors)
         yield ConfigError(f"{len(factors)} {kind}s ({ours}) do not make up the model's {len(space)} symbols ({model})")
         return
+    of = "a predicate" if kind == "state factor" else "an event"
     for factor in factors:
         if factor.by_symbol:
             yield ConfigError(
                 f"{kind} {factor.name!r} goes by symbol, but the model has one factor of {len(space)} symbols and none "
-                f"of that name: give a list",
+                f"of that name: give lists, or one factor with {of} for each of the {len(space)}, defined by a formula",
                 key=factor.name,
             )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from mdm.config.declarations import Declarations
 from mdm.config.ensembles import Ensembles
-from mdm.config.functions import Functions
+from mdm.config.functions import Functions, Unseen
 from mdm.config.problems import Problems
 from mdm.config.share import Share
 from mdm.config.system import System
@@ -259,7 +259,7 @@ class _Builder:
             return []
         functions = [self._functions.find(reference, "tasks") for reference in references]
         for reference, function in zip(references, functions, strict=True):
-            if function is None or not self._callbacks:
+            if not self._is_seen(function):
                 continue
             if not inspect.iscoroutinefunction(function):
                 self._problems.add(f"task {reference!r} is not an async function", "tasks")
@@ -274,11 +274,15 @@ class _Builder:
             self._problems.add("emergency must be a function, such as 'robot:cut_motors'", "emergency")
             return None
         function = self._functions.find(reference, "emergency")
-        if function is None or not self._callbacks:
+        if function is None or not self._is_seen(function):
             return None
         with self._problems.collecting("emergency"):
             check_emergency(function)
-        return function
+        return function if self._callbacks else None
+
+    def _is_seen(self, function: Callable[..., Any] | None) -> bool:
+        """Whether a function is of the kind and takes the arguments of the one that the file names."""
+        return (self._callbacks or self._functions.looks) and function is not None and type(function) is not Unseen
 
 
 def _takes_one(function: Callable[..., Any]) -> bool:

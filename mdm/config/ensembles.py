@@ -12,6 +12,7 @@ from mdm.actors.ensemble import MOST_LEVELS
 from mdm.beliefs.choice import check_memory
 from mdm.compilation import sparing
 from mdm.config.functions import nothing
+from mdm.config.objects import is_reference, unseen_policy
 from mdm.config.share import Seat
 from mdm.config.tables import (
     ActionTable,
@@ -22,9 +23,10 @@ from mdm.config.tables import (
     StateTable,
     stated,
 )
+from mdm.controller import seeded
 from mdm.errors import ConfigError
 from mdm.formats import load_model, load_policy, load_rewards
-from mdm.loading import spared
+from mdm.loading import policy_of, spared
 from mdm.logic import similar
 from mdm.policies import DeterministicPolicy
 from mdm.runtime import Restart, Supervision
@@ -48,7 +50,7 @@ __all__ = ["Ensembles"]
 _OPTIONS = [
     option
     for option in SafetyOptions.__annotations__
-    if option in EnsembleTable.__struct_fields__ and option not in {"drive", "rewards", "seed", "memory"}
+    if option in EnsembleTable.__struct_fields__ and option not in {"drive", "rewards", "seed", "memory", "tracker"}
 ]
 """Options of a control layer that pass from an ensemble's table unchanged."""
 _DRIVES = ("timeout", "grace", "then", "pause", "attempts")
@@ -207,7 +209,10 @@ class Ensembles:
             return None
         memory = self._memory(table)
         with sparing(wanted=memory is not None):
-            policy = self._policy(table, model, key)
+            if is_reference(table.policy):
+                policy = self._own_policy(table, model, key, (states or [], observations or []))
+            else:
+                policy = self._policy(table, model, key)
         if table.search is not None and policy is not None:
             policy = self._search(table, model, policy, f"{key}.search", memory)
         self._wired[name] = states or [], observations or []
@@ -223,9 +228,13 @@ class Ensembles:
             "supervision": supervision,
         }
         rewards = self._rewards(table, f"{key}.rewards")
+        if table.tracker is not None:
+            parts["tracker"] = self._tracker(table.tracker, model, f"{key}.tracker")
         safe = self._safe_action(table, seat, f"{key}.safe_action")
         if any(part is None for part in parts.values()):
             return None
+        if table.tracker is not None and self._functions.looks:
+            del parts["tracker"]
         self._check_owners(seat, (*parts["states"], *parts["observations"]), key)
         if seat.placement is not None:
             self.joint[name] = seat.placement
@@ -304,6 +313,38 @@ class Ensembles:
             return load_policy(path, model, kind=table.policy_kind, seed=table.seed)
         return None
 
+    def _own_policy(
+        self,
+        table: EnsembleTable,
+        model: MDP | POMDP | None,
+        key: str,
+        factors: tuple[Sequence[StateFactor], Sequence[ObservationFactor]],
+    ) -> Policy | None:
+        """Return a policy that the user's code makes; where no module is run, one of the same sizes."""
+        reference, before = str(table.policy), len(self._problems)
+        if table.policy_kind is not None:
+            raise ConfigError("policy_kind is for a matrix in a file", key=f"{key}.policy_kind")
+        policy = self._functions.make(reference, f"{key}.policy", model)
+        with self._problems.collecting(f"{key}.policy"):
+            if self._functions.looks and len(self._problems) == before:
+                return unseen_policy(reference, model, len(table.actions), *factors)
+            if policy is not None:
+                policy = policy_of(policy, model)
+                return policy if table.seed is None else seeded(policy, table.seed)
+        if len(self._problems) == before:
+            self._problems.add(f"{reference!r} returned None in place of a policy", f"{key}.policy")
+        return None
+
+    def _tracker(self, reference: str, model: MDP | POMDP | None, key: str) -> Any:
+        """Return a tracker that the user's code makes; True where no module is run and it is not used."""
+        before = len(self._problems)
+        tracker = self._functions.make(reference, key, model)
+        if tracker is None and len(self._problems) == before:
+            if self._functions.looks:
+                return True
+            self._problems.add(f"{reference!r} returned None in place of a tracker", key)
+        return tracker
+
     def _rewards(self, table: EnsembleTable, key: str) -> Any:
         if table.rewards is not None:
             with self._problems.collecting(key):
@@ -314,7 +355,10 @@ class Ensembles:
         safe = table.safe_action
         if safe is None or ":" not in safe:
             return safe
-        return (self._functions.find(safe, key) if seat.acts else None) or nothing
+        function = self._functions.find(safe, key) if seat.acts else None
+        with self._problems.collecting(key):
+            return Binding(function or nothing).target
+        return nothing
 
     def _memory(self, table: EnsembleTable) -> float | None:
         """Return how many megabytes an ensemble's model may take; None where nothing limits it but the machine."""

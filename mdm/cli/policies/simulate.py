@@ -138,4 +138,5 @@ def _from_file(arguments: argparse.Namespace) -> dict[str, Any]:
         "drive": control.drive,
         "on_impossible": "predict" if controller.on_impossible == "safe_action" else controller.on_impossible,
         "on_no_observation": control.on_no_observation,
+        "tracker": controller.information if controller.has_own_tracker else None,
     }

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import anyio
 
 from mdm.actors.actions.action_layer import ActionStatistics
+from mdm.cli.interruption import hear_interrupts
 from mdm.cli.robots.attached import Attached
 from mdm.cli.robots.decision import in_words
 from mdm.cli.robots.decisions_file import decisions_to
@@ -37,6 +38,7 @@ _FAILURES = {"failed", "timed_out", "abandoned"}
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the ensembles; return the exit status."""
+    hear_interrupts()
     attached = Attached() if arguments.attached else None
     system = _load(arguments)
     first, ended = system.top[0], Counter[str]()

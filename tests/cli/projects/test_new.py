@@ -55,7 +55,7 @@ def test_it_runs(project):
 
 def test_its_name_is_in_it_and_its_page_names_its_files(project):
     kind, folder, _ = project
-    texts = {path.name: path.read_text() for path in folder.iterdir()}
+    texts = {path.name: path.read_text(errors="replace") for path in folder.iterdir()}
     assert not any("@NAME@" in text for text in texts.values())
     assert texts["README.md"].startswith("# guard\n")
     assert ("[ensembles.guard]" in texts.get("robot.toml", "")) is (kind != "team")
@@ -65,9 +65,9 @@ def test_its_name_is_in_it_and_its_page_names_its_files(project):
 @pytest.mark.parametrize(
     ("kind", "model", "policy", "gap"),
     [
-        ("mdp", "robot.mdp", "robot.policy", 1e-3),
+        ("mdp", "robot.mdp", "robot.npz", 1e-3),
         ("map", "robot.mdp", "robot.policy", 1e-3),
-        ("pomdp", "robot.pomdp", "robot.vf", 0.01),
+        ("pomdp", "robot.pomdp", "robot.npz", 0.01),
         ("team", "team.dpomdp", "team.vf", 1.0),
     ],
 )

@@ -96,6 +96,11 @@ def entries(thing: Any) -> dict[str, str]:
     return found
 
 
+def about(struct: type) -> str:
+    """Return the docstring of a struct without its fields, which a table has."""
+    return re.split(r"\n\n(?:Args|Attributes):\n", inspect.cleandoc(struct.__doc__ or ""))[0]
+
+
 def markdown(docstring: str) -> str:
     """Return a docstring as Markdown: its sections as lists, its literals in single backticks."""
     text = inspect.cleandoc(docstring)
@@ -105,8 +110,7 @@ def markdown(docstring: str) -> str:
     for name, body in zip(parts[1::2], parts[2::2], strict=True):
         inner = textwrap.dedent(body.strip("\n"))
         if name.startswith("Example"):
-            code, _, rest = inner.partition("\n\n\n")
-            out.append(f"**{name}**\n\n```text\n{code.strip()}\n```\n\n{rest}".rstrip())
+            out.append(f"**{name}**\n\n```text\n{inner.strip()}\n```")
         else:
             items = re.sub(r"^(\*{0,2}\w[\w. ]*)(?: \([^)]*\))?: ", r"- **\1**: ", inner, flags=re.MULTILINE)
             items = re.sub(r"\n {4,}", "\n  ", items)
@@ -114,13 +118,36 @@ def markdown(docstring: str) -> str:
     return "\n\n".join(out)
 
 
-def signature(thing: Any) -> str:
-    """Return the signature of a class or function; empty where there is none."""
+def signature(thing: Any, name: str) -> str:
+    """Return how a class or function is called, a line for each parameter where one is too short; else its name."""
     try:
-        given = str(inspect.signature(thing))
+        given = inspect.signature(thing)
     except (NameError, TypeError, ValueError):  # the types of what is documented are not all at hand
-        return ""
-    return re.sub(r"<(?:class|object|function) ?'?([^'>]*)'?(?: at 0x[0-9a-f]+)?>", r"\1", given).replace("'", "")
+        return name
+    parameters = [each for each in given.parameters.values() if each.name not in {"self", "cls"}]
+    shown = [_parameter(each) for each in parameters]
+    kinds = [each.kind for each in parameters]
+    if inspect.Parameter.KEYWORD_ONLY in kinds and inspect.Parameter.VAR_POSITIONAL not in kinds:
+        shown.insert(kinds.index(inspect.Parameter.KEYWORD_ONLY), "*")
+    if inspect.Parameter.POSITIONAL_ONLY in kinds:
+        shown.insert(len(kinds) - kinds[::-1].index(inspect.Parameter.POSITIONAL_ONLY), "/")
+    told = given.return_annotation
+    result = "" if inspect.isclass(thing) or told is given.empty else f" -> {_annotation(told)}"
+    line = f"{name}({', '.join(shown)}){result}"
+    return line if len(line) <= 80 else "\n".join([f"{name}(", *(f"    {each}," for each in shown), f"){result}"])
+
+
+def _parameter(parameter: inspect.Parameter) -> str:
+    stars = {parameter.VAR_POSITIONAL: "*", parameter.VAR_KEYWORD: "**"}.get(parameter.kind, "")
+    kind = "" if parameter.annotation is parameter.empty else f": {_annotation(parameter.annotation)}"
+    if parameter.default is parameter.empty:
+        return f"{stars}{parameter.name}{kind}"
+    value = re.sub(r"<(?:class|object|function) ?'?([^'>]*?)'?(?: at 0x[0-9a-f]+)?>", r"\1", repr(parameter.default))
+    return f"{parameter.name}{kind} = {value}" if kind else f"{parameter.name}={value}"
+
+
+def _annotation(annotation: Any) -> str:
+    return inspect.formatannotation(annotation).replace("'", "")
 
 
 def members(thing: type) -> dict[str, Any]:
@@ -145,13 +172,14 @@ def names(package: str) -> str:
             lines += [f"The package [`{thing.__name__}`](names-{thing.__name__}.md).", ""]
             continue
         if inspect.isclass(thing) or inspect.isroutine(thing):
-            lines += ["```text", f"{name}{signature(thing)}", "```", "", markdown(thing.__doc__ or ""), ""]
+            lines += ["```text", signature(thing, name), "```", "", markdown(thing.__doc__ or ""), ""]
         else:
             lines += [f"A constant of type `{type(thing).__name__}`.", ""]
         for member, each in members(thing).items() if inspect.isclass(thing) else ():
             function = each.fget if isinstance(each, property) else getattr(each, "__func__", each)
-            form = member if isinstance(each, property) else f"{member}{signature(function)}"
-            lines += ["```text", f"{name}.{form}", "```", "", markdown(function.__doc__ or ""), ""]
+            whole = f"{name}.{member}"
+            form = whole if isinstance(each, property) else signature(function, whole)
+            lines += ["```text", form, "```", "", markdown(function.__doc__ or ""), ""]
     return "\n".join(lines)
 
 
@@ -208,7 +236,7 @@ def file() -> str:
     ]
     for title, (path, others) in TABLES.items():
         struct = find(path)
-        lines += [f"## `{title}`", "", markdown(struct.__doc__.partition("\n\nAttributes:")[0]), ""]
+        lines += [f"## `{title}`", "", markdown(about(struct)), ""]
         lines += ["| key | type | default | meaning |", "| --- | --- | --- | --- |"]
         for key, (kind, default, meaning) in keys(struct, others).items():
             text = re.sub(r"``([^`]+)``", r"`\1`", meaning).replace("|", "\\|")
@@ -284,8 +312,7 @@ def statistics() -> str:
         known: dict[str, str] = {}
         for base in struct.__mro__:
             known = entries(base) | known if base.__doc__ else known
-        about = struct.__doc__.partition("\n\nAttributes:")[0].partition("\n\n    Attributes:")[0]
-        lines += [f"## `{struct.__name__}`", "", markdown(about), ""]
+        lines += [f"## `{struct.__name__}`", "", markdown(about(struct)), ""]
         lines += ["| field | type | meaning |", "| --- | --- | --- |"]
         hints: dict[str, Any] = {}
         for base in reversed(struct.__mro__):

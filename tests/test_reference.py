@@ -55,6 +55,14 @@ def test_every_public_name_is_documented(generated, pages):
                 assert thing.__doc__.split("\n")[0].split("``")[0].split("`")[0] in page
 
 
+def test_signatures_have_defaults_as_they_are_written_and_long_ones_a_line_for_each(pages):
+    page = pages["names-mdm.simulation.building.md"]
+    assert "    visits: Iterable[Visits] = (),\n    seed: int | None = None,\n    name: str = 'building',\n)\n" in page
+    assert "    name: str,\n    *,\n    at: str | Pose | None,\n" in page
+    lines = [line for block in page.split("```text\n")[1:] for line in block.split("```")[0].splitlines()]
+    assert max(map(len, lines)) <= 100
+
+
 def test_every_package_with_public_names_has_its_page(generated):
     listed = {
         ".".join(("mdm", *path.parent.relative_to(PACKAGE).parts))
@@ -243,6 +251,38 @@ def test_messages_of_one_mode_are_those_that_its_layers_send(generated):
     }
     assert to_all
     assert to_all <= sent["ENSEMBLE/agreement/all"]
+
+
+def anchors(text):
+    """Return the anchors of a page's headings, as its host and the site make them."""
+    headings = re.findall(r"^#+ (.+)$", re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL), re.MULTILINE)
+    plain = (re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", heading).lower() for heading in headings)
+    return {re.sub(r"[^\w\- ]", "", heading).strip().replace(" ", "-") for heading in plain}
+
+
+@pytest.mark.skipif(not (ROOT / "CONTRIBUTING.md").is_file(), reason="beside the sources alone there are all pages")
+def test_no_link_or_anchor_is_dead(pages):
+    places = [
+        *ROOT.glob("*.md"),
+        *DOCS.rglob("*.md"),
+        *(ROOT / "examples").rglob("*.md"),
+        *ROOT.glob("benchmarks/*.md"),
+    ]
+    texts = {path: path.read_text(encoding="utf-8") for path in places if "_build" not in path.parts}
+    texts |= {DOCS / "reference" / name: text for name, text in pages.items()}
+    links, dead = 0, []
+    for path, text in texts.items():
+        prose = re.sub(r"```.*?```|``.*?``|`[^`\n]*`(?!\])", "", text, flags=re.DOTALL)
+        for link in re.findall(r"\]\(([^)\s]+)\)", prose):
+            if re.match(r"[a-z]+:", link):
+                continue
+            links += 1
+            name, _, anchor = link.partition("#")
+            target = (path.parent / name).resolve() if name else path
+            if not (target in texts or target.exists()) or (anchor and anchor not in anchors(texts[target])):
+                dead.append((path.relative_to(ROOT).as_posix(), link))
+    assert dead == []
+    assert links > 150
 
 
 def public_names(generated):

@@ -403,7 +403,7 @@ ASKED = (
         "ENSEMBLE/CALL",
         ("the token of a command, or nothing",),
         "JSON, with `result` or `error`",
-        "`mdm team`, and other programs, by `mdm.team.command`",
+        "`mdm team`, and other programs, by `mdm.team.sharing.commanding.command`",
     ),
     (
         "CHANNEL",

@@ -26,11 +26,12 @@ KINDS: Final[dict[str, FaultKind]] = {
     # -- The program ---------------------------------------------------------------------------------------------
     "exception": FaultKind(
         "A handler or callback of an actor raised an error.",
-        "Correct the code that the detail names; `debug=True`, or `--debug`, logs the traceback.",
+        "Do what the detail says; where it names a line of code, correct that. `--debug`, or `debug=True`, logs the "
+        "traceback.",
     ),
     "task": FaultKind(
         "A task of the TOML file has failed; the system ends.",
-        "Correct the function that the source names; a task has to catch the errors that it can go on after.",
+        "Correct the line that the detail names, or the task; it has to catch the errors that it can go on after.",
     ),
     "abandoned": FaultKind(
         "A thread or task did not end within its grace after it was cancelled, and goes on without an owner.",

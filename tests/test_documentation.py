@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import re
 import subprocess
 import sys
@@ -84,48 +83,6 @@ def test_the_commands_of_the_readme_have_these_options():
         if known.words != "mdm problem":
             given = {word.strip("[]") for part in words for word in part.split("|") if word.strip("[").startswith("-")}
             assert given <= options, words
-
-
-def named():
-    """Yield each page with every piece of code within its prose."""
-    for path in [*ROOT.glob("[CRS]*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").rglob("*.md")]:
-        made = path.name.startswith("names-") or "_build" in path.parts
-        if path.name != "CHANGELOG.md" and not made:
-            prose = re.sub(r"^```.*?^```$", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
-            yield from ((path.relative_to(ROOT).as_posix(), code) for code in re.findall(r"`([^`\n]+)`", prose))
-
-
-def test_pages_name_no_verb_and_no_option_that_there_is_not():
-    known = list(commands(make_parser(), "mdm"))
-    options = {name for command in known for names, *_ in command.options for name in names}
-    options |= {"--fast", "--film"}  # of the demo
-    verbs = {words for command in known for words in (command.words, *(f"{command.words} {v}" for v in command.verbs))}
-    found = list(named())
-    told = {(page, option) for page, code in found for option in re.findall(r"(?<![\w-])--[a-z][\w-]*", code)}
-    called = {(page, match[0]) for page, code in found if (match := re.match(r"mdm [a-z]+(?:-\w+)*", code))}
-    assert [each for each in told if each[1] not in options] == []
-    assert [each for each in called if each[1] not in verbs] == []
-    assert min(len(told), len(called)) > 50
-
-
-def test_pages_name_nothing_of_the_package_that_there_is_not():
-    found = [(page, match[0]) for page, code in named() if (match := re.match(r"mdm(?:\.[A-Za-z]\w*)+", code))]
-    assert [each for each in found if not exists(each[1])] == []
-    assert len(found) > 50
-
-
-def exists(path):
-    """Return whether a dotted path names a module, or something in one."""
-    thing, name = importlib.import_module("mdm"), "mdm"
-    for part in path.split(".")[1:]:
-        name += f".{part}"
-        if hasattr(thing, part):
-            thing = getattr(thing, part)
-        elif importlib.util.find_spec(name):
-            thing = importlib.import_module(name)
-        else:
-            return False
-    return True
 
 
 def test_the_errors_of_the_page_about_models_are_the_real_ones():

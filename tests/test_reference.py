@@ -17,6 +17,7 @@ from places import ROOT
 
 import mdm
 from mdm.cli import VERBS
+from mdm.cli.projects.completion import commands
 from mdm.config.tables import Table
 
 DOCS = ROOT / "docs"
@@ -61,6 +62,14 @@ def test_signatures_have_defaults_as_they_are_written_and_long_ones_a_line_for_e
     assert "    name: str,\n    *,\n    at: str | Pose | None,\n" in page
     lines = [line for block in page.split("```text\n")[1:] for line in block.split("```")[0].splitlines()]
     assert max(map(len, lines)) <= 100
+
+
+def test_each_example_is_one_block_of_code(generated):
+    """Names and indents of an example that an empty pair of lines divides were read as prose."""
+    page = generated.names("mdm.policies")
+    assert "    def action(self, state):\n        return state % 2\n\n\nmdm.Controller(Parity())" in page
+    outside = "".join(page.split("```")[::2])
+    assert "mdm.Controller(" not in outside
 
 
 def test_every_package_with_public_names_has_its_page(generated):
@@ -196,7 +205,7 @@ def test_every_channel_is_there_with_its_type():
 
 def test_every_message_is_on_a_channel():
     page = (DOCS / "reference" / "channels.md").read_text(encoding="utf-8")
-    on_none = {"Message", "Cause", "ModeName", "Tick"}  # a base, a part of a mode, its names; ticks go to layers alone
+    on_none = {"Message", "Cause", "ModeName"}  # a base, a part of a mode, its names
     assert [name for name in mdm.messages.__all__ if f"`{name}`" not in page and name not in on_none] == []
 
 
@@ -260,8 +269,8 @@ def anchors(text):
     return {re.sub(r"[^\w\- ]", "", heading).strip().replace(" ", "-") for heading in plain}
 
 
-@pytest.mark.skipif(not (ROOT / "CONTRIBUTING.md").is_file(), reason="beside the sources alone there are all pages")
-def test_no_link_or_anchor_is_dead(pages):
+def written(pages):
+    """Return the texts of all pages, those that are made as the code has them now."""
     places = [
         *ROOT.glob("*.md"),
         *DOCS.rglob("*.md"),
@@ -269,7 +278,20 @@ def test_no_link_or_anchor_is_dead(pages):
         *ROOT.glob("benchmarks/*.md"),
     ]
     texts = {path: path.read_text(encoding="utf-8") for path in places if "_build" not in path.parts}
-    texts |= {DOCS / "reference" / name: text for name, text in pages.items()}
+    return texts | {DOCS / "reference" / name: text for name, text in pages.items()}
+
+
+def named(pages):
+    """Yield every piece of code within the prose of a page, but for what once was and of benchmarks; the page first."""
+    for path, text in written(pages).items():
+        if path.name != "CHANGELOG.md" and path.parent.name != "benchmarks":
+            prose = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+            yield from ((path.relative_to(ROOT).as_posix(), code) for code in re.findall(r"`([^`\n]+)`", prose))
+
+
+@pytest.mark.skipif(not (ROOT / "CONTRIBUTING.md").is_file(), reason="beside the sources alone there are all pages")
+def test_no_link_or_anchor_is_dead(pages):
+    texts = written(pages)
     links, dead = 0, []
     for path, text in texts.items():
         prose = re.sub(r"```.*?```|``.*?``|`[^`\n]*`(?!\])", "", text, flags=re.DOTALL)
@@ -283,6 +305,39 @@ def test_no_link_or_anchor_is_dead(pages):
                 dead.append((path.relative_to(ROOT).as_posix(), link))
     assert dead == []
     assert links > 150
+
+
+def test_pages_name_no_verb_and_no_option_that_there_is_not(pages):
+    known = list(commands(mdm.cli.make_parser(), "mdm"))
+    options = {name for command in known for names, *_ in command.options for name in names}
+    options |= {"--fast", "--film"}  # of the demo
+    verbs = {words for command in known for words in (command.words, *(f"{command.words} {v}" for v in command.verbs))}
+    found = list(named(pages))
+    told = {(page, option) for page, code in found for option in re.findall(r"(?<![\w-])--[a-z][\w-]*", code)}
+    called = {(page, match[0]) for page, code in found if (match := re.match(r"mdm [a-z]+(?:-\w+)*", code))}
+    assert [each for each in told if each[1] not in options] == []
+    assert [each for each in called if each[1] not in verbs] == []
+    assert min(len(told), len(called)) > 50
+
+
+def test_pages_name_nothing_of_the_package_that_there_is_not(pages):
+    found = [(page, match[0]) for page, code in named(pages) if (match := re.match(r"mdm(?:\.[A-Za-z]\w*)+", code))]
+    assert [each for each in found if not exists(each[1])] == []
+    assert len(found) > 50
+
+
+def exists(path):
+    """Return whether a dotted path names a module, or something in one."""
+    thing, name = importlib.import_module("mdm"), "mdm"
+    for part in path.split(".")[1:]:
+        name += f".{part}"
+        if hasattr(thing, part):
+            thing = getattr(thing, part)
+        elif importlib.util.find_spec(name):
+            thing = importlib.import_module(name)
+        else:
+            return False
+    return True
 
 
 def public_names(generated):

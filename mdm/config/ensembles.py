@@ -165,11 +165,23 @@ class Ensembles:
             key, before = f"ensembles.{name}", len(self._problems)
             if name in {"", self._predicates.name}:
                 self._problems.add(f"an ensemble cannot be called {name!r}: give it another name", key)
+            if isinstance(value, dict) and isinstance(value.get("safe_action"), dict):
+                self._problems.add(self._one_safe_action(), f"{key}.safe_action")
+                value = {field: given for field, given in value.items() if field != "safe_action"}  # noqa: PLW2901
             self._tables[name] = self._problems.convert(value, EnsembleTable, key, partly=True)
             if len(self._problems) > before:
                 self._invalid.add(name)
         if not document.get("ensembles"):
             self._problems.add("there is no ensemble: a table such as [ensembles.robot] is missing", "ensembles")
+
+    def _one_safe_action(self) -> str:
+        """Return how a safe action is written, for one that is a table."""
+        if self._share is None:
+            return 'a safe action is the name of an action, or a function "module:name", not a table'
+        return (
+            "a safe action is not given by agent: give the name of an action, which each agent's table of actions "
+            'binds to a function of its own; or a function "module:name", which each agent calls in its own process'
+        )
 
     def _ensemble(self, name: str, above: tuple[str, ...]) -> Ensemble | None:
         """Build an ensemble after its children; None if it has problems, which are reported once."""

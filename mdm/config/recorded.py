@@ -10,13 +10,14 @@ from mdm.config.builder import load_system
 from mdm.errors import ConfigError, Error
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
+    from mdm.actors import Ensemble
     from mdm.config.system import System
     from mdm.recording import Record, Recorder
     from mdm.team.transport.transport import Transport
 
-__all__ = ["attach_configuration", "attach_file", "lay_out", "load_recorded"]
+__all__ = ["attach_configuration", "attach_file", "check_digests", "lay_out", "load_recorded"]
 
 _LARGEST = 64 * 1024 * 1024
 _FOLDER = "files/"
@@ -140,3 +141,20 @@ def lay_out(record: Record, folder: str | Path) -> Path:
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_bytes(attached.data)
     return here
+
+
+def check_digests(record: Record, ensembles: Iterable[Ensemble]) -> None:
+    """Refuse to repeat a run with another model or policy than it had.
+
+    Raises:
+        Error: Of the first ensemble whose digest differs.
+    """
+    for ensemble in ensembles:
+        known = record.metadata.get(f"ensemble {ensemble.path}", {}).get("configuration")
+        now = ensemble.controller.configuration
+        if known is not None and known != now:
+            raise Error(
+                f"{record.path}: model, policy or options of ensemble {ensemble.path!r} are not those of the run "
+                f"(digest {now[:12]}, then {known[:12]}): mdm {record.head['mdm']} may have read them otherwise; with "
+                f"--config a configuration of yours is compared"
+            )

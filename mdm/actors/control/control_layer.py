@@ -232,6 +232,7 @@ class ControlLayer(Layer):
         self._ticker = None
         self.state = None
         self._open = None
+        self._ticks = channel("tick", Tick)
         if self.planner is not None:
             self._questions = channel("question", Question)
             self.subscribe(channel("answer", Answer), self._on_answer)
@@ -375,6 +376,8 @@ class ControlLayer(Layer):
                 self.decide(observation.time, "observation", symbol, tell=self._tell)
 
     def _on_tick(self, tick: Tick) -> None:
+        if self._ticks.heard:
+            self._ticks.emit(tick)
         if not self.running:
             self.source.tick_aside(tick)  # which may end a safe mode
         if self.running:

@@ -17,7 +17,6 @@ def test_a_record_is_described(mdm, tmp_path):
     assert ["end", "of", "the", "run", "in", "order"] in words
     assert ["clock", "virtual"] in words
     assert ["decisions", "mdm.Decision", "20"] in words
-    assert ["names/tiger.json", "application/json", "139"] in words
 
 
 def test_it_is_one_json_object(mdm, tmp_path):
@@ -30,7 +29,7 @@ def test_it_is_one_json_object(mdm, tmp_path):
     assert facts["seconds"] == 9.5
     assert facts["messages"] == sum(topic["messages"] for topic in facts["topics"]) == 77
     assert facts["head"]["format"] == "1"
-    assert facts["metadata"] == {}
+    assert json.loads(facts["metadata"]["ensemble tiger"]["states"]) == ["tiger-left", "tiger-right"]
 
 
 def test_a_torn_record_says_where(mdm, tmp_path):
@@ -55,10 +54,12 @@ def test_files_of_one_run_are_described_together(mdm, tmp_path):
 def test_more_is_told_where_there_is_more(mdm, tmp_path):
     record = Writing(tmp_path / "run.mcap", bound=3000)
     record.writer.metadata("seeds", {"patrol": "7"})
+    record.writer.attach("files/robot.toml", "application/toml", b"[ensembles]")
     for number in range(100):
         record.write("decisions", decision(number))
     words = [line.split() for line in mdm("record", "info", record.close())[1]]
     assert ["seeds:", "patrol", "7"] in words
+    assert ["files/robot.toml", "application/toml", "11"] in words
     lost = record.writer.statistics().dropped
     assert ["lost", "messages", str(lost)] in words
 

@@ -55,11 +55,16 @@ _ROOM = 20
 
 
 class EnsembleStatistics(ActorStatistics, frozen=True):
-    """The mode of an ensemble, since when (nanoseconds) and why, and why it waits.
+    """The mode of an ensemble, and why it waits.
 
-    ``waiting`` names the unknown predicates that keep it from deciding, or the pause before it decides again;
-    ``safe_actions`` counts the safe action's runs. ``idle`` is for how many seconds it has had nothing to do, in all.
-    ``live`` says for how many seconds each live action has lived, by name: one that never ends shows here.
+    Attributes:
+        mode: ``waiting``, ``deciding``, ``safe`` or ``stopped``.
+        since: When it came into it, in nanoseconds.
+        causes: Why it is safe.
+        waiting: The unknown predicates that keep it from deciding, or the pause before it decides again.
+        safe_actions: Runs of the safe action.
+        idle: For how many seconds it has had nothing to do, in all.
+        live: For how many seconds each live action has lived, by name: one that never ends shows here.
     """
 
     mode: ModeName

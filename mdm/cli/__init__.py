@@ -128,12 +128,14 @@ def _refuse(parsed: argparse.Namespace, why: object) -> int:
 
 
 def _run(parsed: argparse.Namespace) -> int:
+    from mdm.cli.progress import work_shown  # noqa: PLC0415 - help shows none
+
     try:
         module = importlib.import_module(parsed.module)
         with warnings.catch_warnings():
             warnings.simplefilter("default")
             warnings.showwarning = _show_warning
-            with COMPILE_TIME.told(lambda: _tell_of_compilation(parsed.command)):
+            with COMPILE_TIME.told(lambda: _tell_of_compilation(parsed.command)), work_shown():
                 status = int(module.run(parsed))
             if sys.stdout is not None:
                 sys.stdout.flush()  # here, where errors are reported

@@ -135,6 +135,11 @@ KINDS: Final[dict[str, FaultKind]] = {
         "An ensemble was not started, since one above it is safe or ends.",
         "Start it when that is over; it starts by itself with the action that it is bound to.",
     ),
+    "drift": FaultKind(
+        "What follows an action differs from the model, at the odds that were chosen.",
+        "Estimate the model anew from a record (docs/statistics.md) and solve it; where something impossible happened, "
+        "see to the sensors first.",
+    ),
     # -- Actions and safety --------------------------------------------------------------------------------------
     "action": FaultKind(
         "An action failed, timed out, was abandoned or gave up, or begins beside one that was abandoned.",

@@ -186,7 +186,13 @@ class _Builder:
         if builder.complete:
             declarations.check_ends({name for ensemble in ensembles.values() for name in ensemble.action.names})
         self._problems.raise_all()
-        return System(declarations.manager, ensembles, tasks, places=places, member=member, emergency=emergency)
+        return System(
+            *(declarations.manager, ensembles, tasks),
+            places=places,
+            member=member,
+            emergency=emergency,
+            monitors=builder.monitors,
+        )
 
     def _places(
         self, document: dict[str, Any], declarations: Declarations, share: Share | None

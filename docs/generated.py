@@ -29,6 +29,7 @@ PACKAGES = (
     "mdm.models",
     "mdm.beliefs",
     "mdm.policies",
+    "mdm.explanation",
     "mdm.solvers",
     "mdm.problems",
     "mdm.formats",

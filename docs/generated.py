@@ -37,6 +37,8 @@ PACKAGES = (
     "mdm.simulation",
     "mdm.simulation.building",
     "mdm.team",
+    "mdm.recording",
+    "mdm.replay",
     "mdm.testing",
     "mdm.errors",
 )
@@ -253,6 +255,7 @@ STATISTICS = (
     "mdm.runtime.statistics.DispatcherStatistics",
     "mdm.runtime.statistics.LoopStatistics",
     "mdm.runtime.statistics.LogStatistics",
+    "mdm.recording.writer.RecordStatistics",
     "mdm.actors.ensemble.EnsembleStatistics",
     "mdm.actors.control.control_layer.ControlStatistics",
     "mdm.actors.actions.action_layer.ActionStatistics",

@@ -56,6 +56,10 @@ KINDS: Final[dict[str, FaultKind]] = {
         "The last resort was called, or has failed.",
         "Find out why a safe action failed twice, or what held the loop; the faults before it say so.",
     ),
+    "record": FaultKind(
+        "The run goes on, but its record does not, or lacks messages.",
+        "Free the disk that the detail names, or record less: fewer channels, a larger `bound` of the `Recorder`.",
+    ),
     # -- Sensors and places --------------------------------------------------------------------------------------
     "sensor": FaultKind(
         "A sensor told a value that its predicate cannot have, or has told none; the predicate is unknown.",
@@ -95,7 +99,7 @@ KINDS: Final[dict[str, FaultKind]] = {
         "The detail names the state; see whether the policy belongs to the model (`mdm check`).",
     ),
     "policy": FaultKind(
-        "The policy failed to choose an action for a belief.",
+        "The policy failed to choose an action for a belief, or its code raised an error.",
         "Correct the policy that the detail names.",
     ),
     "observation": FaultKind(

@@ -33,12 +33,12 @@ def run_virtual(main: Callable[[Runtime], Coroutine[Any, Any, T]], **options: An
 
     Args:
         main: Called with the running runtime.
-        options: Options of `Runtime`; the log is off by default.
+        options: Options of `Runtime`; by default ``log=None``, which prints the first failure of each action.
     """
     results: list[T] = []
 
     async def program() -> T:
-        async with Runtime(**{"log": False, **options}) as runtime:
+        async with Runtime(**{"log": None, **options}) as runtime:
             results.append(await main(runtime))
         return results[0]
 

@@ -93,7 +93,7 @@ class TeamLayer(Layer):
         """Listen to the own layers."""
         channel = self.owner.channel
         self._held = False
-        self._now = self.runtime.now
+        self._now = self.runtime.dispatcher.now
         if self.ownership.takes == "state":
             self.subscribe(channel("own_state", State, retain=True), self._on_own_state)
         else:
@@ -135,7 +135,7 @@ class TeamLayer(Layer):
             text: The sentence.
             lasts: Whether it is so still.
         """
-        if not all(agent in self.link.left for agent in gone):
+        if not all(agent in self.link.left and agent not in self.link.joined for agent in gone):
             self.report(kind, text)
             return
 

@@ -154,6 +154,58 @@ def test_who_leaves_in_order_is_not_missed():
     run_virtual(main)
 
 
+@pytest.mark.parametrize("mode", ["replicated", "centralised", "communicating"])
+@pytest.mark.parametrize("reaction", ["safe_action", "hold"])
+@pytest.mark.parametrize("ends", ["in order", "by a crash"])
+@pytest.mark.parametrize(("age", "stays"), [(0.5, "left"), (0.5, "right"), (10.0, "left"), (10.0, "right")])
+def test_a_teammate_is_lost_until_it_is_admitted_again(mode, reaction, ends, age, stays):
+    """One of its name that was refused, or has only just come, was never there: its farewell is not that of the lost.
+
+    Where nobody has been there for long, it is the one that stays who is refused meanwhile.
+    """
+
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers", lease=0.5)
+        period = {"period": 0.5} if mode == "communicating" else {}
+
+        def build(robot, agent):
+            return over_beliefs(problems.dec_tiger())(
+                robot, agent, safe_action=robot.act("SAFE"), on_lost_teammate=reaction
+            )
+
+        def robot(name, **options):
+            return Robot(tigers(mode=mode, lease=0.5, **period, **options), name, network, build)
+
+        name = "right" if stays == "left" else "left"
+        gone = await robot(name).start(runtime)
+        one = await robot(stays).start(runtime)
+        await asyncio.sleep(age)
+        assert one.member.statistics().live == ("left", "right")
+        network.crash(name)
+        await runtime.stop(gone.member)
+        await asyncio.sleep(2.0)
+        assert one.member.lost == (name,)
+        for other in (robot(name, max_age=3.0), robot(name)):
+            await other.start(runtime)
+            if other.member.team.max_age == 3.0:
+                await asyncio.sleep(2.0)
+                assert "refused" in one.kinds()
+            if ends == "by a crash":
+                network.crash(name)
+            await runtime.stop(other.member)
+            await asyncio.sleep(3.0)
+            assert one.member.lost == (name,)
+            assert one.replica.lost == {name}
+            causes = {cause.kind for cause in one.ensemble.causes} - {"lost_controller"}
+            assert causes == ({"lost_teammate"} if reaction == "safe_action" else set())
+        await robot(name).start(runtime)
+        await asyncio.sleep(3.0)
+        assert one.ensemble.mode == "deciding"
+        assert one.member.lost == ()
+
+    run_virtual(main)
+
+
 def test_who_comes_late_does_what_is_decided_now_and_nothing_of_before():
     async def main(runtime):
         network = Network(runtime.clock, team="tigers")

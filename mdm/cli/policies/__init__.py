@@ -155,6 +155,11 @@ def add_simulate(verbs: Any, line: str) -> None:
     add_discount(parser)
     add_false_negative(parser)
     parser.add_argument("--steps", metavar="H", type=count, help="decisions in an episode")
+    parser.add_argument(
+        "--record",
+        metavar="PATH",
+        help="record all decisions, with the world's true states, to this file, such as run.mcap",
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object")
     complete(parser, "simulate", "mdm.cli.policies.simulate")
 

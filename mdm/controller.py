@@ -565,6 +565,29 @@ class Controller:
         tracked: Vector | None = self.information.current if belief is Ellipsis else belief
         return copied(tracked) if self._own_tracker and tracked is not None else tracked
 
+    def case(self, last: int = _KEPT) -> Case:
+        """Return what the last decision was made of, for the functions of `mdm.explanation`.
+
+        Args:
+            last: How many of the last observations.
+
+        Raises:
+            ModelError: If nothing was decided in this episode.
+        """
+        if self.last_action is None:
+            raise ModelError("nothing was decided in this episode yet")
+        at = self.information.current if self._table is not None else self.decided_by
+        action = self.last_action
+        return Step(self.epoch - 1, action, self._name(action), None, None, at, self._past).case(last)
+
+    def continue_at(self, epoch: int) -> None:
+        """Count the next decision as that of an epoch; what was before is not known then.
+
+        It is for decisions that are made again, of which some are missing.
+        """
+        self.epoch = epoch
+        self._forget()
+
     @property
     def nodes(self) -> tuple[int, ...] | None:
         """The present node of each controller of a plan; None for other policies."""

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mdm.models.space import Space
     from mdm.policies import Policy
 
-__all__ = ["Case", "Rerun", "Update", "belief_of", "parts_of", "spelt"]
+__all__ = ["Case", "Rerun", "Update", "belief_of", "parts_of", "spelt", "state_of"]
 
 
 class Update(NamedTuple):
@@ -26,13 +26,13 @@ class Update(NamedTuple):
     Args:
         epoch: The decision that came after it.
         action: The action before it.
-        observation: The observation after that action: its index, or its components, None where one is missing; None
-            where nothing was observed.
+        observation: The observation after that action: its index; its components, None where one is missing; the set
+            of those that it may be; or None where nothing was observed.
     """
 
     epoch: int
     action: int
-    observation: int | tuple[int | None, ...] | None
+    observation: int | tuple[int | None, ...] | frozenset[int] | None
 
 
 class Case(NamedTuple):
@@ -126,6 +126,7 @@ def belief_of(case: Case) -> Vector | None:
     Of a known state it is certain. A plan has no belief; where all of its episode is known, it is tracked in its model.
     """
     at = case.at.by if isinstance(case.at, Drawn) else case.at
+    state = state_of(case.at)
     size = getattr(case.policy, "num_states", None)
     if isinstance(at, Support):
         return None if size is None else at.dense(size)
@@ -133,12 +134,18 @@ def belief_of(case: Case) -> Vector | None:
         return at
     if getattr(case.policy, "input", "belief") == "observation":
         return _tracked(case)
-    state = getattr(at, "state", at)
     if size is None or state is None:
         return None
     certain: Vector = np.zeros(size)
     certain[state] = 1
     return certain
+
+
+def state_of(at: Any) -> int | None:
+    """Return the state that an information state is, at some stage or with a draw; None where it is none."""
+    at = at.by if isinstance(at, Drawn) else at
+    state = getattr(at, "state", at)
+    return int(state) if isinstance(state, int | np.integer) else None
 
 
 def _tracked(case: Case) -> Vector | None:
@@ -163,6 +170,8 @@ def parts_of(case: Case, update: Update) -> list[tuple[str, str, tuple[int | Non
     given, space = update.observation, case.observations
     if given is None or space is None:
         return []
+    if isinstance(given, frozenset):
+        return [("", " or ".join(spelt(space, space.unravel(each)) for each in sorted(given)), None)]
     components = space.unravel(given) if isinstance(given, int) else given
     if len(components) == 1 or len(getattr(case.policy, "controllers", components)) != len(components):
         return [("", spelt(space, components), None)] if components != (None,) else []

@@ -15,7 +15,7 @@ import numpy as np
 from mdm.beliefs import Drawn
 from mdm.errors import ModelError
 from mdm.explanation.belief_change import BeliefChange, Move, moved, nearest_belief
-from mdm.explanation.case import belief_of
+from mdm.explanation.case import belief_of, state_of
 from mdm.explanation.expectation import Chance, expected_next, likeliest
 from mdm.explanation.influence import Influence, influences, strongest
 from mdm.explanation.observation_change import ObservationChange, observation_changes
@@ -137,7 +137,8 @@ class _Making:
         case, belief = self._case, self._belief
         at = case.at.by if isinstance(case.at, Drawn) else case.at
         if self._kind == "state":
-            return {"state": None if at is None else case.state_name(int(getattr(at, "state", at)))}
+            state = state_of(at)
+            return {"state": None if state is None else case.state_name(state)}
         facts: dict[str, Any] = {}
         if self._kind == "observation":
             facts["nodes"] = tuple(int(node) for node in at)
@@ -173,7 +174,7 @@ class _Making:
         plans = getattr(self._case.policy, "controllers", ())
         if any(each.values is not None for each in plans):
             return "the values of the plan's nodes are of a belief, which is not known here"
-        return f"{self._form} has no values to compare"
+        return f"the policy, {self._form}, has no values to compare"
 
     def _moved(self) -> dict[str, Any]:
         case = self._case
@@ -189,6 +190,8 @@ class _Making:
         elif self._kind == "observation":
             change = self._other_observations
         if not hasattr(case.policy, "deliberates") and int(case.policy.action(case.at)) != case.action:
+            if isinstance(case.at, Drawn):
+                raise ModelError("the action was drawn, by a number that is not known here")
             raise ModelError("the action was chosen elsewhere, and not by the policy, which decides otherwise here")
         return change()
 

@@ -93,7 +93,7 @@ _Change = tuple[int, int, int]
 
 def _components(space: Space, update: Update) -> tuple[int | None, ...]:
     given = update.observation
-    if given is None:
+    if given is None or isinstance(given, frozenset):
         return ()
     return space.unravel(given) if isinstance(given, int) else given
 

@@ -13,6 +13,7 @@ import msgspec
 
 from mdm.beliefs import Drawn
 from mdm.errors import ModelError
+from mdm.explanation.case import state_of
 from mdm.models.space import Space
 
 if TYPE_CHECKING:
@@ -63,7 +64,10 @@ def state_changes(case: Case) -> tuple[list[StateChange], int]:
     if getattr(case.policy, "deliberates", False):
         raise ModelError("a search for each other state would take too long, so none is told that decides otherwise")
     space = case.states or Space.single("state", case.policy.num_states, prefix="")  # type: ignore[attr-defined]
-    here = space.unravel(_state(case.at))
+    state = state_of(case.at)
+    if state is None:
+        raise ModelError("what it was decided on is no state alone, so that no other one is told")
+    here = space.unravel(state)
     seen = 0
     for count in range(1, len(here) + 1):
         seen += sum(prod(len(space.factors[place]) - 1 for place in places) for places in _places(here, count))
@@ -108,11 +112,6 @@ def _decided(case: Case, space: Space, there: tuple[int, ...]) -> str | None:
     except ModelError:
         return None
     return None if action == case.action else case.action_name(action)
-
-
-def _state(at: Any) -> int:
-    at = at.by if isinstance(at, Drawn) else at
-    return int(getattr(at, "state", at))
 
 
 def _moved(at: Any, state: int) -> Any:

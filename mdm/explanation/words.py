@@ -44,7 +44,8 @@ def brief(explanation: Explanation) -> dict[str, str]:
     if e.moved_by is not None:
         told["moved_by"] = _named(e.moved_by)
     if e.otherwise:
-        told["otherwise"] = _otherwise(e)
+        more = f" ({e.ways} such changes)" if e.ways > 1 else ""
+        told["otherwise"] = _change(e.otherwise[0]) + more
     if e.next_states:
         told["expects"] = _chances(e.next_states[:1])
     return told

@@ -151,3 +151,18 @@ def test_components_of_observations():
 def test_states_without_names():
     case = mdm.Controller(QTable(np.eye(3))).see(1).case()
     assert (case.state_name(1), case.action_name(2)) == ("state 1", "2")
+
+
+def test_the_last_decision_of_a_controller():
+    controller = mdm.Controller(TIGER, problems.tiger())
+    with refused(ModelError):
+        controller.case()
+    controller.start()
+    step = controller.observe(0)
+    assert controller.case().updates == step.case().updates
+    assert controller.case().at is step.at
+    table = mdm.Controller([0, 1])
+    table.see(1)
+    assert (table.case().at, table.case().action) == (1, 1)
+    table.see(0)
+    assert (table.case().at, table.case().epoch) == (0, 1)

@@ -76,7 +76,7 @@ def test_of_a_plan():
     assert found.nodes == (1,)
     assert (found.moved_by.epoch, found.values) == (1, ())
     assert isinstance(found.otherwise[0], ObservationChange)
-    assert found.cannot == ("a finite-state controller has no values to compare",)
+    assert found.cannot == ("the policy, a finite-state controller, has no values to compare",)
     assert found.next_observations
 
 

@@ -10,7 +10,7 @@ import mdm
 from mdm import ModelError
 from mdm.explanation import state_change, state_changes
 from mdm.models import MDP, Factor, Space
-from mdm.policies import DeterministicPolicy, QTable, StagedPolicy, StochasticPolicy
+from mdm.policies import DeterministicPolicy, QTable, StagedPolicy, StatePolicy, StochasticPolicy
 from mdm.solvers.online import TreeSearch
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -84,3 +84,28 @@ def test_what_is_too_much(monkeypatch):
     monkeypatch.setattr(state_change, "_MOST", 4)
     with refused(ModelError):
         state_changes(mdm.Controller(DeterministicPolicy([0] * 9, 2), model).see(0).case())
+
+
+def test_an_information_state_of_ones_own():
+    class Turn:
+        takes, current = "state", (0, True)
+
+        def reset(self, belief=None):
+            pass
+
+        def update(self, action, state):
+            return 1.0
+
+    class Alternate(StatePolicy):
+        num_states, num_actions = 2, 2
+
+        def information(self, model):
+            return Turn()
+
+        def action(self, current):
+            return int(current[1])
+
+    step = mdm.Controller(Alternate()).see(0)
+    assert step.explain().state is None
+    with refused(ModelError):
+        state_changes(step.case())

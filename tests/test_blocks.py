@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from cli.ros1 import packages
 from PIL import Image
-from places import ROOT
+from places import EXAMPLES, ROOT
 
 import mdm
 from mdm.cli import main
@@ -17,6 +17,7 @@ from mdm.maps import Edge, Graph, Node, Pose, save_graph
 from mdm.models import Factor, Space
 
 RUN = ["docs/start.md", "docs/how-to.md", "docs/moving.md", "docs/solving.md", "docs/safety.md", "docs/maps.md"]
+RUN += ["docs/why-this-action.md"]
 """Pages whose blocks run here, one after the other, in a folder of their own."""
 
 ELSEWHERE = {
@@ -53,6 +54,9 @@ def files(folder, page):
 
     elif page == "docs/maps.md":
         floor(folder)
+    elif page == "docs/why-this-action.md":
+        for path in EXAMPLES.glob("tiger.*"):
+            shutil.copyfile(path, folder / path.name)
 
 
 def floor(folder):

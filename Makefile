@@ -10,7 +10,7 @@ BIN := $(ENVIRONMENT)/bin
 READY := $(ENVIRONMENT)/.ready
 DEMO := $(ENVIRONMENT)/.demo
 
-.PHONY: environment demo test sentences public-names test-fast test-newest wheel-test chaos lint types docs bench clean
+.PHONY: environment demo test sentences public-names test-fast test-newest wheel-test chaos lint types docs pictures bench clean
 
 # The virtual environment: with all that a contributor needs, or at first with what the demo needs alone.
 $(BIN)/python:
@@ -18,12 +18,12 @@ $(BIN)/python:
 	@echo 'Making a virtual environment in $(ENVIRONMENT)'
 	@$(PYTHON) -m venv $(ENVIRONMENT)
 
-$(READY): pyproject.toml constraints.txt | $(BIN)/python
+$(READY): pyproject.toml mdm/version.py constraints.txt | $(BIN)/python
 	@echo 'Installing what tests, lint and types need; this takes a minute or two'
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@ $(DEMO)
 
-$(DEMO): pyproject.toml constraints.txt | $(BIN)/python
+$(DEMO): pyproject.toml mdm/version.py constraints.txt | $(BIN)/python
 	@echo 'Installing what the demo needs: numpy, scipy and a simulator of robots'
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[demo]'
 	@touch $@
@@ -77,8 +77,8 @@ wheel-test:
 # Random systems under random faults in virtual time, then robots as real processes that get signals, two at a time; then
 # teams that are sent forged messages; then all that may happen, in a few steps, to three ensembles above each other;
 # then patrols of random floors, which must go on; then
-# random schedules of what happens to a team's agreement; then hours of many robots on a floor; then days of the demo,
-# 6 minutes of a processor each.
+# random schedules of what happens to a team's agreement; then random systems in wall time, which are recorded and
+# replayed; then hours of many robots on a floor; then days of the demo, 6 minutes of a processor each.
 # Violations are printed with their seeds.
 MDM_CHAOS ?= 100000
 MDM_CHAOS_PROCESSES ?= 1000
@@ -86,6 +86,7 @@ MDM_FORGED ?= 200000
 MDM_LADDER ?= 20000
 MDM_PATROLS ?= 2000
 MDM_SCHEDULES ?= 100000
+MDM_REPLAYS ?= 1000
 MDM_CROWDS ?= 3600
 MDM_DAYS ?= 20
 chaos: $(READY)
@@ -94,6 +95,7 @@ chaos: $(READY)
 	PYTHONPATH=tests $(BIN)/python -m ladder $(MDM_LADDER)
 	PYTHONPATH=tests $(BIN)/python -m patrols $(MDM_PATROLS)
 	PYTHONPATH=tests $(BIN)/python -m team.schedules $(MDM_SCHEDULES)
+	PYTHONPATH=tests $(BIN)/python -m replay $(MDM_REPLAYS)
 	PYTHONPATH=tests $(BIN)/python -m crowds $(MDM_CROWDS)
 	PYTHONPATH=tests $(BIN)/python -m days $(MDM_DAYS)
 
@@ -108,6 +110,10 @@ types: $(READY)
 docs: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	$(BIN)/sphinx-build -W -b html docs docs/_build/html
+
+# The pictures of the tutorial, drawn anew from what its programs do: look at them.
+pictures: $(READY)
+	$(BIN)/python docs/pictures/tutorial.py
 
 bench: $(READY)
 	$(BIN)/python benchmarks/decision_latency.py

@@ -362,7 +362,7 @@ class Controller:
     def observe(self, observation: Any = None) -> Step:
         """Update by the observation after the last action, and decide.
 
-        After the last decision of an episode a new episode begins, and the observation is ignored.
+        Before `start`, and after the last decision of an episode, a new episode begins, and the observation is ignored.
 
         Args:
             observation: By name or index; a component per agent, None where one is missing; or None where time has

@@ -123,6 +123,26 @@ class TeamLayer(Layer):
         self.update_live(link)
         self.assess(self.runtime.now())
 
+    @property
+    def absence(self) -> str:
+        """Who is not there whose factors of the state are unknown, and what to do, in words; empty where nobody is."""
+        state, live = self.ensemble.state, self.link.live
+        known = () if state is None else state.joint
+        pairs = zip(self.ownership.owners, known, strict=False)
+        gone = [agent for agent, value in pairs if value is None and agent not in live]
+        if not gone:
+            return ""
+        agents = dict.fromkeys(gone)
+        told = " and ".join(f"agent {agent!r} {self.link.whereabouts(agent)}" for agent in agents)
+        return f"{told}, and a state is made of the factors of all: start {'it' if len(agents) == 1 else 'them'} again"
+
+    @property
+    def awaited(self) -> tuple[str, ...]:
+        """The agents that are not there and without which nothing is decided; none where it is decided."""
+        if self.refusal is not None or getattr(self.statistics(), "role", "") not in {"joining", "waiting"}:
+            return ()
+        return tuple(agent for agent in self.team.names if agent not in self.link.live)
+
     def pause(self) -> None:
         """Decide on nothing that was begun: this agent takes no part in the team now."""
 

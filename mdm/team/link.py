@@ -409,6 +409,14 @@ class Link(Actor):
             del self.joined[sample.owner]
         self._notify(changed=differed or joined)
 
+    def whereabouts(self, agent: str) -> str:
+        """Return in words what is known of an agent that is not live."""
+        if agent in self.joined:
+            return "is lost"
+        if agent in self.left:
+            return "has left"
+        return "was not seen so far"
+
     def _notify(self, *, changed: bool = False) -> None:
         """Notify watchers if the live agents have changed; or who is refused or has left, which the caller knows."""
         if not self.opened:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-from team_robots import Robot, history, over_beliefs, started, three, tigers, two
+from team_robots import Robot, history, over_beliefs, over_states, started, three, tigers, two
 
 import mdm
 from mdm import problems
@@ -301,5 +301,49 @@ def test_what_was_seen_without_a_majority_is_not_acted_on_when_there_is_one_agai
         assert left.did == right.did
         assert left.did[-1] == "open-right"
         assert len(right.commits) == 2
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("how", ["left", "lost"])
+def test_a_state_without_an_agent_says_who_is_gone_and_what_to_do(how):
+    async def main(runtime):
+        network = Network(runtime.clock, team="rooms", lease=0.5)
+        team = mdm.Team("rooms", ["a", "b"], drive="event", lease=0.5, max_age=1.0)
+        a, b = await started(runtime, team, network, over_states, safe_action="stay")
+        for robot in (a, b):
+            robot.lab.set(True)
+        await asyncio.sleep(1.0)
+        assert a.ensemble.mode == "deciding"
+        if how == "left":
+            await runtime.stop(b.member)
+            where = "has left"
+        else:
+            network.crash("b")
+            where = "is lost"
+        await asyncio.sleep(1.0)
+        a.lab.set(False)  # the first step without it
+        await asyncio.sleep(4.0)
+        text = f"agent 'b' {where}, and a state is made of the factors of all: start it again"
+        found = [fault.detail for fault in a.faults if fault.kind == "unknown_input"]
+        assert found == [f"the state turned unknown: room_b (of b); {text}"]
+        assert a.ensemble.causes[0].detail == found[0]
+        assert a.ensemble.statistics().waiting == ()
+
+    run_virtual(main)
+
+
+def test_an_agent_that_waits_for_its_majority_names_those_who_are_not_there():
+    async def main(runtime):
+        network = Network(runtime.clock, team="rooms", lease=0.5)
+        team = mdm.Team("rooms", ["a", "b"], drive="event", quorum="majority", lease=0.5)
+        a, b = await started(runtime, team, network, over_states)
+        for robot in (a, b):
+            robot.lab.set(True)
+        await asyncio.sleep(1.0)
+        assert (a.replica.awaited, b.replica.awaited) == ((), ())
+        network.crash("b")
+        await asyncio.sleep(4.0)
+        assert a.replica.awaited == ("b",)
 
     run_virtual(main)

@@ -67,10 +67,15 @@ _OWN = ("drive", "on_no_observation", "deadline")
 
 
 class ControlStatistics(ActorStatistics, frozen=True):
-    """Counts of a control layer: actions published, observations that were impossible or superseded.
+    """Counts of a control layer.
 
-    ``undecided`` counts ticks without a known state, ``missed`` those that the event loop came too late for.
-    ``latency`` is from stimulus to decision, and after missed ticks once more from the first of them.
+    Attributes:
+        decisions: Actions that were published.
+        impossible: Observations that have probability 0 by the model.
+        superseded: Observations in whose place a newer one was taken.
+        undecided: Ticks without a known state.
+        missed: Ticks that the event loop came too late for.
+        latency: From each stimulus to its decision, and after missed ticks once more from the first of them.
     """
 
     decisions: int
@@ -227,6 +232,7 @@ class ControlLayer(Layer):
         self._ticker = None
         self.state = None
         self._open = None
+        self._ticks = channel("tick", Tick)
         if self.planner is not None:
             self._questions = channel("question", Question)
             self.subscribe(channel("answer", Answer), self._on_answer)
@@ -370,6 +376,8 @@ class ControlLayer(Layer):
                 self.decide(observation.time, "observation", symbol, tell=self._tell)
 
     def _on_tick(self, tick: Tick) -> None:
+        if self._ticks.heard:
+            self._ticks.emit(tick)
         if not self.running:
             self.source.tick_aside(tick)  # which may end a safe mode
         if self.running:

@@ -103,7 +103,8 @@ class Waiting:
             self._told = self.names
             *most, last = self.names
             names = f"{', '.join(most)} and {last} are" if most else f"{last} is"
-            self._ensemble.report("waiting", f"cannot decide while {names} unknown")
+            absence = self._ensemble.control.source.absence
+            self._ensemble.report("waiting", f"cannot decide while {names} unknown{absence and f': {absence}'}")
 
 
 IDLE_AFTER = 10.0

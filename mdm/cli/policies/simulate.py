@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.policies.inputs import load, load_for, visibility
-from mdm.cli.policies.progress import counting
+from mdm.cli.progress import counting
 from mdm.cli.report import as_json
-from mdm.cli.usage import UsageError
+from mdm.cli.usage import UsageError, take_model
 from mdm.config import load_system
 from mdm.config.recorded import attach_configuration, attach_file, lay_out
 from mdm.errors import Error
@@ -33,6 +33,7 @@ _REPEATED = ("file", "ensemble", "model", "policy", "discount", "false_negative"
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate; return the exit status."""
+    take_model(arguments)
     _check_usage(arguments)
     options = _from_file(arguments) if arguments.file is not None else _from_model(arguments)
     with counting(arguments.interruption) as progress:

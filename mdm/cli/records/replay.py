@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from mdm.cli.policies.simulate import recorded_simulation
 from mdm.cli.report import as_json
-from mdm.config.recorded import load_recorded
+from mdm.config.recorded import check_digests, load_recorded
 from mdm.errors import Error
 from mdm.recording import Record
 from mdm.replay import Exchange, replay, transports_of
@@ -85,26 +85,9 @@ def _replayed(record: Record, arguments: argparse.Namespace) -> tuple[Replayed, 
             actors = load_recorded(record, folder, arguments.config, transport=transport)
             ensembles = actors.ensembles.values()
         if arguments.config is None:
-            _check_digests(record, ensembles)
+            check_digests(record, ensembles)
         most = arguments.most or (1 if arguments.config is None else 20)
         return replay(record, actors, transports=transports, most=most), transports
-
-
-def _check_digests(record: Record, ensembles: Iterable[Ensemble]) -> None:
-    """Refuse to repeat a run with another model or policy than it had.
-
-    Raises:
-        Error: Of the first ensemble whose digest differs.
-    """
-    for ensemble in ensembles:
-        known = record.metadata.get(f"ensemble {ensemble.path}", {}).get("configuration")
-        now = ensemble.controller.configuration
-        if known is not None and known != now:
-            raise Error(
-                f"{record.path}: model, policy or options of ensemble {ensemble.path!r} are not those of the run "
-                f"(digest {now[:12]}, then {known[:12]}): mdm {record.head['mdm']} may have read them otherwise; with "
-                f"--config a configuration of yours is compared"
-            )
 
 
 def _summary(record: Record, result: Replayed) -> str:

@@ -9,7 +9,7 @@ from sentences import refused
 
 import mdm
 from mdm import BeliefTracker, ConfigError, Ensemble, FixedRate, ObservationFactor, StateFactor
-from mdm.messages import Control, Observation, State
+from mdm.messages import Control, Observation, State, Tick
 from mdm.models import MDP, POMDP
 from mdm.policies import AlphaVectors, DeterministicPolicy, QTable, StagedPolicy, StochasticPolicy
 from mdm.problems import tiger
@@ -106,6 +106,17 @@ def test_fixed_rate_ticks_on_the_latest_observation():
 def test_ticks_without_an_observation(option, beliefs):
     decisions, _, _ = decided([0.1, see(0), 1.0], drive=FixedRate(2), on_no_observation=option)
     assert [d.belief[0] for d in decisions] == pytest.approx(beliefs, abs=1e-5)
+
+
+def test_ticks_can_be_heard():
+    ticks = []
+
+    def listen(robot):
+        robot.channel("tick", Tick).subscribe(ticks.append)
+
+    decisions, _, _ = decided([1.2, listen, 1.0], drive=FixedRate(2))
+    assert [(tick.time, tick.number, tick.missed) for tick in ticks] == [(1_500_000_000, 3, 0), (2_000_000_000, 4, 0)]
+    assert [decision.time for decision in decisions][3:] == [tick.time for tick in ticks]
 
 
 def test_fixed_rate_mdp_waits_for_a_state():

@@ -17,6 +17,7 @@ def test_simulate(mdm):
     assert status == 0
     assert abs(result["mean"] - 19.3713) < 4 * result["standard_error"]  # the corpus' optimum
     assert mdm(*arguments)[1] == output
+    assert mdm("simulate", TIGER[1], TIGER[3], *arguments[5:])[1] == output
     assert mdm("simulate", EXAMPLES / "patrol" / "patrol.toml", "--ensemble", "patrol", "--episodes", "5")[0] == 0
     assert "no ensemble 'x'" in mdm("simulate", EXAMPLES / "tiger.toml", "--ensemble", "x")[2]
     assert mdm("simulate", *TIGER, "--steps", "0")[0] == 2

@@ -31,6 +31,7 @@ PACKAGES = (
     "mdm.models",
     "mdm.beliefs",
     "mdm.policies",
+    "mdm.explanation",
     "mdm.estimation",
     "mdm.solvers",
     "mdm.problems",

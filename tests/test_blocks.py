@@ -44,6 +44,9 @@ def files(folder, page):
             path.write_text(path.read_text().replace("rounds", "mdm_example"))
     elif page == "README.md":
         shutil.copytree(EXAMPLES, folder / "examples")
+    elif page == "docs/why-this-action.md":
+        for path in EXAMPLES.glob("tiger.*"):
+            shutil.copyfile(path, folder / path.name)
 
 
 def floor(folder):

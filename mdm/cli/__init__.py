@@ -39,6 +39,7 @@ VERBS = {
     "compare": ("policies", "compare the values of several policies"),
     "plot": ("policies", "draw bounds over time, a policy, a belief over an episode, or a recorded run"),
     "replay": ("records", "run what a record has once more, and compare every decision"),
+    "explain": ("records", "say why a decision in a record was made"),
     "statistics": ("records", "tell from records how good a model is, and estimate it anew"),
     "record": ("records", "describe, print, export and repair the record of a run"),
     "map": ("map", "propose, draft, check and show the map of a floor, and make a model from it"),

@@ -114,6 +114,10 @@ class Log:
         self._told.append(fault)
         self._writer.put(self._fault, fault)
 
+    def write(self, event: str, facts: Callable[[], Mapping[str, object]]) -> None:
+        """Write a line behind those of what was published before, with facts that are made on the log's thread."""
+        self._writer.put(lambda make: self._logger.info(event, **make()), facts)
+
     def close(self) -> None:
         """Write out what waits, within a bound."""
         self._writer.close()

@@ -60,7 +60,12 @@ def _files(file: Path) -> Iterator[tuple[str, Path]]:
         if name is not None:
             yield name, found
         for named in _named(found):
-            if named not in known and named.suffix not in _CODE and named.is_file() and named.stat().st_size <= _LARGEST:
+            if (
+                named not in known
+                and named.suffix not in _CODE
+                and named.is_file()
+                and named.stat().st_size <= _LARGEST
+            ):
                 known.add(named)
                 waiting.append(named)
 

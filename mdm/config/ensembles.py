@@ -133,7 +133,7 @@ class Ensembles:
             if not led and self._names_others(name):
                 self._check_wiring(name)
             elif self._parents.get(name) not in built:  # otherwise the parent's problems include them
-                for problem in ensemble.problems() if led else ensemble.layer_problems():
+                for problem in ensemble.problems() if led else ensemble.misfits():
                     self._problems.add(problem.message, problem.key)
         for name in self._wired.keys() - built.keys():
             self._check_wiring(name)

@@ -107,7 +107,8 @@ class System(Actor):
             failure.escalated = True  # it is told here, with its own place in the code alone
             self._tell(task, str(failure))
             raise failure from error
-        self._tell(task, f"task {task.__name__!r} has returned: what it drove gets nothing more from it")
+        text = "the predicates that it set are told nothing more, and are unknown after their max_age"
+        self._tell(task, f"task {task.__name__!r} has returned: {text}, if nothing else sets them")
 
     def _tell(self, task: Callable[[System], Any], detail: str) -> None:
         self.runtime.faults.publish(Fault(self.runtime.now(), f"tasks/{task.__name__}", "task", detail))

@@ -7,7 +7,7 @@ from typing import Any
 
 from mdm.cli.usage import add_discount, complete, count, finite, seconds, seed
 
-__all__ = ["VERBS", "add_record", "add_replay", "add_statistics"]
+__all__ = ["VERBS", "add_explain", "add_record", "add_replay", "add_statistics"]
 
 VERBS = {
     "info": "what is in a record",
@@ -51,6 +51,45 @@ def add_replay(verbs: Any, line: str) -> None:
     parser.add_argument("--most", metavar="N", type=count, help="tell at most N differences (1; with --config, 20)")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     complete(parser, "replay", "mdm.cli.records.replay")
+
+
+def add_explain(verbs: Any, line: str) -> None:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "explain",
+        help=line,
+        description=(
+            "Say in words why a decision in a record was made: the values of all actions, by how much the chosen one "
+            "was ahead, the observation that moved that most, the smallest change that would have decided otherwise, "
+            "and what was expected next. The model and the policy are those in the record, or of --config. No function "
+            "of the configuration is called."
+        ),
+        epilog="example: mdm explain run.mcap --at 12.5s",
+    )
+    parser.add_argument("file", metavar="FILE", help="the record")
+    parser.add_argument(
+        "--at",
+        metavar="EPOCH|TIME",
+        type=_place,
+        help="the decision of that number, such as 12, or the last one by a second of the record, such as 12.0 or 12s "
+        "(the last one of all)",
+    )
+    parser.add_argument("--ensemble", metavar="PATH", help="the ensemble; by default the one that decided then")
+    parser.add_argument("--last", metavar="N", type=count, help="look at the last N observations (10)")
+    parser.add_argument("--config", metavar="OTHER.toml", help="a configuration of the same ensembles")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    complete(parser, "explain", "mdm.cli.records.explain")
+
+
+def _place(text: str) -> float:
+    if text.isascii() and text.isdecimal():
+        return int(text)
+    moment = finite(text.removesuffix("s"))
+    if moment is None or moment < 0:
+        raise argparse.ArgumentTypeError(
+            f"a decision's number such as 12, or a second such as 12.0 or 12s was expected, not {text!r}"
+        )
+    return float(moment)
 
 
 def add_statistics(verbs: Any, line: str) -> None:

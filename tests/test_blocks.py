@@ -19,6 +19,7 @@ from mdm.models import Factor, Space
 RUN = [
     "docs/start.md",
     "docs/how-to.md",
+    "docs/records.md",
     "docs/moving.md",
     "docs/solving.md",
     "docs/safety.md",

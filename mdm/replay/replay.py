@@ -65,14 +65,20 @@ def check_beginning(record: Record) -> None:
         Error: If it has no beginning.
     """
     if not any(isinstance(each.message, Began) for each in record.messages(_there(record, "stimuli"))):
-        raise Error(f"{record.path}: the record has no beginning: nothing in it says when an actor started")
+        raise _no_beginning(record)
 
 
 def transports_of(record: Record) -> dict[str, ReplayTransport]:
-    """Return the transports of the recorded agents of teams, by agent: their members are to be built with these."""
+    """Return the transports of the recorded agents of teams, by agent: their members are to be built with these.
+
+    Raises:
+        Error: If the record has no beginning.
+    """
+    if "stimuli" not in record.topics:
+        raise _no_beginning(record)
     lives: dict[str, int] = {}
     unsent: dict[str, set[int]] = defaultdict(set)
-    for each in record.messages(_there(record, "stimuli")):
+    for each in record.messages(["stimuli"]):
         stimulus = each.message
         if isinstance(stimulus, Joined):
             lives.setdefault(stimulus.agent, stimulus.incarnation)
@@ -120,6 +126,10 @@ def replay(
 
     run(main, virtual=True)
     return Replayed(player.count, player.made, tuple(player.differences), exact, found.lost)
+
+
+def _no_beginning(record: Record) -> Error:
+    return Error(f"{record.path}: the record has no beginning: nothing in it says when an actor started")
 
 
 def _contents(record: Record) -> tuple[list[Stimulus], list[Decision]]:

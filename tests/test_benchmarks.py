@@ -27,7 +27,7 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
         "solvers",
         "tree_search",
         "communication",
-        "coverage",
+        "intervals",
         "places",
         "maps",
         "building",
@@ -120,7 +120,7 @@ def test_benchmark(tmp_path, name):
         messages = {(row["problem"], row["policy"]): row["% of messages"] for row in results["communication"]}
         assert messages["dec-tiger", "Always"] == 100
         assert messages["dec-tiger", "Never"] == 0
-    elif name == "coverage":
+    elif name == "intervals":
         assert {row["of"] for row in results["coverage"]} == {"T", "rates", "rates, without cut stays"}
         assert {row["of"] for row in results["hidden"]} == {"T, hidden", "O, hidden"}
         assert all(row["alarms"] <= row["runs"] for row in results["drift"])

@@ -25,6 +25,8 @@ VERBS = [
     "record repair FILE -o OUT.mcap",
     "replay FILE",
     "replay FILE --config tiger.toml",
+    "explain FILE --at 1",
+    "statistics FILE --model tiger.pomdp",
     "plot run FILE -o OUT.png",
 ]
 

@@ -52,6 +52,7 @@ ACROSS = {
     "chaos/test_processes.py": "robots as real processes that get signals",
     "chaos/test_planted.py": "that the scenarios find faults that are planted",
     "cli/test_commands.py": "what all verbs have in common",
+    "cli/records/test_bad_records.py": "what all verbs of records have in common",
     "cli/test_loading.py": "which modules the verbs load",
     "cli/test_wrong_input.py": "wrong input, for all verbs",
     "config/test_mutations.py": "mutated files, all of them",

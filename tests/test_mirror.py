@@ -22,6 +22,8 @@ UNTESTED_ALONE = {
     "actors/options.py": "declares types alone",
     "actors/layer.py": "a base: its layers are tested",
     "team/centralised/messages.py": "declares messages: the leader and its followers are tested",
+    "snapshots/scene.py": "declares types alone",
+    "snapshots/frame.py": "declares types alone",
     "cli/map/floor.py": "with the verbs that load a floor: test_check",
     "cli/map/drawing.py": "with the verbs that draw: test_check, test_show",
     "simulation/building/drive.py": "what a robot keeps in mind: test_robot",

@@ -77,8 +77,8 @@ wheel-test:
 # Random systems under random faults in virtual time, then robots as real processes that get signals, two at a time; then
 # teams that are sent forged messages; then all that may happen, in a few steps, to three ensembles above each other;
 # then patrols of random floors, which must go on; then
-# random schedules of what happens to a team's agreement; then hours of many robots on a floor; then days of the demo,
-# 6 minutes of a processor each.
+# random schedules of what happens to a team's agreement; then random systems in wall time, which are recorded and
+# replayed; then hours of many robots on a floor; then days of the demo, 6 minutes of a processor each.
 # Violations are printed with their seeds.
 MDM_CHAOS ?= 100000
 MDM_CHAOS_PROCESSES ?= 1000
@@ -86,6 +86,7 @@ MDM_FORGED ?= 200000
 MDM_LADDER ?= 20000
 MDM_PATROLS ?= 2000
 MDM_SCHEDULES ?= 100000
+MDM_REPLAYS ?= 1000
 MDM_CROWDS ?= 3600
 MDM_DAYS ?= 20
 chaos: $(READY)
@@ -94,6 +95,7 @@ chaos: $(READY)
 	PYTHONPATH=tests $(BIN)/python -m ladder $(MDM_LADDER)
 	PYTHONPATH=tests $(BIN)/python -m patrols $(MDM_PATROLS)
 	PYTHONPATH=tests $(BIN)/python -m team.schedules $(MDM_SCHEDULES)
+	PYTHONPATH=tests $(BIN)/python -m replay $(MDM_REPLAYS)
 	PYTHONPATH=tests $(BIN)/python -m crowds $(MDM_CROWDS)
 	PYTHONPATH=tests $(BIN)/python -m days $(MDM_DAYS)
 

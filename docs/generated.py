@@ -36,6 +36,8 @@ PACKAGES = (
     "mdm.simulation",
     "mdm.simulation.building",
     "mdm.team",
+    "mdm.recording",
+    "mdm.replay",
     "mdm.testing",
     "mdm.errors",
 )
@@ -101,8 +103,7 @@ def markdown(docstring: str) -> str:
     for name, body in zip(parts[1::2], parts[2::2], strict=True):
         inner = textwrap.dedent(body.strip("\n"))
         if name.startswith("Example"):
-            code, _, rest = inner.partition("\n\n\n")
-            out.append(f"**{name}**\n\n```text\n{code.strip()}\n```\n\n{rest}".rstrip())
+            out.append(f"**{name}**\n\n```text\n{inner.strip()}\n```")
         else:
             items = re.sub(r"^(\*{0,2}\w[\w. ]*)(?: \([^)]*\))?: ", r"- **\1**: ", inner, flags=re.MULTILINE)
             items = re.sub(r"\n {4,}", "\n  ", items)
@@ -252,6 +253,7 @@ STATISTICS = (
     "mdm.runtime.statistics.DispatcherStatistics",
     "mdm.runtime.statistics.LoopStatistics",
     "mdm.runtime.statistics.LogStatistics",
+    "mdm.recording.writer.RecordStatistics",
     "mdm.actors.ensemble.EnsembleStatistics",
     "mdm.actors.control.control_layer.ControlStatistics",
     "mdm.actors.actions.action_layer.ActionStatistics",

@@ -10,6 +10,7 @@ snapshot holds, which may come from another process; and beliefs of a user's own
 from __future__ import annotations
 
 import copy
+import math
 import sys
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack, get_args
 
@@ -20,12 +21,12 @@ from msgspec import Meta
 from mdm.beliefs import KnownState
 from mdm.beliefs.choice import check_memory
 from mdm.beliefs.information import restore, snapshot
-from mdm.beliefs.tracker import checked_support
+from mdm.beliefs.tracker import agreeing, checked_support
 from mdm.checks import check_choice
 from mdm.compilation import sparing
-from mdm.errors import ConfigError, ModelError
+from mdm.errors import ConfigError, ModelError, PolicyError
 from mdm.loading import model_of, policy_of, spared
-from mdm.models.digest import digest, of_parts
+from mdm.models.digest import digest, of_parts, plain
 from mdm.models.factored.flattening import RewardRow, RewardRows
 from mdm.options import ControllerOptions, OnImpossible, check_options
 from mdm.policies import mismatch
@@ -168,6 +169,7 @@ class Controller:
         space = self.symbols.observation_space
         self._num_observations = 0 if space is None else len(space)
         self._sizes = () if space is None else space.shape
+        self._parts: tuple[int, ...] | None = None
         self._name = self.symbols.action_name
         self._action_names = self.symbols.known_names
         table = getattr(self.policy, "table", None)
@@ -198,6 +200,25 @@ class Controller:
             self.information = self.policy.information(self.model)
             self._expected = expectation(self.information, own=False)
         self.reset()
+
+    def divide_observations(self, sizes: Sequence[int]) -> None:
+        """Take the observations of a model that does not divide them as made of components, the first most significant.
+
+        An observation may then be given by components, None where one is missing: information states are told the set
+        of observations that agree with it, and sum over them.
+
+        Raises:
+            ConfigError: If the components do not make up the model's observations.
+        """
+        if len(self._sizes) != 1 or math.prod(sizes) != self._num_observations:
+            parts = " x ".join(map(str, sizes))
+            raise ConfigError(f"{parts} components do not make up {self._num_observations} observations", key="model")
+        self._parts = tuple(sizes)
+
+    @property
+    def divided(self) -> bool:
+        """Whether observations are given by components that the model does not divide them into."""
+        return self._parts is not None
 
     @property
     def has_own_tracker(self) -> bool:
@@ -230,7 +251,7 @@ class Controller:
     def observe(self, observation: Any = None) -> Step:
         """Update by the observation after the last action, and decide.
 
-        After the last decision of an episode a new episode begins, and the observation is ignored.
+        Before `start`, and after the last decision of an episode, a new episode begins, and the observation is ignored.
 
         Args:
             observation: By name or index; a component per agent, None where one is missing; or None where time has
@@ -341,12 +362,20 @@ class Controller:
 
         Raises:
             ModelError: If the policy returns something else than an action, or cannot choose.
+            PolicyError: If it raises an error of another kind.
         """
         current = self.information.current
         if self._own_tracker:
             current = checked_belief(current, self.symbols.num_states)
         if action is None:
-            action = self._choose(current)
+            try:
+                action = self._choose(current)
+            except ModelError:
+                raise
+            except Exception as error:
+                from mdm.runtime.supervision import describe  # noqa: PLC0415 - a controller needs no runtime
+
+                raise PolicyError(f"the policy {type(self.policy).__name__} has raised {describe(error)}") from error
         if action.__class__ is not int or not -1 < action < self._num_actions:
             action = self._checked(action)
         epoch = self.epoch
@@ -441,7 +470,10 @@ class Controller:
     def snapshot(self) -> bytes:
         """Return a snapshot to go on from here: with `restore`, the same calls then give the same steps.
 
-        Of a tracker of your own without ``snapshot`` and ``restore`` its ``current`` alone is kept.
+        Of a tracker of your own without ``snapshot`` and ``restore`` its ``current`` alone is kept, a belief.
+
+        Raises:
+            ModelError: If it is none, so that it would take ``snapshot`` and ``restore``.
         """
         held = Held(
             self.configuration,
@@ -452,7 +484,7 @@ class Controller:
             None if self._initial is None else self._initial.tolist(),
             snapshot(self.information),
         )
-        return msgspec.msgpack.encode(held)
+        return msgspec.msgpack.encode(held, enc_hook=plain)
 
     def mark(self) -> Any:
         """Return the present point in the process, for `go_back`: a `snapshot` for this controller alone, and quick.
@@ -496,8 +528,13 @@ class Controller:
 
     # -- Checks --------------------------------------------------------------------------------------------------
 
-    def _observed(self, observation: Any) -> int | tuple[int | None, ...] | None:
-        """Return an observation by index or components, as information states take it."""
+    def _observed(self, observation: Any) -> int | tuple[int | None, ...] | frozenset[int] | None:
+        """Return an observation by index, components or those that agree, as information states take it."""
+        if observation.__class__ is tuple and self._parts is not None and len(observation) == len(self._parts):
+            sizes = zip(observation, self._parts, strict=True)
+            if not all(part is None or (part.__class__ is int and -1 < part < size) for part, size in sizes):
+                raise ModelError(f"there is no observation {observation!r}; its components count from 0")
+            return frozenset(agreeing(self._parts, observation))
         if observation is None or self.symbols.observation_space is None:
             return observation  # type: ignore[no-any-return]
         if observation.__class__ is int and -1 < observation < self._num_observations:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["ConfigError", "Error", "FormatError", "MapError", "MapWarning", "ModelError", "ModelWarning"]
+__all__ = ["ConfigError", "Error", "FormatError", "MapError", "MapWarning", "ModelError", "ModelWarning", "PolicyError"]
 
 
 class Error(Exception):
@@ -45,6 +45,10 @@ class FormatError(Error):
 
 class ModelError(Error):
     """A model, policy or belief is invalid."""
+
+
+class PolicyError(ModelError):
+    """A policy has raised an error of another kind, its ``__cause__``, where an action was needed."""
 
 
 class MapError(Error):

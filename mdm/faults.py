@@ -26,11 +26,12 @@ KINDS: Final[dict[str, FaultKind]] = {
     # -- The program ---------------------------------------------------------------------------------------------
     "exception": FaultKind(
         "A handler or callback of an actor raised an error.",
-        "Correct the code that the detail names; `debug=True`, or `--debug`, logs the traceback.",
+        "Do what the detail says; where it names a line of code, correct that. `--debug`, or `debug=True`, logs the "
+        "traceback.",
     ),
     "task": FaultKind(
         "A task of the TOML file has failed; the system ends.",
-        "Correct the function that the source names; a task has to catch the errors that it can go on after.",
+        "Correct the line that the detail names, or the task; it has to catch the errors that it can go on after.",
     ),
     "abandoned": FaultKind(
         "A thread or task did not end within its grace after it was cancelled, and goes on without an owner.",
@@ -55,6 +56,10 @@ KINDS: Final[dict[str, FaultKind]] = {
     "emergency": FaultKind(
         "The last resort was called, or has failed.",
         "Find out why a safe action failed twice, or what held the loop; the faults before it say so.",
+    ),
+    "record": FaultKind(
+        "The run goes on, but its record does not, or lacks messages.",
+        "Free the disk that the detail names, or record less: fewer channels, a larger `bound` of the `Recorder`.",
     ),
     # -- Sensors and places --------------------------------------------------------------------------------------
     "sensor": FaultKind(
@@ -95,7 +100,7 @@ KINDS: Final[dict[str, FaultKind]] = {
         "The detail names the state; see whether the policy belongs to the model (`mdm check`).",
     ),
     "policy": FaultKind(
-        "The policy failed to choose an action for a belief.",
+        "The policy failed to choose an action for a belief, or its code raised an error.",
         "Correct the policy that the detail names.",
     ),
     "observation": FaultKind(

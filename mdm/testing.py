@@ -1,21 +1,26 @@
-"""Tools for testing programs that use the library: virtual time, probes, and disturbed actors."""
+"""Tools for testing programs that use the library: virtual time, probes, replays, and disturbed actors."""
 
 from __future__ import annotations
 
+import tempfile
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from mdm import replay as replays
+from mdm.config.recorded import check_digests, load_recorded
 from mdm.errors import Error
+from mdm.recording import Record
 from mdm.runtime import Runtime, run
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Iterator
+    from collections.abc import Callable, Coroutine, Iterator, Sequence
+    from pathlib import Path
 
     from mdm.messages import Decision
     from mdm.runtime import Actor, Channel, Subscription
 
-__all__ = ["block", "capture_decisions", "crash", "delay", "probe", "run_virtual"]
+__all__ = ["block", "capture_decisions", "crash", "delay", "probe", "replay", "run_virtual"]
 
 T = TypeVar("T")
 
@@ -33,12 +38,12 @@ def run_virtual(main: Callable[[Runtime], Coroutine[Any, Any, T]], **options: An
 
     Args:
         main: Called with the running runtime.
-        options: Options of `Runtime`; the log is off by default.
+        options: Options of `Runtime`; by default ``log=None``, which prints the first failure of each action.
     """
     results: list[T] = []
 
     async def program() -> T:
-        async with Runtime(**{"log": False, **options}) as runtime:
+        async with Runtime(**{"log": None, **options}) as runtime:
             results.append(await main(runtime))
         return results[0]
 
@@ -68,6 +73,44 @@ def capture_decisions(runtime: Runtime) -> Iterator[list[Decision]]:
         yield decisions
     finally:
         subscription.cancel()
+
+
+def replay(path: str | Path, actors: Actor | Sequence[Actor] | None = None, *, config: str | Path | None = None) -> int:
+    """Run a record once more, in virtual time, and see that each decision is the one that was recorded.
+
+    Users' functions are not called. Example::
+
+        def test_the_robot_still_decides_as_it_did_in_the_hall():
+            assert replay("hall.mcap", config="robot.toml") > 100
+
+    Args:
+        path: The record.
+        actors: The system, or the actors at the top, built as for the run and not started. Without them the TOML file
+            is loaded that the record has.
+        config: A TOML file in place of the record's own.
+
+    Returns:
+        How many decisions there are.
+
+    Raises:
+        AssertionError: If one of them differs: the first difference, with the input before it.
+        Error: If the record cannot be replayed: it has no beginning or no configuration, or its model is another one.
+    """
+    record = Record(path)
+    if actors is not None:
+        if config is not None:
+            raise Error("a replay takes either actors or config, not both")
+        result = replays.replay(record, actors, most=1)
+    else:
+        with tempfile.TemporaryDirectory() as folder:
+            transports = replays.transports_of(record)
+            system = load_recorded(record, folder, config, transport=next(iter(transports.values()), None))
+            if config is None:
+                check_digests(record, system.ensembles.values())
+            result = replays.replay(record, system, most=1, transports=transports)
+    for difference in result.differences:
+        raise AssertionError(f"{record.path}: {difference.describe(int(record.head['epoch']))}")
+    return result.recorded
 
 
 def crash(actor: Actor, error: Exception | None = None) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import json
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +13,6 @@ from places import EXAMPLES
 
 from mdm import load_system, messages
 from mdm.recording import schemas
-from mdm.recording.names import Factor, Names, attached
 from mdm.recording.stimuli import Said, Stimulus
 from mdm.recording.writer import RecordWriter
 from mdm.runtime import Runtime, run as run_program
@@ -98,14 +98,11 @@ def run(path, file, inputs, *, stop=None):
     """
     record = Writing(path)
     system = load_system(file, callbacks=False)
-    for name, ensemble in system.ensembles.items():
+    for ensemble in system.ensembles.values():
         symbols = ensemble.controller.symbols
-        spaces = (symbols.state_space, symbols.observation_space)
-        factors = [
-            () if space is None else tuple(Factor(each.name, tuple(each.names)) for each in space.factors)
-            for space in spaces
-        ]
-        record.writer.attach(*attached(name, Names(*factors)))
+        spaces = {"states": symbols.state_space, "observations": symbols.observation_space}
+        names = {key: json.dumps(list(space.names)) for key, space in spaces.items() if space is not None}
+        record.writer.metadata(f"ensemble {ensemble.name}", names)
 
     def note(channel, update):
         record.write("stimuli", Said(update.time, channel, type(update).__name__, update), Stimulus)

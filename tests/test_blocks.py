@@ -16,7 +16,15 @@ from mdm.cli import main
 from mdm.maps import Edge, Graph, Node, Pose, save_graph
 from mdm.models import Factor, Space
 
-RUN = ["docs/start.md", "docs/how-to.md", "docs/moving.md", "docs/solving.md", "docs/safety.md", "docs/maps.md"]
+RUN = [
+    "docs/start.md",
+    "docs/how-to.md",
+    "docs/moving.md",
+    "docs/solving.md",
+    "docs/safety.md",
+    "docs/maps.md",
+    "docs/formats.md",
+]
 """Pages whose blocks run here, one after the other, in a folder of their own."""
 
 ELSEWHERE = {

@@ -16,7 +16,9 @@ from sentences import refused
 from trackers import Halving
 
 import mdm
+from mdm.beliefs import BeliefTracker
 from mdm.controller import Controller
+from mdm.errors import ModelError, PolicyError
 from mdm.policies import (
     AlphaVectors,
     BeliefPolicy,
@@ -436,3 +438,77 @@ def test_a_look_up_leaves_to_others_what_is_no_entry_of_a_table():
     assert Controller([1, 0], model).look_up(0) == -1  # a reward is to be told
     drawn = mdm.policies.StochasticPolicy([[0.5, 0.5], [0.5, 0.5]], seed=1)
     assert Controller(drawn).look_up(0) == -1
+
+
+class Counted:
+    """A belief, and the number of its updates, as floats of numpy and a tuple."""
+
+    def __init__(self, model, *, kept=True):
+        self.tracker = BeliefTracker(model)
+        self.reset()
+        if kept:
+            self.snapshot, self.restore = self._snapshot, self._restore
+
+    def reset(self, belief=None):
+        self.tracker.reset(belief)
+        self.current = (self.tracker.current, np.float64(0.0))
+
+    def update(self, action, observation):
+        probability = self.tracker.update(action, observation)
+        self.current = (self.tracker.current, self.current[1] + 1)
+        return probability
+
+    def _snapshot(self):
+        return [self.current[0], self.current[1]]
+
+    def _restore(self, snapshot):
+        self.tracker.reset(np.array(snapshot[0]))
+        self.current = (self.tracker.current, np.float64(snapshot[1]))
+
+
+class EveryThird(BeliefPolicy):
+    num_states, num_actions = 2, 3
+
+    def __init__(self, *, kept=True):
+        self.kept = kept
+
+    def information(self, model):
+        return Counted(model, kept=self.kept)
+
+    def action(self, current):
+        return int(current[1]) % 3
+
+
+def test_information_of_one_s_own_is_kept_with_numbers_and_arrays_of_numpy():
+    controller = Controller(EveryThird(), tiger())
+    controller.start()
+    controller.observe("hear-left")
+    held, digest = controller.snapshot(), controller.digest()
+    after = [controller.observe("hear-left") for _ in range(4)]
+    assert controller.digest() != digest
+    controller.restore(held)
+    assert controller.digest() == digest
+    assert [controller.observe("hear-left") for _ in range(4)] == after
+    assert [step.action for step in after] == [2, 0, 1, 2]
+
+
+def test_information_that_is_no_belief_and_cannot_be_kept_is_told():
+    controller = Controller(EveryThird(kept=False), tiger())
+    controller.start()
+    for keep in (controller.snapshot, controller.digest, controller.mark):
+        with refused(ModelError):
+            keep()
+
+
+def test_an_error_in_a_policy_s_code_is_told_with_its_place():
+    class Broken(BeliefPolicy):
+        num_states, num_actions = 2, 3
+
+        def action(self, belief):
+            return {}["gone"]
+
+    with pytest.raises(
+        PolicyError, match=r"Broken has raised KeyError: 'gone' \(at .*test_controller\.py:\d+\)"
+    ) as told:
+        Controller(Broken(), tiger()).start()
+    assert isinstance(told.value.__cause__, KeyError)

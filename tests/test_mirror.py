@@ -85,6 +85,7 @@ ACROSS = {
     "team/test_sweep.py": "that larger searches find what small ones do",
     "test_benchmarks.py": "programs beside the package",
     "test_examples.py": "programs beside the package",
+    "test_foxglove.py": "an example beside the package, against types that others have published",
     "test_errands.py": "programs beside the package: trees and state machines as actions",
     "test_patrol_view.py": "what the demo draws",
     "test_trees_and_machines.py": "programs beside the package: what is each library's own",

@@ -54,6 +54,14 @@ def test_every_public_name_is_documented(generated, pages):
                 assert thing.__doc__.split("\n")[0].split("``")[0].split("`")[0] in page
 
 
+def test_each_example_is_one_block_of_code(generated):
+    """Names and indents of an example that an empty pair of lines divides were read as prose."""
+    page = generated.names("mdm.policies")
+    assert "    def action(self, state):\n        return state % 2\n\n\nmdm.Controller(Parity())" in page
+    outside = "".join(page.split("```")[::2])
+    assert "mdm.Controller(" not in outside
+
+
 def test_every_package_with_public_names_has_its_page(generated):
     listed = {
         ".".join(("mdm", *path.parent.relative_to(PACKAGE).parts))
@@ -185,7 +193,7 @@ def test_every_channel_is_there_with_its_type():
 
 def test_every_message_is_on_a_channel():
     page = (DOCS / "reference" / "channels.md").read_text(encoding="utf-8")
-    on_none = {"Message", "Cause", "ModeName", "Tick"}  # a base, a part of a mode, its names; ticks go to layers alone
+    on_none = {"Message", "Cause", "ModeName"}  # a base, a part of a mode, its names
     assert [name for name in mdm.messages.__all__ if f"`{name}`" not in page and name not in on_none] == []
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Mapping
+from itertools import islice
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import anyio
@@ -22,6 +24,7 @@ from mdm.actors.options import ControlOptions, SafetyOptions
 from mdm.actors.predicates.predicate_manager import PredicateManager
 from mdm.actors.safety.liveness import Liveness
 from mdm.actors.safety.safety import Safety
+from mdm.actors.wiring import combined
 from mdm.checks import check_flag
 from mdm.errors import ConfigError, Error
 from mdm.messages import Belief, Cause, Control, ModeName, Observation, State
@@ -40,6 +43,7 @@ if TYPE_CHECKING:
     from mdm.actors.control.source import Team
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models.space import Symbol
+    from mdm.policies import Policy
     from mdm.runtime import Supervision
 
 __all__ = ["MOST_LEVELS", "Ensemble", "EnsembleStatistics"]
@@ -55,6 +59,7 @@ class EnsembleStatistics(ActorStatistics, frozen=True):
 
     ``waiting`` names the unknown predicates that keep it from deciding, or the pause before it decides again;
     ``safe_actions`` counts the safe action's runs. ``idle`` is for how many seconds it has had nothing to do, in all.
+    ``live`` says for how many seconds each live action has lived, by name: one that never ends shows here.
     """
 
     mode: ModeName
@@ -63,6 +68,7 @@ class EnsembleStatistics(ActorStatistics, frozen=True):
     waiting: tuple[str, ...]
     safe_actions: int
     idle: float = 0.0
+    live: dict[str, float] = msgspec.field(default_factory=dict)
 
 
 class Ensemble(Layer):
@@ -154,6 +160,7 @@ class Ensemble(Layer):
             self.observation = ObservationLayer(
                 observations, self._manager("observations"), space=controller.symbols.observation_space
             )
+            self._divide(self.observation)
         self.action.adopt(self)
         self.levels: int = 1 + max((below.levels for below in self.subensembles), default=0)
         if self.levels > MOST_LEVELS:
@@ -163,6 +170,14 @@ class Ensemble(Layer):
         for child in (*self.subensembles, self.action, self.control, self.observation, self.state):
             if child is not None:
                 self.add(child)
+
+    def _divide(self, layer: ObservationLayer) -> None:
+        """Tell the controller of which factors an observation is made, where the model does not divide it."""
+        space = self.controller.symbols.observation_space
+        if space is not None and len(space.factors) == 1 < len(layer.factors):
+            sizes = [factor.size for factor in layer.factors]
+            if math.prod(sizes) == len(space):  # else the layer has told of it
+                self.controller.divide_observations(sizes)
 
     def _manager(self, factors: str) -> PredicateManager:
         if self.predicates is None:
@@ -176,28 +191,40 @@ class Ensemble(Layer):
 
     def problems(self) -> Iterator[ConfigError]:
         """Yield everything that would keep the ensemble, or one below it, from starting."""
-        for layer in (self.state, self.observation, self.action):
-            if layer is not None:
-                yield from layer.problems()
-        space = None if self.controller.model is None else self.controller.model.state_space
+        yield from self.layer_problems()
         if self.safety.on_lost_teammate is not None and not self.control.source.shared:
             yield ConfigError(
                 f"on_lost_teammate is for ensembles of a team, but {self.name!r} is of none",
                 key=f"ensembles.{self.name}.on_lost_teammate",
             )
+
+    def layer_problems(self) -> Iterator[ConfigError]:
+        """Yield those that have nothing to do with a team, whose member may not have been made."""
+        for layer in (self.state, self.observation, self.action):
+            if layer is not None:
+                yield from layer.problems()
+        yield from self._parts_missing()
         if self.state is not None:
             product = 1
             for factor in self.state.factors:
                 product *= factor.size
             expected = self.controller.symbols.num_states
-            if (
-                expected is not None
-                and product != expected
-                and (space is None or len(self.state.factors) == len(space.factors))
-            ):
+            if expected is not None and product != expected and self.controller.model is None:
                 yield ConfigError(
                     f"the state factors of {self.name!r} make {product} states, but the policy is for {expected}",
                     key=f"ensembles.{self.name}.states",
+                )
+
+    def _parts_missing(self) -> Iterator[ConfigError]:
+        """Yield the factors that may be missing from observations that a plan knows as wholes alone."""
+        if self.observation is None or not (self.controller.divided and self.controller.can_end):
+            return
+        for factor in self.observation.factors:
+            if factor.idle is None and not factor.hold:
+                yield ConfigError(
+                    f"observation factor {factor.name!r} may be missing, but the policy has an edge for each whole "
+                    "observation: give the factor 'idle' or 'hold'",
+                    key=f"ensembles.{self.name}.observations.{factor.name}",
                 )
 
     def notes(self) -> Iterator[str]:
@@ -209,7 +236,33 @@ class Ensemble(Layer):
             yield f"ensemble {self.name!r} has no {wanted}: it waits for code that publishes what it decides on"
         if given[other] is not None:
             yield f"ensemble {self.name!r} has {other}, but its policy decides on {wanted}"
+        for kind, layer in (("state", self.state), ("observation", self.observation)):
+            pairs = [] if layer is None else list(islice(combined(layer.factors, layer.space), 2))
+            if layer is not None and pairs:
+                names = ", ".join(factor.name for factor in layer.factors)
+                (symbol, condition) = pairs[-1]
+                yield (
+                    f"ensemble {self.name!r}: the order of the {kind} factors {names} decides which is which, for the "
+                    f"model does not name them: {kind} {symbol!r} is {condition}"
+                )
+        if self.action.safe is not None and (silent := self._silent()):
+            yield (
+                f"ensemble {self.name!r} has a safe action, but nothing tells that {', '.join(sorted(silent))} "
+                f"{'is' if len(silent) == 1 else 'are'} no longer sensed: give sensors a max_age"
+            )
         yield from self.liveness.notes()
+        if not isinstance(self.parent, Ensemble):  # else a decision above ends its action, too
+            yield from self.liveness.endless()
+
+    def _silent(self) -> set[str]:
+        """Return the predicates that it decides on and that code sets, unless one of them becomes unknown by age."""
+        declared = None if self.predicates is None else self.predicates.declared
+        layer = self.state if self.controller.takes == "state" else self.observation
+        if declared is None or layer is None:
+            return set()
+        names = {name for factor in layer.factors for name in _inputs(factor) if name is not None}
+        sensed = {sensor for name in names for sensor in declared.inputs_of(name) if declared.senses(sensor)}
+        return set() if sensed & declared.aged else sensed
 
     def tree(self) -> str:
         """Return the ensemble and those below it, a line each, indented, with the action that each is bound to."""
@@ -227,6 +280,19 @@ class Ensemble(Layer):
         if not hasattr(self, "controller") or not hasattr(self, "safety"):  # its construction failed half way
             return f"<Ensemble {self.name!r}>"
         return f"<Ensemble {self.name!r}: {self.summary()}, {self.mode}>"
+
+    @property
+    def policy(self) -> Policy:
+        """The policy, which stays the one that the ensemble was made with."""
+        return self.controller.policy
+
+    @policy.setter
+    def policy(self, policy: object) -> None:
+        raise ConfigError(
+            f"an ensemble keeps the policy that it was made with: make another one with policy={policy!r}; a TOML file "
+            "names one of your own as policy = 'module:name'",
+            key=f"ensembles.{self.name}.policy",
+        )
 
     def summary(self) -> str:
         """Return the kind of its process, in a few words."""
@@ -459,6 +525,7 @@ class Ensemble(Layer):
             waiting=self.safety.waiting.names + self.liveness.waiting,
             safe_actions=self.safety.runs,
             idle=self.liveness.idle,
+            live=self.action.ages,
         )
 
     # -- Life ----------------------------------------------------------------------------------------------------
@@ -535,6 +602,10 @@ class Ensemble(Layer):
         # One that begins when all has settled here, and not below, comes to its end, too, before it is the last word.
         early = 0.5 + max(last, own) + once if self.subensembles else 0.0
         return 0.5 + max(below, early) + 2 * once
+
+
+def _inputs(factor: StateFactor | ObservationFactor) -> Sequence[str | None]:
+    return factor.predicates if isinstance(factor, StateFactor) else factor.events
 
 
 def _call(target: object) -> str:

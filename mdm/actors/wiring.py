@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple, Protocol, Self, TypeVar
+from itertools import product
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, Self, TypeVar
 
 from mdm.errors import ConfigError, ModelError
 from mdm.logic import similar
@@ -14,7 +15,18 @@ if TYPE_CHECKING:
 
     from mdm.models import Factor, Space
 
-__all__ = ["Names", "Wire", "Wired", "arrange", "check_name", "check_owner", "index_order", "named", "places"]
+__all__ = [
+    "Names",
+    "Wire",
+    "Wired",
+    "arrange",
+    "check_name",
+    "check_owner",
+    "combined",
+    "index_order",
+    "named",
+    "places",
+]
 
 Names = Sequence[str] | Mapping[str, str] | Mapping[int, str]
 """Predicates or events: in the order of a factor's symbols, or by symbol."""
@@ -50,6 +62,9 @@ class Wired(Protocol):
     @property
     def by_symbol(self) -> bool:
         """Whether its predicates or events were given by symbol."""
+
+    def wires(self) -> tuple[Wire, ...]:
+        """Return the wire of each of its values, in their order."""
 
     def arranged(self, factor: Factor) -> Self:
         """Return it with its predicates or events in the order of a model's factor, or raise a `ConfigError`."""
@@ -151,18 +166,18 @@ def places(symbols: Iterable[str | int], factor: Factor, what: str, *, enough: i
 
 
 def arrange(
-    factors: Iterable[W], space: Space | None, kind: str, *, complete: bool
+    factors: Iterable[W], space: Space | None, kind: Literal["state factor", "observation factor"]
 ) -> tuple[tuple[W, ...], list[ConfigError]]:
     """Put factors, and the predicates or events of their symbols, in a model's order.
 
     Where the model names its factors they are matched by name, else by order. Where it has one factor only, which it
-    does not name, several may make up its symbols together.
+    does not name, several may make up its symbols together. Each of the model's factors is needed: a joint index of
+    some of them would be that of another symbol of the model.
 
     Args:
         factors: As the user gave them.
         space: The model's space; None without a model, where everything is in order.
-        kind: Their name in messages: ``state factor`` or ``observation factor``.
-        complete: Whether all of the model's factors are needed.
+        kind: Their name in messages.
 
     Returns:
         The factors, as far as they could be arranged, and the problems. The key of a problem is a factor's name, or
@@ -179,7 +194,7 @@ def arrange(
         return given, problems
     models = {factor.name: factor for factor in space.factors}
     if space.is_named or set(names) == models.keys():
-        problems = list(_unmatched(names, models, kind, complete=complete))
+        problems = list(_unmatched(names, models, kind))
         order = list(models)
         pairs = [(factor, models[factor.name]) for factor in given if factor.name in models]
         pairs.sort(key=lambda pair: order.index(pair[1].name))
@@ -196,15 +211,33 @@ def arrange(
     return (given if problems else tuple(arranged)), problems
 
 
-def _unmatched(given: Sequence[str], known: Iterable[str], kind: str, *, complete: bool) -> Iterator[ConfigError]:
+def combined(factors: Sequence[Wired], space: Space | None) -> Iterator[tuple[str, str]]:
+    """Yield each symbol that several factors make up by their order alone, and what has to hold for it.
+
+    Nothing where the model names its factors, or divides its symbols itself.
+    """
+    if space is None or not len(space.factors) == 1 < len(factors):
+        return
+    if math.prod(factor.size for factor in factors) == len(space):
+        each = product(*([wire.source or f"no {wire.factor}" for wire in factor.wires()] for factor in factors))
+        yield from ((name, " and ".join(sources)) for name, sources in zip(space.names, each, strict=True))
+
+
+def _unmatched(given: Sequence[str], known: Iterable[str], kind: str) -> Iterator[ConfigError]:
     """Yield the factors that the model does not have, and those of the model that are missing."""
     for name in given:
         if name not in known:
             hint = similar(name, known) or f"; it has {', '.join(known)}"
             yield ConfigError(f"the model has no {kind} {name!r}{hint}", key=name)
-    missing = [name for name in known if name not in given]
-    if complete and missing and all(name in known for name in given):
-        yield ConfigError(f"nothing stands for the model's {kind} {', '.join(map(repr, missing))}")
+    if all(name in known for name in given):  # else a name that is wrong may be meant for one that is missing
+        source = "predicates" if kind == "state factor" else "events"
+        for name in known:
+            if name not in given:
+                whole = "a state" if kind == "state factor" else "an observation"
+                yield ConfigError(
+                    f"the model's {kind} {name!r} has no {source}: give it some, for {whole} is made of all factors",
+                    key=name,
+                )
 
 
 def _mismatches(factors: Sequence[Wired], space: Space, kind: str) -> Iterator[ConfigError]:
@@ -214,10 +247,11 @@ def _mismatches(factors: Sequence[Wired], space: Space, kind: str) -> Iterator[C
         model = ", ".join(f"{factor.name}: {len(factor)}" for factor in space.factors)
         yield ConfigError(f"{len(factors)} {kind}s ({ours}) do not make up the model's {len(space)} symbols ({model})")
         return
+    of = "a predicate" if kind == "state factor" else "an event"
     for factor in factors:
         if factor.by_symbol:
             yield ConfigError(
                 f"{kind} {factor.name!r} goes by symbol, but the model has one factor of {len(space)} symbols and none "
-                f"of that name: give a list",
+                f"of that name: give lists, or one factor with {of} for each of the {len(space)}, defined by a formula",
                 key=factor.name,
             )

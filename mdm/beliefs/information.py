@@ -26,7 +26,7 @@ class Information(Protocol):
     Optional members are ``takes`` ("state" or "observation", the default), ``belief`` (if ``current`` is not an array),
     ``expected(values)`` (the expectation of a function of the state), ``ended`` (whether a plan is over), ``horizon``
     (the number of stages), and ``snapshot()`` and ``restore(snapshot)``, with snapshots made of numbers, bytes, strings
-    and lists. Without the last two, a snapshot is ``current``, and `reset` restores it.
+    and lists. Without the last two, a snapshot is ``current``, which has to be a belief, and `reset` restores it.
 
     Example::
 
@@ -54,7 +54,13 @@ class Information(Protocol):
         ...
 
     def update(self, action: int, observation: Any) -> float:
-        """Update by an action and the observation after it; None for no observation.
+        """Update by an action and the observation after it.
+
+        Args:
+            action: The index of the last (joint) action.
+            observation: An index; a component per agent, None for a missing one; the set of indices of which one was
+                observed, where the sensors are several and the model's observations are one flat set; or None for no
+                observation.
 
         Returns:
             P(observation | information, action). If it is 0, the information is unchanged.
@@ -154,6 +160,17 @@ class DrawnInformation:
         """The belief; None if none is tracked."""
         return getattr(self.of, "belief", None)
 
+    @property
+    def draws(self) -> str:
+        """The state of the generator, from which it goes on where that is set."""
+        state = self._generator.state["state"]
+        return f"{state['state']} {state['inc']}"
+
+    @draws.setter
+    def draws(self, draws: str) -> None:
+        state, inc = map(int, draws.split())
+        self._generator.state = {**self._generator.state, "state": {"state": state, "inc": inc}}
+
     def reset(self, belief: npt.ArrayLike | None = None) -> None:
         """Begin an episode; the sequence of random numbers goes on."""
         self.of.reset(belief)
@@ -184,7 +201,13 @@ def snapshot(information: Information) -> Any:
     own = getattr(information, "snapshot", None)
     if own is not None:
         return own()
-    return np.array(information.current, dtype=np.float64).tolist()
+    try:
+        return np.array(information.current, dtype=np.float64).tolist()
+    except (TypeError, ValueError):
+        raise ModelError(
+            f"a {type(information).__name__} keeps more than a belief: to snapshot it, give it snapshot() and "
+            "restore(snapshot), see mdm.beliefs.Information"
+        ) from None
 
 
 def restore(information: Information, snapshot: Any) -> None:

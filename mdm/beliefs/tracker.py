@@ -28,13 +28,14 @@ if TYPE_CHECKING:
     from mdm.models.pomdp import POMDP
     from mdm.models.space import Symbol
 
-__all__ = ["BeliefTracker", "checked_support"]
+__all__ = ["BeliefTracker", "agreeing", "checked_support"]
 
 _MOST_KEPT = 100_000
 """The most joint observations that are kept as agreeing with observations of which components are missing."""
 
-Observed: TypeAlias = "Symbol | Sequence[str | int | None] | None"
-"""A joint observation by index or name, its components (None for a missing one), or None for no observation."""
+Observed: TypeAlias = "Symbol | Sequence[str | int | None] | frozenset[int] | None"
+"""A joint observation by index or name, its components (None for a missing one), the indices of those of which one was
+observed, or None for no observation."""
 
 
 class BeliefTracker:
@@ -135,7 +136,8 @@ class BeliefTracker:
         Args:
             action: The joint action, by index or name.
             observation: The joint observation, by index or name; or a component per agent, with None for a missing
-                one, which is marginalised; or None for a prediction by T alone.
+                one, which is marginalised; or the set of indices of which one was observed; or None for a prediction
+                by T alone.
 
         Returns:
             P(observation | belief, action); with false negatives, of the next detected event. If it is 0, the belief
@@ -230,6 +232,8 @@ class BeliefTracker:
 
     def _symbols(self, observation: Any) -> list[int]:
         """Return the joint observations that agree with the given components."""
+        if isinstance(observation, frozenset) and observation:
+            return sorted(self._space.index(symbol) for symbol in observation)
         if not isinstance(observation, tuple | list) or None not in observation:
             try:
                 return [self._space.index(observation)]
@@ -247,7 +251,7 @@ class BeliefTracker:
         given = tuple(indices)
         symbols = self._agreeing.get(given)
         if symbols is None:
-            symbols = self._that_agree(given)
+            symbols = agreeing(self._sizes, given)
             self._num_agreeing += len(symbols)
             if self._num_agreeing > _MOST_KEPT:
                 self._agreeing.clear()
@@ -255,12 +259,14 @@ class BeliefTracker:
             self._agreeing[given] = symbols
         return symbols
 
-    def _that_agree(self, given: tuple[int | None, ...]) -> list[int]:
-        symbols = [0]
-        for size, component in zip(self._sizes, given, strict=True):
-            places = range(size) if component is None else (component,)
-            symbols = [symbol * size + place for symbol in symbols for place in places]
-        return symbols
+
+def agreeing(sizes: Sequence[int], given: Sequence[int | None]) -> list[int]:
+    """Return the joint symbols that agree with components, None for a missing one; the first is most significant."""
+    symbols = [0]
+    for size, component in zip(sizes, given, strict=True):
+        places = range(size) if component is None else (component,)
+        symbols = [symbol * size + place for symbol in symbols for place in places]
+    return symbols
 
 
 def _first(model: POMDP) -> Support:

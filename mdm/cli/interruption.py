@@ -10,9 +10,18 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["Interruption"]
+__all__ = ["Interruption", "hear_interrupts"]
 
 _NUMBERS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+def hear_interrupts() -> None:
+    """Have SIGINT end this process in order, where a shell that is no terminal's ignores it for its background.
+
+    What drives a robot has to stop at it; other signals that are ignored, as SIGHUP after ``nohup``, stay so.
+    """
+    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 class Interruption:

@@ -32,6 +32,27 @@ def complete(parser: argparse.ArgumentParser, command: str, module: str) -> None
     parser.set_defaults(format_usage=parser.format_usage, command=command, module=module)
 
 
+def add_file(parser: argparse.ArgumentParser, help: str) -> None:  # noqa: A002
+    """Add a TOML file, or a model and its policy in its place, to a parser; `take_model` tells them apart."""
+    parser.add_argument("file", metavar="FILE", nargs="?", help=f"{help}; or a model, before its policy")
+    parser.add_argument("policy_file", metavar="POLICY", nargs="?", help="the policy, after a model")
+    parser.add_argument("--model", metavar="M", help="a model, in place of a TOML file")
+    parser.add_argument("--policy", metavar="P", help="a policy, in place of a TOML file")
+
+
+def take_model(arguments: argparse.Namespace) -> None:
+    """Take ``MODEL POLICY`` for ``--model MODEL --policy POLICY``.
+
+    Raises:
+        UsageError: If these are given, too.
+    """
+    if arguments.policy_file is None:
+        return
+    if arguments.model is not None or arguments.policy is not None:
+        raise UsageError("a model and its policy are given by --model and --policy or without, and not both")
+    arguments.model, arguments.policy, arguments.file = arguments.file, arguments.policy_file, None
+
+
 def add_discount(parser: argparse.ArgumentParser, help: str = "overrides the model's") -> None:  # noqa: A002
     """Add the option ``--discount``."""
     parser.add_argument("--discount", metavar="G", type=_discount, help=help)

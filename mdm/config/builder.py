@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from mdm.config.declarations import Declarations
 from mdm.config.ensembles import Ensembles
-from mdm.config.functions import Functions
+from mdm.config.functions import Functions, Unseen
 from mdm.config.problems import Problems
 from mdm.config.share import Share
 from mdm.config.system import System
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from mdm.team import Team
     from mdm.team.transport.transport import Transport
 
-__all__ = ["load_system", "load_team", "load_team_file", "look_over"]
+__all__ = ["agents_of", "load_system", "load_team", "load_team_file", "look_over"]
 
 _HELD: dict[bool | None, str] = {True: "a policy", False: "a model"}
 
@@ -88,6 +88,21 @@ def load_team(path: str | Path) -> Team | None:
     return None if described is None else described.team
 
 
+def agents_of(path: str | Path) -> tuple[str, ...]:
+    """Return the names of the agents of the team that a TOML file describes, though the file may have problems.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The names; none where the file describes no team.
+
+    Raises:
+        ConfigError: If the file cannot be read, or its table ``team`` does not say who the agents are.
+    """
+    return _Builder(Path(path), callbacks=False).agents()
+
+
 def load_team_file(path: str | Path) -> TeamFile | None:
     """Return the team that a TOML file describes, with where its certificates are; None where it describes none.
 
@@ -120,6 +135,19 @@ class _Builder:
         self._problems.raise_all()
         return described
 
+    def agents(self) -> tuple[str, ...]:
+        """Return the names of the team's agents, or raise the problems that hide them."""
+        document = self._read()
+        if "team" not in document:
+            return ()
+        from mdm.config.team_file import read_team  # noqa: PLC0415 - files without a team load nothing of teams
+
+        described = read_team(document["team"], self._path.parent, self._functions, self._problems)
+        if described is None:
+            self._problems.raise_all()
+        assert described is not None
+        return described.team.names
+
     def system(self, agent: str | None, **options: Any) -> System:
         """Return the system, or raise all problems."""
         document = self._read()
@@ -150,8 +178,7 @@ class _Builder:
                 member = share.team.member(share.agent, *joint, placement=builder.joint, **options)
         if located:
             declarations.check()
-        if located and (share is None or member is not None):  # else nothing leads what the team decides
-            builder.check(ensembles)
+            builder.check(ensembles, led=share is None or member is not None)
         if builder.complete:
             declarations.check_ends({name for ensemble in ensembles.values() for name in ensemble.action.names})
         self._problems.raise_all()
@@ -232,7 +259,7 @@ class _Builder:
             return []
         functions = [self._functions.find(reference, "tasks") for reference in references]
         for reference, function in zip(references, functions, strict=True):
-            if function is None or not self._callbacks:
+            if not self._is_seen(function):
                 continue
             if not inspect.iscoroutinefunction(function):
                 self._problems.add(f"task {reference!r} is not an async function", "tasks")
@@ -247,11 +274,15 @@ class _Builder:
             self._problems.add("emergency must be a function, such as 'robot:cut_motors'", "emergency")
             return None
         function = self._functions.find(reference, "emergency")
-        if function is None or not self._callbacks:
+        if function is None or not self._is_seen(function):
             return None
         with self._problems.collecting("emergency"):
             check_emergency(function)
-        return function
+        return function if self._callbacks else None
+
+    def _is_seen(self, function: Callable[..., Any] | None) -> bool:
+        """Whether a function is of the kind and takes the arguments of the one that the file names."""
+        return (self._callbacks or self._functions.looks) and function is not None and type(function) is not Unseen
 
 
 def _takes_one(function: Callable[..., Any]) -> bool:

@@ -12,6 +12,7 @@ from mdm.actors.ensemble import MOST_LEVELS
 from mdm.beliefs.choice import check_memory
 from mdm.compilation import sparing
 from mdm.config.functions import nothing
+from mdm.config.objects import is_reference, unseen_policy
 from mdm.config.share import Seat
 from mdm.config.tables import (
     ActionTable,
@@ -22,9 +23,10 @@ from mdm.config.tables import (
     StateTable,
     stated,
 )
+from mdm.controller import seeded
 from mdm.errors import ConfigError
 from mdm.formats import load_model, load_policy, load_rewards
-from mdm.loading import spared
+from mdm.loading import policy_of, spared
 from mdm.logic import similar
 from mdm.policies import DeterministicPolicy
 from mdm.runtime import Restart, Supervision
@@ -48,7 +50,7 @@ __all__ = ["Ensembles"]
 _OPTIONS = [
     option
     for option in SafetyOptions.__annotations__
-    if option in EnsembleTable.__struct_fields__ and option not in {"drive", "rewards", "seed", "memory"}
+    if option in EnsembleTable.__struct_fields__ and option not in {"drive", "rewards", "seed", "memory", "tracker"}
 ]
 """Options of a control layer that pass from an ensemble's table unchanged."""
 _DRIVES = ("timeout", "grace", "then", "pause", "attempts")
@@ -97,6 +99,7 @@ class Ensembles:
         self._invalid: set[str] = set()
         self._parents: dict[str, str] = {}
         self._share = share
+        self._unowned = False
         self.joint: dict[str, Placement] = {}
         self._wired: dict[str, tuple[list[StateFactor], list[ObservationFactor]]] = {}
 
@@ -113,17 +116,31 @@ class Ensembles:
 
     @property
     def complete(self) -> bool:
-        """Whether all of them could be built."""
-        return all(self._ensembles.get(name) is not None for name in self._tables)
+        """Whether all of them could be built, and every factor is an agent's."""
+        return not self._unowned and all(self._ensembles.get(name) is not None for name in self._tables)
 
-    def check(self, built: dict[str, Ensemble]) -> None:
-        """Note problems that would keep ensembles from starting."""
+    def check(self, built: dict[str, Ensemble], *, led: bool = True) -> None:
+        """Note problems that would keep ensembles from starting.
+
+        Args:
+            built: The ensembles that could be built.
+            led: Whether those of a team are led by its member, which has their teammates' predicates known.
+        """
         for name, ensemble in built.items():
-            if self._parents.get(name) not in built:  # otherwise the parent's problems include them
-                for problem in ensemble.problems():
+            if not led and self._names_others(name):
+                self._check_wiring(name)
+            elif self._parents.get(name) not in built:  # otherwise the parent's problems include them
+                for problem in ensemble.problems() if led else ensemble.layer_problems():
                     self._problems.add(problem.message, problem.key)
-        for name in self._wired.keys() - built.keys() if self._share is None else ():
+        for name in self._wired.keys() - built.keys():
             self._check_wiring(name)
+
+    def _names_others(self, name: str) -> bool:
+        """Whether factors of an ensemble use predicates or events of other agents, by their names."""
+        states, observations = self._wired[name]
+        used = [name for state in states for name in state.predicates]
+        used += [event for seen in observations for event in seen.events if event is not None]
+        return any("/" in name for name in used)
 
     def _check_wiring(self, name: str) -> None:
         """Note undeclared names in the factors of an ensemble that could not be built for other reasons."""
@@ -139,7 +156,7 @@ class Ensembles:
         known = [name for name, of in declared.names.items() if of == kind]
         what = "state factor" if kind == "predicate" else "observation factor"
         for name in names:
-            if declared.knows(name) != kind:
+            if declared.knows(name) != kind and "/" not in name:  # another agent's has been checked
                 text = f"{what} {factor!r} uses {name!r}, which is no declared {kind}{similar(name, known)}"
                 self._problems.add(text, f"{key}.{factor}")
 
@@ -148,11 +165,23 @@ class Ensembles:
             key, before = f"ensembles.{name}", len(self._problems)
             if name in {"", self._predicates.name}:
                 self._problems.add(f"an ensemble cannot be called {name!r}: give it another name", key)
+            if isinstance(value, dict) and isinstance(value.get("safe_action"), dict):
+                self._problems.add(self._one_safe_action(), f"{key}.safe_action")
+                value = {field: given for field, given in value.items() if field != "safe_action"}  # noqa: PLW2901
             self._tables[name] = self._problems.convert(value, EnsembleTable, key, partly=True)
             if len(self._problems) > before:
                 self._invalid.add(name)
         if not document.get("ensembles"):
             self._problems.add("there is no ensemble: a table such as [ensembles.robot] is missing", "ensembles")
+
+    def _one_safe_action(self) -> str:
+        """Return how a safe action is written, for one that is a table."""
+        if self._share is None:
+            return 'a safe action is the name of an action, or a function "module:name", not a table'
+        return (
+            "a safe action is not given by agent: give the name of an action, which each agent's table of actions "
+            'binds to a function of its own; or a function "module:name", which each agent calls in its own process'
+        )
 
     def _ensemble(self, name: str, above: tuple[str, ...]) -> Ensemble | None:
         """Build an ensemble after its children; None if it has problems, which are reported once."""
@@ -192,7 +221,10 @@ class Ensembles:
             return None
         memory = self._memory(table)
         with sparing(wanted=memory is not None):
-            policy = self._policy(table, model, key)
+            if is_reference(table.policy):
+                policy = self._own_policy(table, model, key, (states or [], observations or []))
+            else:
+                policy = self._policy(table, model, key)
         if table.search is not None and policy is not None:
             policy = self._search(table, model, policy, f"{key}.search", memory)
         self._wired[name] = states or [], observations or []
@@ -208,10 +240,14 @@ class Ensembles:
             "supervision": supervision,
         }
         rewards = self._rewards(table, f"{key}.rewards")
+        if table.tracker is not None:
+            parts["tracker"] = self._tracker(table.tracker, model, f"{key}.tracker")
         safe = self._safe_action(table, seat, f"{key}.safe_action")
         if any(part is None for part in parts.values()):
             return None
-        self._refuse_owners(seat, (*parts["states"], *parts["observations"]), key)
+        if table.tracker is not None and self._functions.looks:
+            del parts["tracker"]
+        self._check_owners(seat, (*parts["states"], *parts["observations"]), key)
         if seat.placement is not None:
             self.joint[name] = seat.placement
         own = {"rewards": rewards, "safe_action": safe, "agent": seat.agent, "memory": memory}
@@ -243,12 +279,19 @@ class Ensembles:
             raise ConfigError(f"there are no actions for agent {seat.who!r}", key=key)
         return {name: Binding(nothing) for name in model.action_space.factors[0].names}
 
-    def _refuse_owners(self, seat: Seat, factors: Sequence[StateFactor | ObservationFactor], key: str) -> None:
-        owned = next((factor for factor in factors if factor.owner is not None), None)
-        if owned is not None and seat.placement is None:
-            kind = "states" if isinstance(owned, StateFactor) else "observations"
-            place = f"{key}.{kind}.{owned.name}"
-            raise ConfigError("an owner is for factors of what a team decides together", key=place)
+    def _check_owners(self, seat: Seat, factors: Sequence[StateFactor | ObservationFactor], key: str) -> None:
+        """Note owners that are no agents of the team; refuse them where no team decides together."""
+        for factor in factors:
+            if factor.owner is None:
+                continue
+            kind = "states" if isinstance(factor, StateFactor) else "observations"
+            place = f"{key}.{kind}.{factor.name}"
+            if seat.placement is None or self._share is None:
+                raise ConfigError("an owner is for factors of what a team decides together", key=place)
+            before = len(self._problems)
+            with self._problems.collecting(place):
+                self._share.team.check_agent(factor.owner, key=f"{place}.owner")
+            self._unowned |= len(self._problems) > before
 
     # -- Parts -----------------------------------------------------------------------------------------------------
 
@@ -282,6 +325,38 @@ class Ensembles:
             return load_policy(path, model, kind=table.policy_kind, seed=table.seed)
         return None
 
+    def _own_policy(
+        self,
+        table: EnsembleTable,
+        model: MDP | POMDP | None,
+        key: str,
+        factors: tuple[Sequence[StateFactor], Sequence[ObservationFactor]],
+    ) -> Policy | None:
+        """Return a policy that the user's code makes; where no module is run, one of the same sizes."""
+        reference, before = str(table.policy), len(self._problems)
+        if table.policy_kind is not None:
+            raise ConfigError("policy_kind is for a matrix in a file", key=f"{key}.policy_kind")
+        policy = self._functions.make(reference, f"{key}.policy", model)
+        with self._problems.collecting(f"{key}.policy"):
+            if self._functions.looks and len(self._problems) == before:
+                return unseen_policy(reference, model, len(table.actions), *factors)
+            if policy is not None:
+                policy = policy_of(policy, model)
+                return policy if table.seed is None else seeded(policy, table.seed)
+        if len(self._problems) == before:
+            self._problems.add(f"{reference!r} returned None in place of a policy", f"{key}.policy")
+        return None
+
+    def _tracker(self, reference: str, model: MDP | POMDP | None, key: str) -> Any:
+        """Return a tracker that the user's code makes; True where no module is run and it is not used."""
+        before = len(self._problems)
+        tracker = self._functions.make(reference, key, model)
+        if tracker is None and len(self._problems) == before:
+            if self._functions.looks:
+                return True
+            self._problems.add(f"{reference!r} returned None in place of a tracker", key)
+        return tracker
+
     def _rewards(self, table: EnsembleTable, key: str) -> Any:
         if table.rewards is not None:
             with self._problems.collecting(key):
@@ -292,7 +367,10 @@ class Ensembles:
         safe = table.safe_action
         if safe is None or ":" not in safe:
             return safe
-        return (self._functions.find(safe, key) if seat.acts else None) or nothing
+        function = self._functions.find(safe, key) if seat.acts else None
+        with self._problems.collecting(key):
+            return Binding(function or nothing).target
+        return nothing
 
     def _memory(self, table: EnsembleTable) -> float | None:
         """Return how many megabytes an ensemble's model may take; None where nothing limits it but the machine."""

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import asyncio
 import importlib
+import inspect
 import sys
 from contextlib import suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from mdm.config.sources import look_for
+from mdm.config.objects import made
+from mdm.config.sources import look_for, refuse_shadowed
 from mdm.errors import ConfigError
 from mdm.logic import similar
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from mdm.config.problems import Problems
+    from mdm.models import MDP
 
-__all__ = ["Functions", "Lasting", "find_function", "nothing"]
+__all__ = ["Functions", "Lasting", "Unseen", "find_function", "nothing"]
 
 
 class Functions:
@@ -30,7 +33,7 @@ class Functions:
         callbacks: Whether functions are imported; otherwise each is one that does nothing, for as long as somebody says
             where the source of its module says that it is async.
         look: Whether functions that are not imported are looked for in the source of their modules; each is then one
-            of that name.
+            of that name, kind and arguments, or an `Unseen` one where the source does not tell.
     """
 
     def __init__(self, folder: Path, problems: Problems, *, callbacks: bool, look: bool = False) -> None:
@@ -44,15 +47,29 @@ class Functions:
         """Whether the functions found are those that the file names, and not stand-ins that do nothing."""
         return self._callbacks
 
+    @property
+    def looks(self) -> bool:
+        """Whether no module is to be run at all."""
+        return self._look
+
+    def make(self, reference: str, key: str, model: MDP | None) -> Any:
+        """Return what the class or function ``module:name`` makes; None where there is none, or no module is run."""
+        with self._problems.collecting(key):
+            if self._look:
+                look_for(reference, self._folder)
+                return None
+            return made(find_function(reference, self._folder), reference, model)
+        return None
+
     def find(self, reference: str, key: str) -> Callable[..., Any] | None:
         """Return the function named ``module:name``; None where there is none, which is noted with its key."""
         with self._problems.collecting(key):
             if self._callbacks:
                 return find_function(reference, self._folder)
             if self._look:
-                return _named(reference, lasting=look_for(reference, self._folder))
+                return look_for(reference, self._folder) or Unseen(reference)
             with suppress(ConfigError):  # nothing need be there
-                if look_for(reference, self._folder):
+                if inspect.iscoroutinefunction(look_for(reference, self._folder)):
                     return Lasting()
             return nothing
         return None
@@ -78,7 +95,7 @@ def find_function(reference: str, folder: Path) -> Callable[..., Any]:
         raise ConfigError(f"there is no module {missing}; the file's folder is searched first") from None
     except (Exception, SystemExit) as error:
         raise ConfigError(f"module {module_name!r} cannot be imported: {type(error).__name__}: {error}") from None
-    _refuse_shadowed(module_name.partition(".")[0], folder.resolve())
+    refuse_shadowed(module_name.partition(".")[0], folder.resolve())
     function: Any = module
     for part in attribute.split("."):
         names = [name for name in dir(function) if not name.startswith("_")]
@@ -88,15 +105,6 @@ def find_function(reference: str, folder: Path) -> Callable[..., Any]:
     if not callable(function):
         raise ConfigError(f"{reference!r} is a {type(function).__name__}, not a function")
     return cast("Callable[..., Any]", function)
-
-
-def _refuse_shadowed(name: str, folder: Path) -> None:
-    """Refuse a loaded module from elsewhere if the file's folder has one of the same name."""
-    beside = (folder / f"{name}.py", folder / name / "__init__.py")
-    origin = getattr(sys.modules[name], "__file__", None)
-    if any(path.exists() for path in beside) and (origin is None or Path(origin).resolve() not in beside):
-        place = "Python itself" if origin is None else origin
-        raise ConfigError(f"another module {name!r} is already loaded, from {place}: rename the one beside the file")
 
 
 class Lasting:
@@ -123,17 +131,19 @@ class Lasting:
                 end.set_exception(error)
 
 
-def _named(reference: str, *, lasting: bool) -> Callable[[], Any]:
-    """Return a function that does nothing, of a name and module; async where it is to last."""
+class Unseen:
+    """Stands for a function whose kind and arguments are not known without its module being run.
 
-    def brief() -> None: ...
+    Args:
+        reference: The function, ``module:name``.
+    """
 
-    async def long() -> None: ...
+    def __init__(self, reference: str) -> None:
+        self.__module__, _, self.__qualname__ = reference.partition(":")
+        self.__name__ = self.__qualname__.rpartition(".")[2]
 
-    stand_in: Callable[[], Any] = long if lasting else brief
-    stand_in.__module__, _, stand_in.__qualname__ = reference.partition(":")
-    stand_in.__name__ = stand_in.__qualname__.rpartition(".")[2]
-    return stand_in
+    def __call__(self) -> None:
+        """Do nothing."""
 
 
 def nothing() -> None:

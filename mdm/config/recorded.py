@@ -10,13 +10,14 @@ from mdm.config.builder import load_system
 from mdm.errors import ConfigError, Error
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
+    from mdm.actors import Ensemble
     from mdm.config.system import System
     from mdm.recording import Record, Recorder
     from mdm.team.transport.transport import Transport
 
-__all__ = ["attach_configuration", "load_recorded"]
+__all__ = ["attach_configuration", "attach_file", "check_digests", "lay_out", "load_recorded"]
 
 _LARGEST = 64 * 1024 * 1024
 _FOLDER = "files/"
@@ -38,6 +39,13 @@ def attach_configuration(recorder: Recorder, path: str | Path, *, agent: str | N
         recorder.head(agent=agent)
     for name, found in _files(file):
         recorder.attach(_FOLDER + name, "application/octet-stream", found.read_bytes())
+
+
+def attach_file(recorder: Recorder, path: str | Path) -> str:
+    """Keep a file, such as a model, with a run's record; return the name that it has there."""
+    file = Path(path)
+    recorder.attach(_FOLDER + file.name, "application/octet-stream", file.read_bytes())
+    return file.name
 
 
 def _files(file: Path) -> Iterator[tuple[str, Path]]:
@@ -114,6 +122,15 @@ def load_recorded(
             f"{record.path}: the record has no configuration, for its run was no TOML file's: give the file of the "
             f"same system with --config, or call mdm.testing.replay with the actors"
         )
+    return load_system(lay_out(record, folder) / name, agent=agent, callbacks=False, transport=transport)
+
+
+def lay_out(record: Record, folder: str | Path) -> Path:
+    """Write the files that are kept with a record below a folder; return the folder of its configuration.
+
+    Raises:
+        Error: If a file has its place elsewhere.
+    """
     here = Path(folder) / _DEEP
     here.mkdir(parents=True)
     for attached in record.attachments:
@@ -123,4 +140,21 @@ def load_recorded(
                 raise Error(f"{record.path}: it has a file {attached.name!r}, which has no place below a folder")
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_bytes(attached.data)
-    return load_system(here / name, agent=agent, callbacks=False, transport=transport)
+    return here
+
+
+def check_digests(record: Record, ensembles: Iterable[Ensemble]) -> None:
+    """Refuse to repeat a run with another model or policy than it had.
+
+    Raises:
+        Error: Of the first ensemble whose digest differs.
+    """
+    for ensemble in ensembles:
+        known = record.metadata.get(f"ensemble {ensemble.path}", {}).get("configuration")
+        now = ensemble.controller.configuration
+        if known is not None and known != now:
+            raise Error(
+                f"{record.path}: model, policy or options of ensemble {ensemble.path!r} are not those of the run "
+                f"(digest {now[:12]}, then {known[:12]}): mdm {record.head['mdm']} may have read them otherwise; with "
+                f"--config a configuration of yours is compared"
+            )

@@ -5,29 +5,45 @@ from __future__ import annotations
 import ast
 import importlib.machinery
 import sys
+from collections import Counter
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
 
 from mdm.errors import ConfigError
 from mdm.logic import similar
 
-__all__ = ["look_for"]
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["look_for", "refuse_shadowed"]
+
+_LIBRARIES = sys.stdlib_module_names | {"mdm", "anyio", "msgspec", "numpy"}
+"""What is loaded in each process that runs robots; other modules are looked at without regard to those of this one."""
+_Definition = ast.FunctionDef | ast.AsyncFunctionDef
+_YIELDS = ast.parse("yield").body
+_ANY = cast("_Definition", ast.parse("def any(*_, **__): ...").body[0]).args
 
 
-def look_for(reference: str, folder: Path) -> bool:
+def look_for(reference: str, folder: Path) -> Callable[..., Any] | None:
     """Check that there seems to be a function ``module:name``, as far as the source tells.
 
     Returns:
-        Whether the source says that it is an async function, and so takes time.
+        A function that does nothing, of the same kind (async, a generator's) and with the same arguments; None where
+        the source does not tell these, as of what is imported or decorated.
 
     Raises:
-        ConfigError: If there is no such module, its source is not Python, or it defines no such name.
+        ConfigError: If there is no such module, its source is not Python, it defines no such name, or another module
+            of that name is already loaded.
     """
     module, colon, attribute = reference.partition(":")
     if not colon or not module or not attribute:
         raise ConfigError(f"a function must be given as 'module:name', not {reference!r}")
     source = _source(module, folder)
+    name = module.partition(".")[0]
+    if name in _LIBRARIES:
+        refuse_shadowed(name, folder.resolve())
     if source is None:
-        return False
+        return None
     try:
         tree = ast.parse(source.read_bytes(), source)
     except (SyntaxError, ValueError) as error:
@@ -36,7 +52,58 @@ def look_for(reference: str, folder: Path) -> bool:
     name = attribute.partition(".")[0]
     if names is not None and name not in names:
         raise ConfigError(f"module {module!r} has no {name!r}{similar(name, names)}")
-    return any(isinstance(node, ast.AsyncFunctionDef) and node.name == attribute for node in tree.body)
+    defined = [node for node in tree.body if isinstance(node, _Definition) and node.name == attribute]
+    if len(defined) == 1 and names is not None and names[name] == 1 and not defined[0].decorator_list:
+        return _stand_in(defined[0], defined[0].args, module)
+    lasting = next((each for each in defined if isinstance(each, ast.AsyncFunctionDef) and not _yields(each)), None)
+    return None if lasting is None else _stand_in(lasting, _ANY, module)
+
+
+def refuse_shadowed(name: str, folder: Path) -> None:
+    """Refuse a loaded module from elsewhere if the file's folder has one of the same name.
+
+    Raises:
+        ConfigError: If it has.
+    """
+    beside = (folder / f"{name}.py", folder / name / "__init__.py")
+    if name not in sys.modules or not any(path.exists() for path in beside):
+        return
+    origin = getattr(sys.modules[name], "__file__", None)
+    if origin is None or Path(origin).resolve() not in beside:
+        place = "Python itself" if origin is None else origin
+        raise ConfigError(f"another module {name!r} is already loaded, from {place}: rename the one beside the file")
+
+
+def _stand_in(definition: _Definition, arguments: ast.arguments, module: str) -> Callable[..., Any]:
+    """Return a function of the same kind that does nothing: of the source no more than the arguments' names is run."""
+    nothing = ast.Constant(None)
+    bare = ast.arguments(
+        posonlyargs=[ast.arg(each.arg) for each in arguments.posonlyargs],
+        args=[ast.arg(each.arg) for each in arguments.args],
+        vararg=None if arguments.vararg is None else ast.arg(arguments.vararg.arg),
+        kwonlyargs=[ast.arg(each.arg) for each in arguments.kwonlyargs],
+        kw_defaults=[None if each is None else nothing for each in arguments.kw_defaults],
+        kwarg=None if arguments.kwarg is None else ast.arg(arguments.kwarg.arg),
+        defaults=[nothing for _ in arguments.defaults],
+    )
+    body: list[ast.stmt] = [*_YIELDS] if _yields(definition) else [ast.Pass()]
+    options: dict[str, Any] = {"type_params": []} if "type_params" in definition._fields else {}
+    node = type(definition)(definition.name, bare, body, [], **options)
+    names: dict[str, Any] = {"__name__": module}
+    exec(compile(ast.fix_missing_locations(ast.Module([node], [])), module, "exec"), names)  # noqa: S102 - see above
+    return cast("Callable[..., Any]", names[definition.name])
+
+
+def _yields(definition: _Definition) -> bool:
+    """Whether a function is a generator's, by a ``yield`` of its own."""
+    waiting: list[ast.AST] = [*definition.body]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.Yield | ast.YieldFrom):
+            return True
+        if not isinstance(node, _Definition | ast.Lambda | ast.ClassDef):
+            waiting += ast.iter_child_nodes(node)
+    return False
 
 
 def _source(module: str, folder: Path) -> Path | None:
@@ -62,20 +129,20 @@ def _source(module: str, folder: Path) -> Path | None:
     return Path(origin) if origin is not None and origin.endswith(".py") else None
 
 
-def _names(tree: ast.Module) -> set[str] | None:
-    """Return the names that a module defines at its top, in any branch; None where that cannot be known."""
-    names: set[str] = set()
+def _names(tree: ast.Module) -> Counter[str] | None:
+    """Return how often a module defines each name at its top, in any branch; None where that cannot be known."""
+    names: Counter[str] = Counter()
     waiting: list[ast.AST] = [*tree.body]
     while waiting:
         node = waiting.pop()
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            names.add(node.name)
+            names[node.name] += 1
             continue
         if isinstance(node, ast.Import | ast.ImportFrom):
-            names |= {(alias.asname or alias.name).partition(".")[0] for alias in node.names}
+            names.update((alias.asname or alias.name).partition(".")[0] for alias in node.names)
         elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            names.add(node.id)
+            names[node.id] += 1
         elif isinstance(node, ast.Name) and node.id in {"globals", "setattr", "exec", "vars"}:
             return None
         waiting += ast.iter_child_nodes(node)
-    return None if names & {"*", "__getattr__"} else names
+    return None if {"*", "__getattr__"} & names.keys() else names

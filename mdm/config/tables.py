@@ -137,12 +137,14 @@ class EnsembleTable(Table, frozen=True):
     """An ensemble; nested tables are converted separately, so that their problems are reported with their keys.
 
     Attributes:
-        policy: A file, or a list with the index of an action for each state.
+        policy: A file, a list with the index of an action for each state, or ``module:name`` for one of your own.
         actions: What each action is bound to, by name or by index.
         model: A file; needed by policies over beliefs; gives names and rewards.
         discount: Replaces the model's, above 0 and at most 1.
         policy_kind: The kind of a matrix in the policy's file; by default told by content and model.
         rewards: A file with R(s, a), where there is no model.
+        initial_belief: A probability for each state, or the name of the state that is certain.
+        tracker: ``module:name``, which makes an information state of your own.
         agents: In a team's file, the agents that have this ensemble; by default all.
         placement: In a team's file, where its layers are.
         search: A tree search that decides, with the policy as its fallback.
@@ -157,7 +159,8 @@ class EnsembleTable(Table, frozen=True):
     policy_kind: Literal["table", "stochastic", "q"] | None = None
     seed: Annotated[int, Meta(ge=0)] | None = None
     rewards: str | None = None
-    initial_belief: list[float] | None = None
+    initial_belief: list[float] | str | None = None
+    tracker: str | None = None
     drive: str | float | None = None
     horizon: int | None = None
     on_impossible: OnImpossible | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
@@ -9,6 +10,7 @@ from msgspec import Meta
 
 from mdm.config.communication import read_communication
 from mdm.config.tables import Seconds, Table, stated
+from mdm.errors import ConfigError
 from mdm.team.team import FIRST_PORT, Mode, Quorum, Team
 from mdm.team.transport.access import Access
 from mdm.team.transport.allowance import Allowance
@@ -112,7 +114,10 @@ class TeamFile:
 
 
 def read_team(given: object, folder: Path, functions: Functions, problems: Problems) -> TeamFile | None:
-    """Return the team that a file's table ``team`` describes; None where it has problems, which are noted.
+    """Return the team that a file's table ``team`` describes; None where its agents are not known.
+
+    All problems are noted. Where some have nothing to do with who its agents are, the team returned is one without the
+    keys concerned, so that the rest of the file can be checked.
 
     Agents without an endpoint listen on this machine's loopback, at the table's ``port`` and those that follow: the
     first agent at ``port``, the second at ``port`` + 1.
@@ -123,7 +128,7 @@ def read_team(given: object, folder: Path, functions: Functions, problems: Probl
         functions: Finds the functions that are named.
         problems: Where problems are noted.
     """
-    table: TeamTable | None = problems.convert(given, TeamTable, "team")
+    table: TeamTable | None = problems.convert(given, TeamTable, "team", partly=True)
     if table is None:
         return None
     agents = _agents(table, problems)
@@ -132,15 +137,17 @@ def read_team(given: object, folder: Path, functions: Functions, problems: Probl
         problems.convert(ceiling, CeilingTable, f"team.ceilings.{place}")
         for place, ceiling in enumerate(table.ceilings)
     ]
-    if agents is None or None in ceilings or (allowance is None and table.allowance is not None):
+    if agents is None:
         return None
     apart = {"name", "agents", "port", "access", "allowance", "ceilings", "communication"}
     options = stated(table, *(key for key in table.__struct_fields__ if key not in apart))
-    options["ceilings"] = [Ceiling(**msgspec.structs.asdict(ceiling)) for ceiling in ceilings]
+    options["ceilings"] = [Ceiling(**msgspec.structs.asdict(ceiling)) for ceiling in ceilings if ceiling is not None]
     options["communication"] = read_communication(table.communication, functions, problems)
+    certificates = None if table.access is None else folder / table.access
     with problems.collecting("team"):
-        team = Team(table.name, agents, **options)
-        return TeamFile(team, None if table.access is None else folder / table.access, allowance)
+        return TeamFile(Team(table.name, agents, **options), certificates, allowance)
+    with suppress(ConfigError):  # which has been noted
+        return TeamFile(Team(table.name, agents), certificates, allowance)
     return None
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mdm.models.factored.two_slice import TwoSliceNetwork
     from mdm.models.mdp import MDP
 
-__all__ = ["digest", "of_bytes", "of_parts"]
+__all__ = ["digest", "of_bytes", "of_parts", "plain"]
 
 _encode = msgspec.msgpack.Encoder().encode
 
@@ -37,7 +37,7 @@ def of_parts(parts: Iterable[Any]) -> str:
             total.update(f"{part.dtype.str}{part.shape}".encode())
             total.update(np.ascontiguousarray(part).reshape(-1).view(np.uint8).data)
         else:
-            total.update(msgspec.msgpack.encode(part, enc_hook=_plain))
+            total.update(msgspec.msgpack.encode(part, enc_hook=plain))
     return total.hexdigest()
 
 
@@ -46,10 +46,12 @@ def of_bytes(part: bytes) -> str:
     return hashlib.blake2b(_encode(part), digest_size=16).hexdigest()
 
 
-def _plain(value: Any) -> Any:
-    """Return a number of numpy as the plain one that it stands for: both are the same in a digest."""
+def plain(value: Any) -> Any:
+    """Return a number of numpy as the plain one that it stands for, and an array as a list of these, for msgspec."""
     if isinstance(value, np.generic):
         return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
     raise TypeError(f"a digest is of numbers, strings, lists and arrays, not of {value!r}")
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["Problem", "collect_problems", "is_collecting", "report"]
+__all__ = ["Problem", "collect_problems", "is_collecting", "remark", "report"]
 
 
 class Problem(NamedTuple):
@@ -18,10 +18,12 @@ class Problem(NamedTuple):
     Attributes:
         text: The problem, in a sentence.
         is_sum: Whether a distribution does not sum to 1, but can be normalised.
+        is_remark: Whether it is an oddity, which is allowed.
     """
 
     text: str
     is_sum: bool
+    is_remark: bool = False
 
 
 class _Collection(NamedTuple):
@@ -57,6 +59,13 @@ def report(problem: str, *, is_sum: bool = False) -> bool:
         return False
     collection.problems.append(Problem(problem, is_sum))
     return True
+
+
+def remark(oddity: str) -> None:
+    """Note an oddity that is allowed, where all problems are collected; nothing is to be repaired."""
+    collection = _COLLECTION.get()
+    if collection is not None and not collection.sums_only:
+        collection.problems.append(Problem(oddity, is_sum=False, is_remark=True))
 
 
 def is_collecting() -> bool:

@@ -102,7 +102,7 @@ class Walk:
             raise ModelError("the controller's nodes have no values: it cannot begin from a belief")
         self.current = (self._controllers[0].start_node(distribution(given, what="the belief", size=size)),)
 
-    def update(self, action: int | None, observation: int | tuple[int | None, ...] | None) -> float:
+    def update(self, action: int | None, observation: int | tuple[int | None, ...] | frozenset[int] | None) -> float:
         """Follow the edges of an observation.
 
         Args:
@@ -118,6 +118,8 @@ class Walk:
         """
         if observation is None:
             return 1.0
+        if isinstance(observation, frozenset):
+            raise ModelError("a plan has an edge for each whole observation: it cannot go by a part of one")
         parts = observation if isinstance(observation, tuple) else self._parts(observation)
         if len(parts) != len(self._controllers):
             raise ModelError(f"an observation has {len(self._controllers)} components, not {len(parts)}")

@@ -1,4 +1,4 @@
-"""The names of an ensemble's states and observations, which a record keeps as a file within it."""
+"""The names of an ensemble's joint states and observations, which a recorder keeps in the metadata of a record."""
 
 from __future__ import annotations
 
@@ -13,75 +13,46 @@ if TYPE_CHECKING:
 
     from mdm.recording.reader import Record
 
-__all__ = ["Factor", "Names", "attached", "names_of"]
+__all__ = ["Names", "names_of"]
 
-_FOLDER = "names/"
-
-
-class Factor(msgspec.Struct, frozen=True):
-    """A factor of a joint state or observation: its name, and those of its symbols."""
-
-    name: str
-    symbols: tuple[str, ...]
+_ENSEMBLE = "ensemble "
+"""What the names of metadata begin with that are about an ensemble; its path follows."""
 
 
 class Names(msgspec.Struct, frozen=True):
-    """The factors of an ensemble's joint states and observations; without names there are none."""
+    """The names of joint states and observations, by their indices; none where they are not kept."""
 
-    states: tuple[Factor, ...] = ()
-    observations: tuple[Factor, ...] = ()
+    states: tuple[str, ...] = ()
+    observations: tuple[str, ...] = ()
 
     def state(self, index: int | None) -> str | None:
         """Return the name of a joint state, None where it has none."""
         return _name(self.states, index)
 
     def observation(self, given: int | Sequence[int | None] | None) -> str | None:
-        """Return the name of a joint observation, or of its components, None where it has none."""
-        return _name(self.observations, given)
+        """Return the name of a joint observation, None where it has none or some of its components are missing."""
+        return _name(self.observations, given if isinstance(given, int) else None)
 
 
-def _name(factors: tuple[Factor, ...], given: int | Sequence[int | None] | None) -> str | None:
-    if given is None or not factors:
-        return None
-    places = _places(factors, given) if isinstance(given, int) else list(given)
-    if len(places) != len(factors):
-        return None
-    words = [
-        (factor.name, factor.symbols[place])
-        for factor, place in zip(factors, places, strict=True)
-        if place is not None and place < len(factor.symbols)
-    ]
-    return words[0][1] if len(factors) == len(words) == 1 else ", ".join(f"{name}={word}" for name, word in words)
-
-
-def _places(factors: tuple[Factor, ...], index: int) -> list[int | None]:
-    """Return the place in each factor of a joint index, none if it is too large."""
-    places: list[int | None] = []
-    for factor in reversed(factors):
-        index, place = divmod(index, len(factor.symbols))
-        places.append(place)
-    return [] if index else places[::-1]
-
-
-def attached(ensemble: str, names: Names) -> tuple[str, str, bytes]:
-    """Return what `RecordWriter.attach` takes for the names of an ensemble, which is told by its path."""
-    return f"{_FOLDER}{ensemble}.json", "application/json", msgspec.json.encode(names)
+def _name(names: tuple[str, ...], index: int | None) -> str | None:
+    return names[index] if index is not None and 0 <= index < len(names) else None
 
 
 def names_of(record: Record) -> dict[str, Names]:
     """Return the names of all ensembles of a record, by their paths.
 
     Raises:
-        FormatError: If names are not as `attached` writes them.
+        FormatError: If they are not lists of names.
     """
     found = {}
-    for each in record.attachments:
-        if each.name.startswith(_FOLDER) and each.name.endswith(".json"):
+    for metadata, facts in record.metadata.items():
+        if metadata.startswith(_ENSEMBLE):
             try:
-                names = msgspec.json.decode(each.data, type=Names)
+                states, observations = (
+                    msgspec.json.decode(facts.get(key, "[]"), type=tuple[str, ...])
+                    for key in ("states", "observations")
+                )
             except msgspec.MsgspecError as error:
-                raise FormatError(f"{each.name} has no names of an ensemble: {error}", file=record.path) from None
-            if not all(factor.symbols for factor in names.states + names.observations):
-                raise FormatError(f"{each.name} has a factor without symbols", file=record.path)
-            found[each.name.removeprefix(_FOLDER).removesuffix(".json")] = names
+                raise FormatError(f"the names of {metadata} are no list of names: {error}", file=record.path) from None
+            found[metadata.removeprefix(_ENSEMBLE)] = Names(states, observations)
     return found

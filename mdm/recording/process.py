@@ -1,9 +1,8 @@
 """The process that writes a record: frames in by a pipe, a file out, and what fails by a second pipe.
 
 It runs apart from the robot, so that compression and slow disks cost the robot nothing, and so that what it was sent
-is kept where the robot's process is killed. It is started by `RecordWriter` as ``python -m mdm.recording.process`` and
-loads neither numpy nor the rest of the library. It has a session of its own, and ends when the pipe does: signals that
-end programs are for the robot.
+is kept where the robot's process is killed. `RecordWriter` runs this file, which loads neither numpy nor the rest of
+the library. It has a session of its own, and ends when the pipe does: signals that end programs are for the robot.
 
 A frame is a byte that tells its kind, the length of the rest in four bytes, and the rest. Numbers are little-endian.
 """

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import asyncio
 import importlib
+import os
 import platform
-import sys
 import time as times
+from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -22,6 +24,7 @@ from mdm.errors import ConfigError
 from mdm.messages import ActionLife, Decision, Fault
 from mdm.recording import schemas
 from mdm.recording.stimuli import (
+    TRUE_STATE,
     Began,
     Ended,
     Failed,
@@ -174,7 +177,10 @@ class Recorder:
         items.append(item)
         if not self._waits and self._loop is not None:
             self._waits = True
-            self._loop.call_later(_AFTER, self._write)
+            if self._virtual:  # time may stand still for as long as a turn lasts
+                self._loop.call_soon(self._write, None)
+            else:
+                self._loop.call_later(_AFTER, self._write)
 
     def _write(self, slice_: int | None = _SLICE) -> None:
         """Encode what was noted, for so many nanoseconds, or all of it."""
@@ -192,7 +198,7 @@ class Recorder:
         self._waits = False
         if self._items and self._loop is not None:
             self._waits = True
-            self._loop.call_soon(self._write)
+            self._loop.call_soon(self._write, slice_)
         self._complain()
 
     def _complain(self) -> None:
@@ -279,9 +285,10 @@ class Recorder:
         """Note that an actor has come to a step of its life; hear the channels that there are by then."""
         self._put((Began(time, actor, step),))
         assert self._runtime is not None
-        if self.channels and step == "run":
+        if step == "run":
             for channel in self._runtime.channels:
-                if channel.name in self.channels and channel.name not in self._topics:
+                wanted = channel.name in self.channels or channel.name.endswith(f"/{TRUE_STATE}")
+                if wanted and channel.name not in self._topics:
                     self._hear(channel.name, channel)
 
     def failed(self, actor: str, error: str, time: int) -> None:
@@ -347,6 +354,8 @@ class Recorder:
         if output.ensemble not in self._controlled:
             self._controlled.add(output.ensemble)
             facts = {"configuration": output.configuration}
+            if output.draws:
+                facts["draws"] = output.draws
             for key in ("state", "action", "observation"):
                 space = getattr(output.symbols, f"{key}_space", None)
                 if space is not None and len(space) <= _NAMED:
@@ -383,6 +392,9 @@ class _Deciding(Protocol):
     @property
     def symbols(self) -> Any: ...
 
+    @property
+    def draws(self) -> str: ...
+
     def name_of(self, action: int) -> str: ...
 
     def belief_of(self, current: Any) -> Any: ...
@@ -415,16 +427,32 @@ def _plain(value: object) -> object:
 
 def environment() -> dict[str, str]:
     """Return the facts on which the last bits of numbers depend, and the format of records."""
-    numba = sys.modules.get("numba")
     return {
         "format": str(FORMAT),
         "mdm": __version__,
         "python": platform.python_version(),
         "numpy": np.__version__,
-        "numba": "" if numba is None else str(getattr(numba, "__version__", "")),
+        "numba": _numba(),
         "blas": _blas(),
         "machine": platform.machine(),
+        "compiled": _compiled(),
     }
+
+
+def _compiled() -> str:
+    """Return whether the decision loop is from a compiled wheel."""
+    found = find_spec("mdm.runtime.dispatcher")
+    return "no" if found is None or found.origin is None or found.origin.endswith(".py") else "yes"
+
+
+def _numba() -> str:
+    """Return the version by which kernels are compiled; empty where they are not."""
+    if os.environ.get("MDM_COMPILE") == "0":
+        return ""
+    try:
+        return metadata.version("numba")
+    except metadata.PackageNotFoundError:
+        return ""
 
 
 def _blas() -> str:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 __all__ = [
+    "TRUE_STATE",
     "Answered",
     "Began",
     "Commanded",
@@ -72,6 +73,10 @@ def count_messages(channels: Iterable[_Counted]) -> int:
     return sum([channel.published for channel in channels if channel.type in _COUNTED])
 
 
+TRUE_STATE = "true_state"
+"""The name of the channel, behind an ensemble's path, on which a simulated world tells its state: a record keeps it."""
+
+
 class _Stimulus(msgspec.Struct, frozen=True, gc=False, tag_field="kind", tag=str.lower):
     time: int
 
@@ -79,11 +84,12 @@ class _Stimulus(msgspec.Struct, frozen=True, gc=False, tag_field="kind", tag=str
 class Began(_Stimulus, frozen=True, gc=False):
     """An actor came to a step of its life: its start when `on_start` is called, ``run`` when `on_running` is.
 
-    An ensemble comes to its ``stop`` when its end begins, for good or before it starts anew.
+    An ensemble comes to its ``stop`` when its end begins, for good or before it starts anew; every actor comes to its
+    ``end`` when it hears nothing more.
     """
 
     actor: str
-    step: Literal["start", "run", "stop"]
+    step: Literal["start", "run", "stop", "end"]
 
 
 class Failed(_Stimulus, frozen=True, gc=False):

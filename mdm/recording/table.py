@@ -8,14 +8,12 @@ import msgspec
 
 from mdm.messages import ActionLife, Decision, State
 from mdm.recording.names import Names, names_of
+from mdm.recording.stimuli import TRUE_STATE
 
 if TYPE_CHECKING:
     from mdm.recording.reader import Record
 
-__all__ = ["TRUE_STATE", "Row", "rows"]
-
-TRUE_STATE = "true_state"
-"""The name of the topic, behind an ensemble's path, on which a simulated world tells its state."""
+__all__ = ["Row", "rows"]
 
 
 class Row(msgspec.Struct):

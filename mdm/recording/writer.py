@@ -152,7 +152,7 @@ class RecordWriter:
         try:
             # A session of its own: Ctrl-C is for the robot, whose last messages are still to be written.
             self._process = subprocess.Popen(  # noqa: S603 - this interpreter
-                [sys.executable, "-P", "-m", process.__name__, json.dumps(settings)],
+                [sys.executable, "-P", process.__file__, json.dumps(settings)],
                 stdin=source,
                 stdout=told,
                 stderr=subprocess.DEVNULL,

@@ -74,6 +74,7 @@ class Player:
         self._came = asyncio.Event()
         self._steps: set[tuple[str, str]] = set()
         self._over = False
+        self._draws: dict[str, str] = {}
         # Work that has not been waited for to take its first step.
         self.fresh: list[tuple[StandIn, Work]] = []
         self._layers: dict[str, ActionLayer] = {}
@@ -216,8 +217,15 @@ class Player:
 
     # -- Decisions ---------------------------------------------------------------------------------------------------
 
+    def draw_from(self, ensemble: str, draws: str) -> None:
+        """Have the policy of an ensemble draw as it did; before that starts."""
+        self._draws[ensemble] = draws
+
     def controls(self, output: Deciding) -> None:
-        """Take it that an ensemble is to decide."""
+        """Have an ensemble's policy draw, where it does, from where it did."""
+        draws = self._draws.pop(output.ensemble, "")
+        if draws:
+            output.draw_from(draws)
 
     def latency(self, ensemble: str, epoch: int, time: int, latency: int, limit: int) -> int:
         """Return how late the decision was."""

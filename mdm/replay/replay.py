@@ -100,6 +100,9 @@ def replay(
     now = environment()
     exact = all(found.head.get(name) == now[name] for name in _BITS)
     player = Player(stimuli, decisions, tolerance=0.0 if exact else 1e-9, most=most)
+    for name, facts in found.metadata.items():
+        if name.startswith("ensemble ") and "draws" in facts:
+            player.draw_from(name.removeprefix("ensemble "), facts["draws"])
     clock = ReplayClock(int(found.head["epoch"]))
 
     async def main() -> None:

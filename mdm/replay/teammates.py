@@ -46,6 +46,7 @@ class Teammates:
             self._answer(stimulus)
         elif transport is not None and isinstance(stimulus, Received):
             transport.receive(stimulus)
+            await asyncio.sleep(0)  # what it acknowledges behind its turn
         elif transport is not None and isinstance(stimulus, Seen):
             transport.see(stimulus.live)
         elif transport is not None and isinstance(stimulus, Opened):

@@ -24,6 +24,9 @@ class ReplayTransport:
         agent: The agent.
         incarnation: The number of its recorded life.
         unsent: The numbers of its messages that were held back.
+
+    Attributes:
+        sent: The messages that it has sent, by their keys.
     """
 
     def __init__(self, agent: str, incarnation: int, unsent: frozenset[int] = frozenset()) -> None:
@@ -31,6 +34,7 @@ class ReplayTransport:
         self.incarnation = incarnation
         self._unsent = unsent
         self._puts = 0
+        self.sent: list[tuple[str, bytes]] = []
         self._handlers: dict[str, Callable[[Sample], None]] = {}
         self._watchers: list[Callable[[Mapping[str, int]], None]] = []
         self._opened = asyncio.Event()
@@ -61,7 +65,10 @@ class ReplayTransport:
     def put(self, key: str, body: bytes, *, priority: Priority = "value") -> bool:
         """Send nothing; return whether it was sent then."""
         self._puts += 1
-        return self._puts not in self._unsent
+        if self._puts in self._unsent:
+            return False
+        self.sent.append((key, bytes(body)))
+        return True
 
     def subscribe(self, expression: str, handler: Callable[[Sample], None]) -> None:
         """Have a handler called with each recorded message under the keys of an expression."""

@@ -577,7 +577,7 @@ class Actor:
         if errors:
             raise errors[0]
 
-    async def come_to(self, step: Literal["start", "run", "stop"], handler: Callable[[None], None]) -> None:
+    async def come_to(self, step: Literal["start", "run", "stop", "end"], handler: Callable[[None], None]) -> None:
         """Come to a step of its life, in a turn of its own; a tape may have it wait for its time."""
         dispatcher = self.runtime.dispatcher
         tape = dispatcher.tape
@@ -635,8 +635,9 @@ class Actor:
     async def __let_go(self) -> None:
         """Let go of everything; when cancelled, at once."""
         self.__group = None
-        self.__release()
         try:
+            # In a turn, which a record has: input from before it is handled, and that from behind it is not.
+            await self.come_to("end", lambda _: self.__release())
             await self.__work.end(self.grace)
         finally:
             self.__work.open = False

@@ -149,6 +149,7 @@ class Dispatcher:
         "clock",
         "last",
         "loop",
+        "now",
         "on_endless",
         "on_overflow",
         "queue",
@@ -161,6 +162,7 @@ class Dispatcher:
 
     def __init__(self, clock: Clock, *, max_messages: int = 16_384, max_seconds: float = 0.05) -> None:
         self.clock = clock
+        self.now = self._reader()
         self._max_slices = max(1, max_messages // _SLICE)
         self._max_nanoseconds = int(max_seconds * 1e9)
         self.queue: deque[tuple[Subscription[Any], Any]] = deque()
@@ -225,21 +227,28 @@ class Dispatcher:
 
     # -- Turns and their times -----------------------------------------------------------------------------------
 
-    def now(self) -> int:
-        """Return the running turn's time; outside of turns, and from other threads, the clock's."""
-        time = self.time
-        if time >= 0 and get_ident() == self.thread:
-            return time
-        return self._present()
+    def _reader(self) -> Callable[[], int]:
+        """Return what `now` is: a function of one piece, for hot paths keep it."""
+        clock, tell = self.clock, self.clock.reader()
 
-    def _present(self) -> int:
-        """Return the clock's time; what a timer calls by itself, outside of turns, happens when that was due."""
-        clock = self.clock
-        return clock.firing if clock.firing >= 0 and get_ident() == self.thread else clock.now()
+        def now() -> int:
+            """Return the running turn's time; outside of turns, and from other threads, the clock's.
+
+            What a timer calls by itself, outside of turns, happens when that was due.
+            """
+            time = self.time
+            if time >= 0:
+                if get_ident() == self.thread:
+                    return time
+            elif clock.firing >= 0 and get_ident() == self.thread:
+                return clock.firing
+            return tell()
+
+        return now
 
     def stamp(self, message: Any) -> int:
         """Return the time of a stimulus: that which its maker has just stamped it with, else now."""
-        now = self._present()
+        now = self.now()
         if isinstance(message, _STAMPED):
             time = message.time
             if max(self.last, now - _FRESH) <= time <= now:
@@ -257,9 +266,9 @@ class Dispatcher:
         if self.time >= 0:
             self.queue.append((subscription, message))
         elif self.active:
-            self.wait_behind(((subscription, message),), self._present())
+            self.wait_behind(((subscription, message),), self.now())
         else:
-            self.begin(self._present())
+            self.begin(self.now())
             self.queue.append((subscription, message))
             self.run()
 

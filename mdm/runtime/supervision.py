@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import sysconfig
 import traceback
 from collections import deque
+from pathlib import Path
 from typing import Literal
 
 import msgspec
@@ -31,6 +34,11 @@ LEAVING = (SystemExit, KeyboardInterrupt)
 
 
 _TOLD = 5
+_LIBRARIES = tuple(
+    f"{folder}{os.sep}"
+    for folder in (Path(__file__).parents[1], *map(sysconfig.get_path, ("stdlib", "platstdlib", "purelib", "platlib")))
+)
+"""The folders of code that is not the program's: this library, Python's, and those installed."""
 
 
 class ActorFailure(Error):
@@ -113,11 +121,23 @@ class RestartBudget:
 def describe(error: BaseException) -> str:
     """Return one sentence for an error: its type, its text, and where in the code it came from.
 
-    A group says where each of its errors came from, not where they were gathered.
+    The place is the last line of the program's own code, not one of this library or of others that it called. An error
+    of ours that no such line has led to is about something else than code, and has no place. A group says where each of
+    its errors came from, not where they were gathered.
     """
-    frames = [] if isinstance(error, BaseExceptionGroup) else traceback.extract_tb(error.__traceback__)
-    place = f" (at {frames[-1].filename}:{frames[-1].lineno})" if frames else ""
-    return f"{type(error).__name__}: {text_of(error)}{place}"
+    return f"{type(error).__name__}: {text_of(error)}{_place(error)}"
+
+
+def _place(error: BaseException) -> str:
+    """Return where an error came from, in brackets; empty where nothing is to be corrected at a place."""
+    if isinstance(error, BaseExceptionGroup):
+        return ""
+    frames = [(frame.filename, frame.lineno) for frame in traceback.extract_tb(error.__traceback__)]
+    own = [frame for frame in frames if not frame[0].startswith(("<", *_LIBRARIES))]
+    if not own and isinstance(error, Error):
+        return ""
+    beyond = own or [frame for frame in frames if not frame[0].startswith(_LIBRARIES[0])]
+    return "".join(f" (at {file}:{line})" for file, line in (beyond or frames)[-1:])
 
 
 def text_of(error: BaseException) -> str:

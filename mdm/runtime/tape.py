@@ -72,6 +72,13 @@ class Deciding(Protocol):
     def symbols(self) -> Symbols:
         """The names of its states, actions and observations."""
 
+    @property
+    def draws(self) -> str:
+        """The state of the random numbers by which its policy draws actions; empty where it does not."""
+
+    def draw_from(self, draws: str) -> None:
+        """Have the policy draw on from that state."""
+
     def name_of(self, action: int) -> str:
         """Return the name of an action."""
 
@@ -94,7 +101,7 @@ class Tape(Protocol):
         """A message was published on a channel of input, in the turn of a time or as the beginning of it."""
 
     async def comes(self, actor: str, step: str) -> None:
-        """An actor is about to come to a step of its life: ``start``, ``run`` or ``stop``."""
+        """An actor is about to come to a step of its life: ``start``, ``run``, ``stop`` or ``end``."""
 
     def came(self, actor: str, step: str, time: int) -> None:
         """An actor has come to a step of its life."""

@@ -6,7 +6,8 @@ are sampled together, and its beliefs are a matrix. Other policies, and beliefs 
 episode at a time. `simulate` runs the real decision loop, ten to a hundred times slower.
 
 Random numbers belong to an episode and a time step, not to a policy. With the same seed, the difference of two policies
-is known far better than either value (common random numbers).
+that run in batches is known far better than either value (common random numbers), and so is that of two which run one
+episode at a time; a policy of each kind have different ones.
 """
 
 from __future__ import annotations

@@ -18,9 +18,11 @@ from mdm.simulation.world import World
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from mdm.actors import ControlOptions
     from mdm.loading import GivenModel, GivenPolicy
+    from mdm.recording import Recorder
 
 __all__ = ["simulate", "steps_for"]
 
@@ -45,6 +47,7 @@ def simulate(
     episodes: int,
     steps: int | None = None,
     progress: Callable[[int, int], object] | None = None,
+    record: str | Path | Recorder | None = None,
     **options: Unpack[ControlOptions],
 ) -> Evaluation:
     """Run episodes of a policy in its model through the real decision loop, and return their value.
@@ -59,6 +62,8 @@ def simulate(
             the discounted weight of the rest is below 1e-4.
         progress: Called after each episode with how many have ended, and of how many; where it returns True, the
             result is of these.
+        record: A file, such as ``simulated.mcap``, to which all is recorded, with the world's true states; or a
+            `mdm.recording.Recorder` of one.
         options: Options of the control layer, see `ControlOptions`. The ``seed`` is also the world's: the same seed
             gives the same result; by default it is random.
 
@@ -73,32 +78,17 @@ def simulate(
     """
     if not (is_whole(episodes) and episodes >= 1):
         raise ConfigError(f"a simulation needs at least 1 episode, not {episodes}")
-    world_model = model_of(model)
-    decides = policy_of(policy, world_model)
-    given = options.pop("seed", None)
+    given = options.get("seed")
     check_seed(given)
     seed = int(np.random.SeedSequence().generate_state(1)[0]) if given is None else given
-    if given is not None and hasattr(decides, "seed"):
-        options["seed"] = given
-    planned: int | None = getattr(decides, "horizon", None)
-    if planned is not None:
-        count = planned if steps is None else min(steps, planned)
-    else:
-        count = steps_for(world_model.discount) if steps is None else steps
-    options["horizon"] = count
+    ensemble = simulated(model, policy, steps=steps, **options)
+    count = ensemble.controller.horizon or 0
     returns: list[float] = []
     moves = 0
     began = time.perf_counter()
 
     async def main() -> None:
-        async with Runtime(log=None) as runtime:
-            ensemble = Ensemble(
-                "ensemble",
-                policy=decides,
-                model=world_model,
-                actions=dict.fromkeys(range(len(world_model.action_space.factors[0])), _nothing),
-                **options,
-            )
+        async with Runtime(log=None, record=record) as runtime:
 
             def finished(value: float) -> None:
                 nonlocal moves
@@ -118,6 +108,23 @@ def simulate(
     values = np.array(returns[:episodes])
     values.setflags(write=False)
     return Evaluation.of(values, count, seed, moves, time.perf_counter() - began)
+
+
+def simulated(
+    model: GivenModel, policy: GivenPolicy, *, steps: int | None = None, **options: Unpack[ControlOptions]
+) -> Ensemble:
+    """Return the ensemble that a simulation runs, as a replay of its record needs it: see `simulate`."""
+    world_model = model_of(model)
+    decides = policy_of(policy, world_model)
+    if not hasattr(decides, "seed"):
+        options.pop("seed", None)  # it is the world's alone
+    planned: int | None = getattr(decides, "horizon", None)
+    if planned is not None:
+        options["horizon"] = planned if steps is None else min(steps, planned)
+    else:
+        options["horizon"] = steps_for(world_model.discount) if steps is None else steps
+    actions = dict.fromkeys(range(len(world_model.action_space.factors[0])), _nothing)
+    return Ensemble("ensemble", policy=decides, model=world_model, actions=actions, **options)
 
 
 def _nothing() -> None:

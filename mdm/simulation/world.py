@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from mdm.actors import Ensemble, FixedRate
 from mdm.errors import ConfigError
 from mdm.messages import Action, Belief, Fault, Observation, State
+from mdm.recording.stimuli import TRUE_STATE
 from mdm.runtime import Actor
 from mdm.simulation.sampler import Lengths, Sampler
 
@@ -128,6 +129,7 @@ class World(Actor):
         self._states = channel(f"{path}/state", State, retain=True)
         self._observations = channel(f"{path}/observation", Observation)
         self._initial_beliefs = channel(f"{path}/initial_belief", Belief, retain=True)
+        self._true_states = channel(f"{path}/{TRUE_STATE}", State, retain=True)
         begin = self._on_action if self._lengths is None else self._on_lasting_action
         self.subscribe(channel(f"{path}/action", Action), begin)
         self._begin_episode()
@@ -135,7 +137,7 @@ class World(Actor):
             self._show_state(changed=True)
 
     def _begin_episode(self) -> None:
-        self.state = self._sampler.first_state()
+        self._be_in(self._sampler.first_state())
         self._return = 0.0
         self._weight = 1.0
         self._step = 0
@@ -188,7 +190,8 @@ class World(Actor):
 
     def _finish(self, action: int) -> None:
         """Move on when an action is over; where nothing is observed of that, it goes on."""
-        before, self.state = self.state, self._sampler.next_state(self.state, action)
+        before = self.state
+        self._be_in(self._sampler.next_state(before, action))
         observation: int | None = 0
         if self.model.pomdp is not None:
             observation = self._sampler.observation(action, before, self.state)
@@ -207,10 +210,17 @@ class World(Actor):
             self._finished(self._return)
         self._begin_episode()
 
+    def _be_in(self, state: int) -> None:
+        """Take a state, and tell it where somebody wants to know, such as a record: no robot does."""
+        self.state = state
+        if self._true_states.heard or not self._true_states.published:
+            self._true_states.derive(State(self.runtime.now(), state, self.model.state_space.unravel(state)))
+
     def _move(self, action: int) -> tuple[int | None, int]:
         """Advance until something is observed; return the observation or None, and the number of time steps."""
         for steps in range(1, _LONGEST):
-            before, self.state = self.state, self._sampler.next_state(self.state, action)
+            before = self.state
+            self._be_in(self._sampler.next_state(before, action))
             if self.model.pomdp is None:
                 return 0, steps
             observation = self._sampler.observation(action, before, self.state)

@@ -93,7 +93,7 @@ class TeamLayer(Layer):
         """Listen to the own layers."""
         channel = self.owner.channel
         self._held = False
-        self._now = self.runtime.now
+        self._now = self.runtime.dispatcher.now
         if self.ownership.takes == "state":
             self.subscribe(channel("own_state", State, retain=True), self._on_own_state)
         else:
@@ -123,6 +123,26 @@ class TeamLayer(Layer):
         self.update_live(link)
         self.assess(self.runtime.now())
 
+    @property
+    def absence(self) -> str:
+        """Who is not there whose factors of the state are unknown, and what to do, in words; empty where nobody is."""
+        state, live = self.ensemble.state, self.link.live
+        known = () if state is None else state.joint
+        pairs = zip(self.ownership.owners, known, strict=False)
+        gone = [agent for agent, value in pairs if value is None and agent not in live]
+        if not gone:
+            return ""
+        agents = dict.fromkeys(gone)
+        told = " and ".join(f"agent {agent!r} {self.link.whereabouts(agent)}" for agent in agents)
+        return f"{told}, and a state is made of the factors of all: start {'it' if len(agents) == 1 else 'them'} again"
+
+    @property
+    def awaited(self) -> tuple[str, ...]:
+        """The agents that are not there and without which nothing is decided; none where it is decided."""
+        if self.refusal is not None or getattr(self.statistics(), "role", "") not in {"joining", "waiting"}:
+            return ()
+        return tuple(agent for agent in self.team.names if agent not in self.link.live)
+
     def pause(self) -> None:
         """Decide on nothing that was begun: this agent takes no part in the team now."""
 
@@ -135,7 +155,7 @@ class TeamLayer(Layer):
             text: The sentence.
             lasts: Whether it is so still.
         """
-        if not all(agent in self.link.left for agent in gone):
+        if not all(agent in self.link.left and agent not in self.link.joined for agent in gone):
             self.report(kind, text)
             return
 

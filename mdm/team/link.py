@@ -95,6 +95,7 @@ class Link(Actor):
         live: The agents that this one hears and that hear it, by incarnation, itself included; without those who said
             that they leave.
         left: Those who have left in order, with the incarnation that has.
+        joined: The agents that have been live, with the incarnation that was last, and have not left in order since.
         opened: Whether the transport is open.
         configuration: Which agents have another configuration.
     """
@@ -108,6 +109,7 @@ class Link(Actor):
         self.agent = transport.agent
         self.live: dict[str, int] = {}
         self.left: dict[str, int] = {}
+        self.joined: dict[str, int] = {}
         self.opened = False
         self._puts = 0
         self.configuration = Configuration(transport.agent, facts or {})
@@ -333,7 +335,7 @@ class Link(Actor):
         if stranger or told is not None:
             return
         if self.configuration.agree(sample.owner):
-            self._notify(refused=True)
+            self._notify(changed=True)
         back = self.left.get(sample.owner) == sample.incarnation and sample.time > self._left_at[sample.owner]
         if back:
             del self.left[sample.owner]  # who beats has not left: another said so in its name
@@ -365,7 +367,7 @@ class Link(Actor):
         if configuration.part(other, life, told, self._standing(), theirs, self.runtime.now()):
             self._beats.pop(other, None)
             self.spawn(self._report_difference(other, life, beat.facts), name="compare")
-            self._notify(refused=True)
+            self._notify(changed=True)
 
     async def _report_difference(self, other: str, life: int, facts: Mapping[str, str]) -> None:
         """Report in words the first difference to another agent; of an ensemble, the fact behind its hash."""
@@ -381,7 +383,7 @@ class Link(Actor):
             if refused:
                 configuration.refuse(other, told)
             self.report("refused", f"{self.agent if refused else other} cannot take part in the team: {told}")
-            self._notify(refused=refused)
+            self._notify(changed=refused)
 
     def _on_tick(self, tick: Tick) -> None:
         if not tick.missed:  # else what came meanwhile has yet to be heard
@@ -391,7 +393,7 @@ class Link(Actor):
                 del self._beats[agent]
             gone = self.configuration.expire(now - self._lease)
             if silent or gone:
-                self._notify(refused=gone)
+                self._notify(changed=gone)
         if self.opened:
             self._beat()
 
@@ -401,10 +403,22 @@ class Link(Actor):
             return
         self.left[sample.owner] = sample.incarnation
         self._left_at[sample.owner] = min(sample.time, self.runtime.now())
-        self._notify(refused=self.configuration.agree(sample.owner))
+        differed = self.configuration.agree(sample.owner)
+        joined = self.joined.get(sample.owner) == sample.incarnation
+        if joined:  # else it was refused or never live, and its former life is lost as before
+            del self.joined[sample.owner]
+        self._notify(changed=differed or joined)
 
-    def _notify(self, *, refused: bool = False) -> None:
-        """Notify watchers if the live agents have changed, or whether this agent is refused may have."""
+    def whereabouts(self, agent: str) -> str:
+        """Return in words what is known of an agent that is not live."""
+        if agent in self.joined:
+            return "is lost"
+        if agent in self.left:
+            return "has left"
+        return "was not seen so far"
+
+    def _notify(self, *, changed: bool = False) -> None:
+        """Notify watchers if the live agents have changed; or who is refused or has left, which the caller knows."""
         if not self.opened:
             return
         live = {
@@ -416,9 +430,10 @@ class Link(Actor):
             live.clear()
         live[self.agent] = self.transport.incarnation
         live = {agent: live[agent] for agent in self.team.names if agent in live}
+        self.joined |= live
         if len(live) > 1:
             self.configuration.last_refusal = None
-        if live != self.live or refused:
+        if live != self.live or changed:
             self.live = live
             for subscription in tuple(self._watching):
                 self.runtime.dispatcher.deliver(subscription, self)

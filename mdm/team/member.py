@@ -207,8 +207,7 @@ class Member(Actor):
             self._live, self.lost = live, ()
             self._teammates.publish(Teammates(self.runtime.now(), self.agent, live, ()))
             return
-        lost = [agent for agent in self.team.names if agent not in live and agent not in link.left]
-        lost = [agent for agent in lost if agent in self._live or agent in self.lost]
+        lost = [agent for agent in self.team.names if agent in link.joined and agent not in live]
         for agent in lost:
             if agent not in self.lost:
                 self.report(

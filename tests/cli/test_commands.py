@@ -18,6 +18,7 @@ from mdm.compilation import COMPILE_TIME
 
 TRACED = ["--model", str(TIGER), "--policy", str(TIGER_VECTORS)]
 VERBS = ("run", "check", "info", "show", "convert", "trace", "simulate", "solve", "evaluate", "compare", "plot")
+VERBS += ("record",)
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -34,6 +35,8 @@ def test_every_verb_has_help_with_an_example(mdm, verb):
         ["run"],
         ["team"],
         ["plot"],
+        ["record"],
+        ["record", "export", "x.mcap"],
         ["--nope"],
         ["info", "--nope", "x"],
         ["run", "x.toml", "--epochs", "0"],

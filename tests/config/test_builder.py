@@ -19,6 +19,7 @@ from mdm import (
     bind,
     load_system,
 )
+from mdm.config import look_over
 from mdm.policies import DeterministicPolicy
 from mdm.testing import capture_decisions, run_virtual
 
@@ -176,3 +177,34 @@ def test_the_options_of_safety_reach_their_ensemble(folder, monkeypatch):
 def test_a_model_or_policy_is_no_file_of_ensembles(file, held):
     with refused(ConfigError):
         load_system(EXAMPLES / file)
+
+
+ODD = """
+raise SystemExit
+async def world(system): ...
+def plain(system): ...
+async def alone(): ...
+def two(a, b): ...
+def each():
+    yield
+async def cut(): ...
+"""
+
+
+def test_functions_of_another_kind_are_told_all_at_once_without_running_a_module(tmp_path):
+    (tmp_path / "odd_code.py").write_text(ODD)
+    file = tmp_path / "odd.toml"
+    file.write_text(
+        "tasks = ['odd_code:world', 'odd_code:plain', 'odd_code:alone']\nemergency = 'odd_code:cut'\n"
+        "[predicates]\nA = {}\n"
+        "[ensembles.robot]\npolicy = [0, 1]\nsafe_action = 'odd_code:each'\n[ensembles.robot.states]\na = ['A']\n"
+        "[ensembles.robot.actions]\nX = 'odd_code:two'\nY = 'odd_code:cut'\n"
+    )
+    with pytest.raises(ConfigError) as looked:
+        look_over(file)
+    keys = [problem.key for problem in looked.value.problems]
+    assert keys == ["ensembles.robot.actions.X", "ensembles.robot.safe_action", "tasks", "tasks", "emergency"]
+    (tmp_path / "odd_code.py").write_text(ODD.replace("raise SystemExit", ""))
+    with pytest.raises(ConfigError) as loaded:
+        load_system(file)
+    assert str(loaded.value) == str(looked.value)

@@ -131,6 +131,12 @@ def test_names_of_other_agents_are_those_of_the_file(tmp_path):
         ('"rooms.npz"', '"rooms.npz"\ndrive = 1', "ensembles.joint.drive", "leave it out"),
         ('"rooms.npz"', '"rooms.npz"\nplacement = { controll = "a" }', "ensembles.joint.placement.controll", "control"),
         ('"rooms.npz"', '"rooms.npz"\nplacement = { control = "c" }', "ensembles.joint.placement.control", "'c'"),
+        (
+            '"rooms.npz"',
+            '"rooms.npz"\nsafe_action = { a = "team_code:stay", b = "team_code:go" }',
+            "ensembles.joint.safe_action",
+            "is not given by agent: give the name of an action",
+        ),
         ("InLab = {}", 'InLab = {}\nT = "c/InLab"', "predicates.T", "has no agent 'c'"),
         ("InLab = {}", 'InLab = {}\nT = "b/InLap"', "predicates.T", "did you mean 'InLab'"),
         ('"InLab" }, owner = "b"', '"b/InLap" }, owner = "b"', "ensembles.joint.states.room_b", "'b/InLap'"),

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
+
 import pytest
 
 from mdm.config.sources import look_for
 from mdm.errors import ConfigError
+from mdm.runtime.handler import kind_of
 
 
 @pytest.fixture
@@ -34,9 +37,70 @@ def test_functions_that_there_seem_to_be(folder, reference):
     look_for(reference, folder)
 
 
-def test_async_functions_are_known_by_their_source(folder):
-    (folder / "slow.py").write_text("async def go(): ...\ndef stop(): ...\nclass Arm:\n    async def lift(self): ...\n")
-    assert [look_for(f"slow:{name}", folder) for name in ("go", "stop", "Arm.lift")] == [True, False, False]
+KINDS = """
+import asyncio, functools
+raise SystemExit
+async def go(): ...
+def stop(now: undefined, /, how=undefined(), *rest, hard, soft=undefined, **more): ...
+def each():
+    yield 1
+async def drips():
+    async with asyncio.Lock():
+        yield from_nowhere
+def inner():
+    def other():
+        yield
+    return lambda: (yield)
+@functools.cache
+def cached(a, b): ...
+@decorated
+async def wrapped(a, b): ...
+@decorated
+async def held():
+    yield
+def twice(): ...
+def twice(a): ...
+if twice:
+    async def either(): ...
+else:
+    def either(): ...
+async def late(): ...
+late = functools.partial(late)
+class Arm:
+    async def lift(self): ...
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "signature"),
+    [
+        ("go", "an async function", "()"),
+        ("stop", None, "(now, /, how=None, *rest, hard, soft=None, **more)"),
+        ("each", "a generator function", "()"),
+        ("drips", "an async generator function", "()"),
+        ("inner", None, "()"),
+        ("wrapped", "an async function", "(*_, **__)"),
+        ("late", "an async function", "(*_, **__)"),
+    ],
+)
+def test_the_source_tells_the_kind_and_the_arguments_and_nothing_of_it_is_run(folder, name, kind, signature):
+    (folder / "kinds.py").write_text(KINDS)
+    seen = look_for(f"kinds:{name}", folder)
+    assert (kind_of(seen), str(inspect.signature(seen))) == (kind, signature)
+    assert (seen.__module__, seen.__qualname__) == ("kinds", name)
+
+
+@pytest.mark.parametrize("name", ["cached", "held", "twice", "either", "Arm.lift", "functools.reduce", "Arm"])
+def test_the_source_does_not_tell_all(folder, name):
+    (folder / "kinds.py").write_text(KINDS)
+    assert look_for(f"kinds:{name}", folder) is None
+
+
+@pytest.mark.parametrize("name", ["time", "asyncio"])
+def test_a_module_of_the_name_of_one_that_is_loaded_is_told(folder, name):
+    (folder / f"{name}.py").write_text("def drive(): ...\n")
+    with pytest.raises(ConfigError, match=f"another module '{name}' is already loaded, from .*: rename the one beside"):
+        look_for(f"{name}:drive", folder)
 
 
 @pytest.mark.parametrize(

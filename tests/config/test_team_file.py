@@ -68,12 +68,10 @@ def test_the_memory_of_a_team_is_that_of_its_ensembles(tmp_path):
 )
 def test_wrong_limits_are_told(given, key, words):
     problems = Problems(Path("team.toml"))
-    assert (
-        read_team(
-            {"name": "t", "agents": ["a"], **given}, Path(), Functions(Path(), problems, callbacks=False), problems
-        )
-        is None
+    described = read_team(
+        {"name": "t", "agents": ["a"], **given}, Path(), Functions(Path(), problems, callbacks=False), problems
     )
+    assert described.team.names == ("a",)  # so that the rest of the file can be checked
     with pytest.raises(ConfigError) as caught:
         problems.raise_all()
     assert key in {problem.key for problem in caught.value.problems}

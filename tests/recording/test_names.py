@@ -1,63 +1,45 @@
 from __future__ import annotations
 
-import numpy as np
+import json
+
 import pytest
-from hypothesis import given, strategies as st
 from records import Writing
 from sentences import refused
 
 from mdm.errors import FormatError
-from mdm.recording.names import Factor, Names, attached, names_of
+from mdm.recording.names import Names, names_of
 from mdm.recording.reader import Record
 
-ROBOT = Names(
-    states=(Factor("person", ("no", "yes")), Factor("place", ("hall", "lab", "yard"))),
-    observations=(Factor("ears", ("hear-left", "hear-right")),),
-)
+ROBOT = Names(states=("hall", "lab", "yard"), observations=("hear-left", "hear-right"))
 
 
-@given(sizes=st.lists(st.integers(1, 5), min_size=2, max_size=4), data=st.data())
-def test_joint_states_are_named_by_their_factors(sizes, data):
-    names = Names(
-        tuple(Factor(f"f{place}", tuple(f"s{each}" for each in range(size))) for place, size in enumerate(sizes))
-    )
-    index = data.draw(st.integers(0, int(np.prod(sizes)) - 1))
-    values = np.unravel_index(index, sizes)
-    assert names.state(index) == ", ".join(f"f{place}=s{value}" for place, value in enumerate(values))
-
-
-def test_one_factor_is_named_by_its_symbol_and_what_is_not_known_left_out():
+def test_symbols_have_the_names_at_their_indices():
+    assert [ROBOT.state(index) for index in range(3)] == ["hall", "lab", "yard"]
     assert ROBOT.observation(1) == "hear-right"
-    assert ROBOT.observation((1,)) == "hear-right"
-    assert ROBOT.state(4) == "person=yes, place=lab"
-    assert Names(observations=ROBOT.states).observation((None, 2)) == "place=yard"
-    assert Names(observations=ROBOT.states).observation((None, None)) == ""
 
 
-@pytest.mark.parametrize("given", [None, (1, 2, 0), (), 6])
+@pytest.mark.parametrize("given", [None, 2, -1, (1, None), ()])
 def test_what_has_no_name(given):
-    names = Names(observations=ROBOT.states)
-    assert names.observation(given) is None
+    assert ROBOT.observation(given) is None
     assert Names().state(0) is None
-    assert Names().observation((0, 1)) is None
+    assert Names().observation(0) is None
 
 
-def record_with(tmp_path, *files):
+def record_with(tmp_path, **metadata):
     record = Writing(tmp_path / "run.mcap")
-    for file in files:
-        record.writer.attach(*file)
+    for path, facts in metadata.items():
+        record.writer.metadata(f"ensemble {path}", facts)
     return Record(record.close())
 
 
-def test_names_are_kept_in_a_record(tmp_path):
-    record = record_with(
-        tmp_path, attached("top", ROBOT), attached("top/below", Names()), ("a.toml", "text/plain", b"")
-    )
+def test_names_are_kept_by_the_paths_of_ensembles(tmp_path):
+    facts = {"configuration": "1f", "states": json.dumps(ROBOT.states), "observations": json.dumps(ROBOT.observations)}
+    record = record_with(tmp_path, **{"top": facts, "top/below": {}})
     assert names_of(record) == {"top": ROBOT, "top/below": Names()}
 
 
-@pytest.mark.parametrize("data", [b"?", b'{"states": 1}', b'{"states": [{"name": "a", "symbols": []}]}'])
-def test_what_is_no_names(tmp_path, data):
-    record = record_with(tmp_path, ("names/top.json", "application/json", data))
+@pytest.mark.parametrize("text", ["?", '{"states": 1}', "[1, 2]"])
+def test_what_is_no_names(tmp_path, text):
+    record = record_with(tmp_path, top={"states": text})
     with refused(FormatError):
         names_of(record)

@@ -41,7 +41,7 @@ def ran(path, sent, **settings):
         **settings,
     }
     done = subprocess.run(
-        [sys.executable, "-P", "-m", "mdm.recording.process", json.dumps(given)],
+        [sys.executable, "-P", process.__file__, json.dumps(given)],
         input=sent,
         stdout=subprocess.PIPE,
         pass_fds=(descriptor,),
@@ -87,12 +87,12 @@ def test_a_frame_that_cannot_be_written_is_told(tmp_path):
 
 
 def test_it_loads_no_more_than_it_needs():
-    program = "import json, sys\nimport mdm.recording.process, mcap.writer\nprint(json.dumps(sorted(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    loaded = json.loads(done.stdout)
-    assert "numpy" not in loaded
-    assert "msgspec" not in loaded
-    assert [name for name in loaded if name.split(".")[0] == "mdm"] == ["mdm", "mdm.recording", "mdm.recording.process"]
+    program = (
+        "import json, runpy, sys\nrunpy.run_path(sys.argv[1])\nimport mcap.writer\nprint(json.dumps([*sys.modules]))"
+    )
+    command = [sys.executable, "-P", "-c", program, process.__file__]
+    loaded = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    assert not {name.split(".")[0] for name in loaded} & {"mdm", "msgspec", "numpy"}
 
 
 def test_a_claim_holds_until_its_file_is_closed(tmp_path):

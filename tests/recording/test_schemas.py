@@ -94,6 +94,7 @@ def values(kind):
         int: st.integers(0, 2**53),
         float: st.floats(allow_nan=False, allow_infinity=False),
         bool: st.booleans(),
+        bytes: st.binary(max_size=5),
         str: st.text(max_size=5),
         type(None): st.none(),
     }[kind]

@@ -4,7 +4,6 @@ import numpy as np
 from records import Writing, decision, tiger
 
 from mdm.messages import ActionLife, State
-from mdm.recording.names import Factor, Names, attached
 from mdm.recording.reader import Record
 from mdm.recording.table import rows
 
@@ -13,7 +12,7 @@ def table(tmp_path, told, names=None, ensemble=None):
     """Return rows of a record of pairs of topic and message."""
     record = Writing(tmp_path / "run.mcap")
     if names is not None:
-        record.writer.attach(*attached("patrol", names))
+        record.writer.metadata("ensemble patrol", names)
     for topic, message in told:
         record.write(topic, message)
     return rows(Record(record.close()), ensemble)
@@ -84,7 +83,7 @@ def test_ensembles_are_apart(tmp_path):
 
 
 def test_true_states_and_names(tmp_path):
-    names = Names((Factor("place", ("hall", "lab", "yard")),), (Factor("seen", ("light", "dark")),))
+    names = {"states": '["hall", "lab", "yard"]', "observations": '["light", "dark"]'}
     told = [
         made(1, state=None, observation=1),
         ("patrol/true_state", State(1, 2, (2,))),

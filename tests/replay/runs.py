@@ -34,7 +34,10 @@ def record(seed, path, seconds):
 def violations(seed, path, seconds=0.5):
     """Record the system of a seed and replay it; return how many decisions it made, and what is wrong."""
     logging.disable()  # asyncio tells of what is raised where nobody waits, as is meant here
-    counted = record(seed, path, seconds)
+    try:
+        counted = record(seed, path, seconds)
+    finally:
+        logging.disable(logging.NOTSET)
     wrong = []
     if counted.dropped:
         wrong.append(f"the record lost {counted.dropped} messages")

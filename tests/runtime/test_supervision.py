@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import re
+import subprocess
+import sys
 from contextlib import nullcontext
 
 import anyio
+import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from recorded import Fragile, Recorded, tell
 from sentences import refused
 
+import mdm
 from mdm import Actor, ActorFailure, ConfigError, Restart
 from mdm.runtime.supervision import RestartBudget, describe
 from mdm.testing import crash, probe, run_virtual
@@ -350,3 +355,38 @@ def test_an_actor_that_fails_by_a_task_group_says_which_error_it_was(group):
 
 def fail_line(work):
     return work.__code__.co_firstlineno + 2
+
+
+def test_the_place_of_an_error_is_the_program_s_own_line(tmp_path):
+    def told(function):
+        try:
+            function()
+        except Exception as error:
+            return describe(error)
+        raise AssertionError
+
+    def here(function):
+        return f"(at {__file__}:{function.__code__.co_firstlineno + 1})"
+
+    def unknown():
+        mdm.PredicateManager().sensor("Seen", max_age=-1)
+
+    def python():
+        json.loads("{")
+
+    def installed():
+        np.zeros((2, 2)).reshape(3)
+
+    for function in (unknown, python, installed):
+        assert told(function).endswith(here(function))
+    program = """
+import mdm
+from mdm.runtime.supervision import describe
+try:
+    mdm.load_model("missing")
+except mdm.Error as error:
+    print(describe(error.with_traceback(error.__traceback__.tb_next)))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert "missing" in done.stdout
+    assert "(at " not in done.stdout  # no line of the program has led to it

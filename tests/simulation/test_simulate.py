@@ -21,13 +21,15 @@ from mdm import (
     load_policy,
     simulate,
 )
-from mdm.messages import Action
+from mdm.messages import Action, State
 from mdm.models import POMDP, Factor, FactoredPOMDP, MixedPOMDP, Space
 from mdm.models.factored.factoring import as_network
-from mdm.policies import DeterministicPolicy, FiniteStateController, JointController, MixedAlphaVectors
+from mdm.policies import DeterministicPolicy, FiniteStateController, JointController, MixedAlphaVectors, RandomPolicy
 from mdm.problems import dec_tiger, tiger
+from mdm.recording import Record
+from mdm.replay import replay
 from mdm.simulation import Sampler
-from mdm.simulation.simulate import steps_for
+from mdm.simulation.simulate import simulated, steps_for
 from mdm.solvers import solve
 from mdm.testing import probe, run_virtual
 
@@ -178,3 +180,32 @@ def test_a_controller_without_values_is_told_nothing_of_the_first_state():
         assert not list(faults)
 
     run_virtual(main)
+
+
+def test_a_record_has_the_true_states_by_which_returns_come_about(tmp_path):
+    file = tmp_path / "simulated.mcap"
+    result = simulate(tiger(), EXAMPLES / "tiger.vf", episodes=5, steps=20, seed=3, record=file)
+    model, record = tiger(), Record(file)
+    state, returns, value, weight = None, [], 0.0, 1.0
+    for each in record.messages(["ensemble/true_state", "decisions"]):
+        if isinstance(each.message, State):
+            state = each.message.index
+        else:
+            value += weight * model.rewards[state, each.message.action]
+            weight *= model.discount
+            if each.message.epoch == 19:
+                returns.append(value)
+                value, weight = 0.0, 1.0
+    assert returns == pytest.approx(list(result.returns), abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", [None, 4])
+def test_a_recorded_simulation_is_replayed_also_where_a_policy_draws_without_a_seed(tmp_path, seed):
+    file = tmp_path / "simulated.mcap"
+    policy = RandomPolicy(num_actions=3, num_states=2)
+    options = {} if seed is None else {"seed": seed}
+    simulate(tiger(), policy, episodes=3, steps=10, record=file, **options)
+    again = simulated(tiger(), RandomPolicy(num_actions=3, num_states=2), steps=10)
+    replayed = replay(file, again)
+    assert (replayed.recorded, replayed.replayed, replayed.same) == (30, 30, True)
+    assert len({each.message.action for each in Record(file).messages(["decisions"])}) > 1

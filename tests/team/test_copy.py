@@ -20,6 +20,8 @@ from mdm.testing import probe, run_virtual
 
 
 class Lead:
+    absence = ""
+
     def command(self, command):
         pass
 

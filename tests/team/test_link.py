@@ -263,3 +263,36 @@ def test_a_farewell_of_another_life_counts_for_nothing(life):
         assert (tuple(a.live), a.left) == (("a", "b"), {})
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize("facts", [{"model": "doors"}, {}])
+def test_a_farewell_of_one_that_was_never_live_is_not_that_of_an_earlier_life(facts):
+    """Neither of an agent of another configuration, nor of one that is not heard by then, nor of a stranger."""
+
+    async def main(runtime):
+        network = Network(runtime.clock)
+        a, b, x = await alone(runtime, network), network.transport("b"), network.transport("x")
+        await b.open()
+        beats(b, model="rooms")
+        await asyncio.sleep(0.05)
+        assert a.joined == {"a": 1, "b": 1}
+        network.crash("b")
+        await asyncio.sleep(2.0)
+        again = network.transport("b")
+        await again.open()
+        await x.open()
+        if facts:
+            beats(again, **facts)
+            await asyncio.sleep(0.05)
+        for transport in (again, x):
+            transport.put(join("team", transport.agent, "leaving"), b"")
+        await asyncio.sleep(0.05)
+        assert tuple(a.live) == ("a",)
+        assert a.joined == {"a": 1, "b": 1}
+        beats(again, model="rooms")
+        await asyncio.sleep(0.05)
+        again.put(join("team", "b", "leaving"), b"")
+        await asyncio.sleep(0.05)
+        assert a.joined == {"a": 1}
+
+    run_virtual(main)

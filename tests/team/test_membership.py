@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-from team_robots import Robot, history, over_beliefs, started, three, tigers, two
+from team_robots import Robot, history, over_beliefs, over_states, started, three, tigers, two
 
 import mdm
 from mdm import problems
@@ -154,6 +154,58 @@ def test_who_leaves_in_order_is_not_missed():
     run_virtual(main)
 
 
+@pytest.mark.parametrize("mode", ["replicated", "centralised", "communicating"])
+@pytest.mark.parametrize("reaction", ["safe_action", "hold"])
+@pytest.mark.parametrize("ends", ["in order", "by a crash"])
+@pytest.mark.parametrize(("age", "stays"), [(0.5, "left"), (0.5, "right"), (10.0, "left"), (10.0, "right")])
+def test_a_teammate_is_lost_until_it_is_admitted_again(mode, reaction, ends, age, stays):
+    """One of its name that was refused, or has only just come, was never there: its farewell is not that of the lost.
+
+    Where nobody has been there for long, it is the one that stays who is refused meanwhile.
+    """
+
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers", lease=0.5)
+        period = {"period": 0.5} if mode == "communicating" else {}
+
+        def build(robot, agent):
+            return over_beliefs(problems.dec_tiger())(
+                robot, agent, safe_action=robot.act("SAFE"), on_lost_teammate=reaction
+            )
+
+        def robot(name, **options):
+            return Robot(tigers(mode=mode, lease=0.5, **period, **options), name, network, build)
+
+        name = "right" if stays == "left" else "left"
+        gone = await robot(name).start(runtime)
+        one = await robot(stays).start(runtime)
+        await asyncio.sleep(age)
+        assert one.member.statistics().live == ("left", "right")
+        network.crash(name)
+        await runtime.stop(gone.member)
+        await asyncio.sleep(2.0)
+        assert one.member.lost == (name,)
+        for other in (robot(name, max_age=3.0), robot(name)):
+            await other.start(runtime)
+            if other.member.team.max_age == 3.0:
+                await asyncio.sleep(2.0)
+                assert "refused" in one.kinds()
+            if ends == "by a crash":
+                network.crash(name)
+            await runtime.stop(other.member)
+            await asyncio.sleep(3.0)
+            assert one.member.lost == (name,)
+            assert one.replica.lost == {name}
+            causes = {cause.kind for cause in one.ensemble.causes} - {"lost_controller"}
+            assert causes == ({"lost_teammate"} if reaction == "safe_action" else set())
+        await robot(name).start(runtime)
+        await asyncio.sleep(3.0)
+        assert one.ensemble.mode == "deciding"
+        assert one.member.lost == ()
+
+    run_virtual(main)
+
+
 def test_who_comes_late_does_what_is_decided_now_and_nothing_of_before():
     async def main(runtime):
         network = Network(runtime.clock, team="tigers")
@@ -249,5 +301,49 @@ def test_what_was_seen_without_a_majority_is_not_acted_on_when_there_is_one_agai
         assert left.did == right.did
         assert left.did[-1] == "open-right"
         assert len(right.commits) == 2
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("how", ["left", "lost"])
+def test_a_state_without_an_agent_says_who_is_gone_and_what_to_do(how):
+    async def main(runtime):
+        network = Network(runtime.clock, team="rooms", lease=0.5)
+        team = mdm.Team("rooms", ["a", "b"], drive="event", lease=0.5, max_age=1.0)
+        a, b = await started(runtime, team, network, over_states, safe_action="stay")
+        for robot in (a, b):
+            robot.lab.set(True)
+        await asyncio.sleep(1.0)
+        assert a.ensemble.mode == "deciding"
+        if how == "left":
+            await runtime.stop(b.member)
+            where = "has left"
+        else:
+            network.crash("b")
+            where = "is lost"
+        await asyncio.sleep(1.0)
+        a.lab.set(False)  # the first step without it
+        await asyncio.sleep(4.0)
+        text = f"agent 'b' {where}, and a state is made of the factors of all: start it again"
+        found = [fault.detail for fault in a.faults if fault.kind == "unknown_input"]
+        assert found == [f"the state turned unknown: room_b (of b); {text}"]
+        assert a.ensemble.causes[0].detail == found[0]
+        assert a.ensemble.statistics().waiting == ()
+
+    run_virtual(main)
+
+
+def test_an_agent_that_waits_for_its_majority_names_those_who_are_not_there():
+    async def main(runtime):
+        network = Network(runtime.clock, team="rooms", lease=0.5)
+        team = mdm.Team("rooms", ["a", "b"], drive="event", quorum="majority", lease=0.5)
+        a, b = await started(runtime, team, network, over_states)
+        for robot in (a, b):
+            robot.lab.set(True)
+        await asyncio.sleep(1.0)
+        assert (a.replica.awaited, b.replica.awaited) == ((), ())
+        network.crash("b")
+        await asyncio.sleep(4.0)
+        assert a.replica.awaited == ("b",)
 
     run_virtual(main)

@@ -1,34 +1,36 @@
-"""What a robot hears and does; what it hears is simulated."""
+"""What each robot hears and does; what it hears is simulated."""
 
 import asyncio
 import random
 
 BEHIND = "Left"  # the door that is better left shut, the same for both robots
-RIGHT = 0.75  # the share of what is heard that is true, as in the model
+RIGHT = 0.85  # the share of what is heard that is true, as in team.dpomdp
 
 
-async def live(system):
-    """Keep what raises events, and wait for actions."""
-    global predicates
-    predicates = system.predicates
-    await asyncio.Event().wait()
+class Robot:
+    """One of the robots; each process uses one of them, and a test has both in its own."""
+
+    async def live(self, system):
+        """Keep what raises events, and wait for actions."""
+        self.predicates = system.predicates
+        await asyncio.Event().wait()
+
+    def listen(self):
+        """Listen."""
+        other = "Right" if BEHIND == "Left" else "Left"
+        heard = BEHIND if random.random() < RIGHT else other
+        print("hears it at the", heard, flush=True)
+        self.predicates.occur(f"Heard{heard}")
+
+    def open_left(self):
+        """Open the left door, and listen for the next time."""
+        print("opens the left door", flush=True)
+        self.listen()
+
+    def open_right(self):
+        """Open the right door, and listen for the next time."""
+        print("opens the right door", flush=True)
+        self.listen()
 
 
-def listen():
-    """Listen."""
-    other = "Right" if BEHIND == "Left" else "Left"
-    heard = BEHIND if random.random() < RIGHT else other
-    print("hears it at the", heard, flush=True)
-    predicates.occur(f"Heard{heard}")
-
-
-def open_left():
-    """Open the left door, and listen for the next time."""
-    print("opens the left door", flush=True)
-    listen()
-
-
-def open_right():
-    """Open the right door, and listen for the next time."""
-    print("opens the right door", flush=True)
-    listen()
+ada, bob = Robot(), Robot()

@@ -163,6 +163,12 @@ class ObservationFactor:
         """Whether the events were given by symbol."""
         return self.symbols is not None
 
+    def wires(self) -> tuple[Wire, ...]:
+        """Return the wire of each of its symbols, in their order, as if each of its events were declared."""
+        symbols = range(self.size) if self.symbols is None else self.symbols
+        pairs = enumerate(zip(symbols, self.events, strict=True))
+        return tuple(Wire(self.name, str(symbol), event, place == self.idle) for place, (symbol, event) in pairs)
+
     def arranged(self, factor: Factor) -> ObservationFactor:
         """Return it with the events in the order of a model's factor."""
         what = f"observation factor {self.name!r}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mdm.actors.layer import Layer
-from mdm.actors.wiring import Wire, arrange
+from mdm.actors.wiring import arrange
 from mdm.errors import ConfigError
 from mdm.logic import similar
 from mdm.logic.inputs import Memory
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from mdm.actors.abstraction.factors import ObservationFactor
     from mdm.actors.predicates.predicate_manager import PredicateManager
+    from mdm.actors.wiring import Wire
     from mdm.models import Space
 
 __all__ = ["ObservationLayer"]
@@ -51,7 +52,7 @@ class ObservationLayer(Layer):
         name: str = "observation",
     ) -> None:
         super().__init__(name)
-        self.factors, self._misplaced = arrange(factors, space, "observation factor", complete=True)
+        self.factors, self._misplaced = arrange(factors, space, "observation factor")
         self.predicates = predicates
         predicates.declared.use(*(name for factor in self.factors for name in factor.events if name is not None))
         self.space = space
@@ -79,16 +80,8 @@ class ObservationLayer(Layer):
 
     def wires(self) -> tuple[Wire, ...]:
         """Return the wire of each symbol of each factor."""
-        return tuple(
-            Wire(
-                factor.name,
-                str(place if factor.symbols is None else factor.symbols[place]),
-                event if self._is_declared(event) else None,
-                idle=place == factor.idle,
-            )
-            for factor in self.factors
-            for place, event in enumerate(factor.events)
-        )
+        wires = (wire for factor in self.factors for wire in factor.wires())
+        return tuple(wire if self._is_declared(wire.source) else wire._replace(source=None) for wire in wires)
 
     def problems(self) -> Iterator[ConfigError]:
         """Yield the faults of the factors: against the events declared, each other, and the model."""

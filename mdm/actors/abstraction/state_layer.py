@@ -44,7 +44,7 @@ class StateLayer(Layer):
     covers an agent's own factors alone publishes on ``own_state`` the known values of these, whenever one changes.
 
     Args:
-        factors: All of the model's factors or some; by name where the model names them, else in the model's order,
+        factors: All of the model's factors; by name where the model names them, else in the model's order,
             first the most significant.
         predicates: The predicate manager.
         space: The model's state space, to arrange the factors by and to check them against.
@@ -69,7 +69,7 @@ class StateLayer(Layer):
         name: str = "state",
     ) -> None:
         super().__init__(name)
-        self.factors, self._misplaced = arrange(factors, space, "state factor", complete=False)
+        self.factors, self._misplaced = arrange(factors, space, "state factor")
         self.predicates = predicates
         predicates.declared.use(*(name for factor in self.factors for name in factor.predicates))
         self.space = space

@@ -51,11 +51,12 @@ _own, _disown = OWNER.set, OWNER.reset
 class _Run(Life):
     """A life, and the work that carries it out."""
 
-    __slots__ = ("binding", "deadline", "grace", "put_off", "work")
+    __slots__ = ("began", "binding", "deadline", "grace", "put_off", "work")
 
     def __init__(self, name: str, binding: Binding, action: Action, *, secures: bool = False) -> None:
         super().__init__(name, binding, action, secures=secures)
         self.binding = binding
+        self.began = action.time
         self.work: Work | None = None
         self.deadline: Timer | None = None
         self.grace: Timer | None = None
@@ -75,12 +76,13 @@ class _Brief:
 class ActionStatistics(ActorStatistics, frozen=True):
     """Counts of an action layer: lives started, how they ended, and which are live.
 
-    ``skipped`` counts decisions that were overtaken before their action began; ``latency`` is from stimulus to the
-    callback's call.
+    ``safe_ended`` counts those of ``ended`` that were run as the safe action; ``skipped`` counts decisions that were
+    overtaken before their action began; ``latency`` is from stimulus to the callback's call.
     """
 
     started: int
     ended: dict[ActionStatus, int]
+    safe_ended: dict[ActionStatus, int]
     skipped: int
     live: tuple[str, ...]
     latency: Histogram
@@ -151,6 +153,7 @@ class ActionLayer(Layer):
         self.safe = safe_binding(safe_action, names, self.bindings)
         self.started = 0
         self._ended: dict[ActionStatus, int] = {}
+        self._safe_ended: dict[ActionStatus, int] = {}
         # Functions that were called and have succeeded, and are not counted above yet.
         self._swift = 0
         self._component = component
@@ -178,6 +181,13 @@ class ActionLayer(Layer):
         """The names of the actions that are live now."""
         current = () if self.lives.current is None else (self.lives.current.name,)
         return (*current, *self.lives.beside)
+
+    @property
+    def ages(self) -> dict[str, float]:
+        """For how many seconds each action has lived that is live now, by name."""
+        lives = self.lives
+        running = (*(() if lives.current is None else (lives.current,)), *lives.beside.values())
+        return {life.name: (self.runtime.now() - life.began) / 1e9 for life in running}
 
     @property
     def calls(self) -> int:
@@ -225,6 +235,7 @@ class ActionLayer(Layer):
             **msgspec.structs.asdict(super().statistics()),
             started=self.started,
             ended=dict(self.ended),
+            safe_ended=dict(self._safe_ended),
             skipped=self.skipped,
             live=self.live,
             latency=self.latency,
@@ -522,6 +533,7 @@ class ActionLayer(Layer):
         self._returned(life, result, jobs)
 
     def _keep(self, life: _Run, *, task: bool) -> None:
+        life.began = self.runtime.now()
         self.lives.keep(life, task=task)
         timeout = self.safe_timeout if life.secures else life.binding.timeout
         if timeout is not None:
@@ -606,6 +618,7 @@ class ActionLayer(Layer):
         ended[status] = ended.get(status, 0) + 1
         text = f"action {life.name!r} {status.replace('_', ' ')}: {detail}".rstrip(": ")
         if life.secures:
+            self._safe_ended[status] = self._safe_ended.get(status, 0) + 1
             self._tell_secured(None if status == "succeeded" else text)
         if status in _FAILED:
             self.report("action", text)

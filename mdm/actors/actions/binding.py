@@ -176,9 +176,8 @@ def _takes_action(function: Callback) -> bool:
     keyword = [p.name for p in parameters if p.kind is p.KEYWORD_ONLY and p.default is p.empty]
     if len(required) > 1 or keyword:
         names = ", ".join([*(parameter.name for parameter in required), *keyword])
-        raise ConfigError(
-            f"an action's function takes no argument or the Action message, but {function!r} asks for {names}"
-        )
+        name = getattr(function, "__qualname__", repr(function))
+        raise ConfigError(f"an action's function takes no argument or the Action message, but {name} asks for {names}")
     return bool(required) or any(parameter.kind is parameter.VAR_POSITIONAL for parameter in parameters)
 
 

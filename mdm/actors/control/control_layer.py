@@ -21,7 +21,7 @@ from mdm.actors.layer import Layer
 from mdm.actors.options import ControlOptions
 from mdm.actors.safety.modes import AT_INPUT, AT_KNOWN
 from mdm.controller import Controller
-from mdm.errors import ConfigError, Error, ModelError
+from mdm.errors import ConfigError, Error, ModelError, PolicyError
 from mdm.messages import Answer, Belief, Control, Fault, Observation, Question, State, Tick
 from mdm.options import check_options
 from mdm.runtime import ActorStatistics, Histogram
@@ -227,6 +227,7 @@ class ControlLayer(Layer):
         self._ticker = None
         self.state = None
         self._open = None
+        self._ticks = channel("tick", Tick)
         if self.planner is not None:
             self._questions = channel("question", Question)
             self.subscribe(channel("answer", Answer), self._on_answer)
@@ -335,7 +336,7 @@ class ControlLayer(Layer):
         try:
             step = self._see(index)
         except ModelError as error:
-            self._alarm(Fault(state.time, self.path, "state", text_of(error)))
+            self._undecided(error, state.time)
         else:
             self._tell(step, state.time, cause, None, index)
 
@@ -362,13 +363,16 @@ class ControlLayer(Layer):
             self.decide(observation.time, "episode")
         else:
             symbol = self.symbol(observation)
-            self.advance(symbol, observation.time)
+            if not self.advance(symbol, observation.time):
+                return
             if self.source.held:  # by now, for it was impossible
                 self.source.answer_later("observation", symbol)
             else:
                 self.decide(observation.time, "observation", symbol, tell=self._tell)
 
     def _on_tick(self, tick: Tick) -> None:
+        if self._ticks.heard:
+            self._ticks.emit(tick)
         if not self.running:
             self.source.tick_aside(tick)  # which may end a safe mode
         if self.running:
@@ -393,13 +397,22 @@ class ControlLayer(Layer):
                 symbol = self._last_observation
             elif self._no_observation != "predict":
                 symbol = self._no_observation
-            symbol = self.advance(symbol, tick.time)
+            symbol = self._taken_in(symbol, tick.time)
             if self.source.held:  # by now, for the observation is impossible
                 return
         if self.takes_states and self.state is None:
             self.undecided += 1
         else:
             self.decide(tick.time, cause, symbol)
+
+    def _taken_in(self, symbol: Observed, time: int) -> Observed:
+        """Advance at a tick; return the observation, None where there is none or it was refused: time has passed."""
+        if self.controller.given:
+            symbol = None
+        if not self.advance(symbol, time) and symbol is not None:
+            symbol = None
+            self.advance(None, time)
+        return symbol
 
     def on_external_belief(self, belief: Belief) -> None:
         """Decide on a belief from outside, in place of the layer's own."""
@@ -442,11 +455,11 @@ class ControlLayer(Layer):
 
     # -- Decisions -----------------------------------------------------------------------------------------------
 
-    def advance(self, observation: Observed, time: int) -> Observed:
-        """Hand the controller an observation; report one that is invalid or impossible.
+    def advance(self, observation: Observed, time: int) -> bool:
+        """Hand the controller an observation; report one that is refused or impossible.
 
         Returns:
-            The observation that the controller has taken in; None where none was.
+            Whether it was taken in, and not refused: nothing is decided as if it had been.
         """
         controller = self.controller
         if controller.given:
@@ -454,8 +467,8 @@ class ControlLayer(Layer):
         try:
             controller.advance(observation)
         except (ModelError, TypeError) as error:
-            self.report("observation", text_of(error), time=time)
-            return observation
+            self.report("observation", f"{text_of(error)}; it is not taken in", time=time)
+            return False
         self._last_observation = observation
         if controller.problem is not None:
             fault = Fault(time, self.path, "impossible_observation", controller.problem)
@@ -463,7 +476,7 @@ class ControlLayer(Layer):
                 self._alarm(fault)
             else:
                 self.runtime.faults.publish(fault)
-        return observation
+        return True
 
     def _alarm(self, fault: Fault) -> bool:
         """Report a fault that endangers the ensemble; return whether that makes it safe."""
@@ -496,9 +509,16 @@ class ControlLayer(Layer):
                 return
             step = self.controller.decide() if state is None else self._see(state)
         except ModelError as error:
-            self._alarm(Fault(time, self.path, "state" if self.takes_states else "policy", text_of(error)))
+            self._undecided(error, time)
             return
         (self.output.publish if tell is None else tell)(step, time, cause, observation, state)
+
+    def _undecided(self, error: ModelError, time: int) -> None:
+        """Report that nothing could be chosen; an error in a policy's code is a failure where nothing goes safe."""
+        raised = isinstance(error, PolicyError)
+        fault = Fault(time, self.path, "state" if self.takes_states and not raised else "policy", text_of(error))
+        if not self._alarm(fault) and raised:
+            raise error
 
     def _deliberate(self, time: int, cause: str, observation: Observed, state: int | None) -> None:
         """Ask the planner; a question that is still open is asked no more, and the answer decides for both."""

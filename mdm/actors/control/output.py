@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.beliefs import Support
+from mdm.beliefs.information import DrawnInformation
 from mdm.messages import Action, Belief, Decision, Reward
 from mdm.runtime import Latencies
 from mdm.runtime.statistics import FULL
@@ -101,6 +102,18 @@ class Output:
         self._tape = layer.runtime.dispatcher.tape
         if self._tape is not None:
             self._tape.controls(self)
+
+    @property
+    def draws(self) -> str:
+        """The state of the random numbers by which the policy draws its actions; empty where it does not."""
+        information = self._controller.information
+        return information.draws if isinstance(information, DrawnInformation) else ""
+
+    def draw_from(self, draws: str) -> None:
+        """Have the policy draw on from that state."""
+        information = self._controller.information
+        if isinstance(information, DrawnInformation):
+            information.draws = draws
 
     @property
     def decisions(self) -> int:

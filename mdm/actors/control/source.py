@@ -40,6 +40,10 @@ class Team(Protocol):
     def command(self, command: CommandName) -> None:
         """Somebody asks the ensemble for this here: it concerns the whole team."""
 
+    @property
+    def absence(self) -> str:
+        """Who is not there whose factors are unknown, and what to do, in words; empty where nobody is."""
+
 
 class Source(Protocol):
     """Where a control layer's input comes from.
@@ -59,6 +63,10 @@ class Source(Protocol):
 
     def asked(self, command: CommandName) -> bool:
         """Somebody asks the ensemble for something; return whether that was passed on to others."""
+
+    @property
+    def absence(self) -> str:
+        """Who is not there whose factors of the state are unknown, and what to do, in words; empty where nobody is."""
 
     @property
     def may_begin(self) -> bool:
@@ -111,6 +119,7 @@ class OwnChannels:
     """
 
     shared = catching_up = False
+    absence = ""
 
     def __init__(self, control: ControlLayer) -> None:
         self.held = False
@@ -254,6 +263,11 @@ class JointProcess:
         """Ask the team."""
         self._team.command(command)
         return True
+
+    @property
+    def absence(self) -> str:
+        """Who of the team is not there whose factors of the state are unknown, and what to do."""
+        return self._team.absence
 
     # -- Safe modes ----------------------------------------------------------------------------------------------
 

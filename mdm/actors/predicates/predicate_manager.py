@@ -328,7 +328,7 @@ class PredicateManager(Actor):
         self.events = self.channel("events", EventUpdate)
         self.map = self.channel("map", PredicateMap)
         self._batches.dispatcher = self.runtime.dispatcher
-        self._now = self.runtime.now
+        self._now = self.runtime.dispatcher.now
         self._senses = self.sensed.publish
         now = self.runtime.now()
         self._begun = self._home is self.runtime

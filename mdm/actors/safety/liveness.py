@@ -11,6 +11,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from mdm.actors.actions.sequel import Due, Sequel, Tries
+from mdm.actors.predicates.declarations import ACTION_END
 from mdm.checks import is_number
 from mdm.errors import ConfigError
 from mdm.messages import Fault, Idle, PredicateUpdate, State
@@ -102,7 +103,8 @@ class Waiting:
             self._told = self.names
             *most, last = self.names
             names = f"{', '.join(most)} and {last} are" if most else f"{last} is"
-            self._ensemble.report("waiting", f"cannot decide while {names} unknown")
+            absence = self._ensemble.control.source.absence
+            self._ensemble.report("waiting", f"cannot decide while {names} unknown{absence and f': {absence}'}")
 
 
 IDLE_AFTER = 10.0
@@ -189,6 +191,27 @@ class Liveness:
                     f"ensemble {ensemble.name!r}: when {' or '.join(filter(which.__contains__, unsaid))} has {word}, "
                     f'nothing decides afterwards unless an input changes: say then = "decide" or "wait" at the action'
                 )
+
+    def endless(self) -> Iterator[str]:
+        """Yield which actions end all deciding where they never end themselves; of an ensemble at the top."""
+        ensemble = self._ensemble
+        if ensemble.predicates is None or not ensemble.control.event_driven or ensemble.control.source.shared:
+            return
+        declared = ensemble.predicates.declared
+        given = [
+            name
+            for name in self._used()
+            if name not in declared.names or declared.senses(name) or declared.raises(name)
+        ]
+        if not given or not all(map(ACTION_END.fullmatch, given)):
+            return  # another input may change its decision
+        pairs = zip(ensemble.action.names, ensemble.action.bindings, strict=True)
+        names = [name for name, binding in pairs if binding.lasts and binding.timeout is None]
+        if names:
+            yield (
+                f"ensemble {ensemble.name!r} decides on the ends of its actions alone, so that one that never ends is "
+                f"its last: give a timeout to {', '.join(names)}"
+            )
 
     def _used(self) -> set[str]:
         """Return the inputs that the ensemble's decisions depend on."""

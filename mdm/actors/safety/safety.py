@@ -211,7 +211,8 @@ class Safety:
         if unknown and manager is not None and unknown <= self._lost & manager.declared.aged:
             self._lose("stale_input", f"input is too old: {names}", time)
         else:
-            self._lose("unknown_input", f"the state turned unknown: {names}", time)
+            absence = self._ensemble.control.source.absence
+            self._lose("unknown_input", f"the state turned unknown: {names}{absence and f'; {absence}'}", time)
         if self.deciding:
             self._ensemble.liveness.wait()
             self.waiting.begin()

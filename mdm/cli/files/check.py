@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import re
 import sys
+import tomllib
 import warnings
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mdm.cli.files.currency import stale
 from mdm.cli.files.document import Document, is_policy, load
 from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError
@@ -20,6 +23,8 @@ from mdm.models.validation import Problem, collect_problems
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
+
+    from mdm.config import System
 
 __all__ = ["Findings", "grouped", "report", "run"]
 
@@ -95,8 +100,10 @@ def _examine(arguments: argparse.Namespace) -> Findings:
         if _holds_policy(file):
             if arguments.normalize:
                 raise UsageError("--normalize is for models; this file holds a policy")
-            policy = load_policy(file, None if model is None else load_model(model))
-            return Document(policy).kind, [], _policy_notes(policy)
+            against = None if model is None else load_model(model)
+            policy = load_policy(file, against)
+            old = None if against is None else stale(against, policy, model, file)
+            return Document(policy).kind, [], _policy_notes(policy) + ([] if old is None else [old])
     except ConfigError as error:
         return None, [str(problem) for problem in error.problems], []
     except FormatError as error:
@@ -108,15 +115,28 @@ def _examine(arguments: argparse.Namespace) -> Findings:
 
 def _examine_ensembles(file: str, *, imports: bool) -> Findings:
     from mdm.cli.robots.ensembles import load_ensembles  # noqa: PLC0415 - a model needs no actors
-    from mdm.config import load_team  # noqa: PLC0415
+    from mdm.config.builder import agents_of  # noqa: PLC0415
 
-    team = load_team(file)
-    if team is not None:
+    agents = agents_of(file)
+    if agents:
         from mdm.cli.team.check import examine  # noqa: PLC0415 - a robot without a team needs none of it
 
-        return examine(file, team, imports=imports)
+        return examine(file, agents, imports=imports)
     system = load_ensembles(file, imports=imports)
-    return "ensembles", [], [note for ensemble in system.ensembles.values() for note in ensemble.notes()]
+    notes = [note for ensemble in system.ensembles.values() for note in ensemble.notes()]
+    return "ensembles", [], notes + _stale_policies(file, system)
+
+
+def _stale_policies(file: str, system: System) -> list[str]:
+    """Return a note for each file of a policy that seems to be of another model than the one beside it."""
+    with Path(file).open("rb") as stream:
+        tables = tomllib.load(stream)["ensembles"]
+    notes = []
+    for name, ensemble in system.ensembles.items():
+        policy, model = tables[name]["policy"], ensemble.controller.model
+        if isinstance(policy, str) and model is not None:
+            notes.append(stale(model, ensemble.controller.policy, tables[name]["model"], policy))
+    return [note for note in notes if note is not None]
 
 
 def _holds_policy(file: str) -> bool:
@@ -138,14 +158,16 @@ def _examine_model(file: str, normalize: bool) -> tuple[str | None, list[str], l
             model.flatten()
             kind = f"a model ({model.kind})"
             if all(
-                problem.is_sum for problem in collected
+                problem.is_sum or problem.is_remark for problem in collected
             ):  # with worse problems, oddities would only follow from them
                 odd = diagnose(model)
         except (FormatError, ModelError) as error:
             collected.append(Problem(str(error), is_sum=False))
     problems, notes = [], []
     for problem in dict.fromkeys(collected):
-        if normalize and problem.is_sum:
+        if problem.is_remark:
+            notes.append(problem.text)
+        elif normalize and problem.is_sum:
             notes.append(f"{problem.text}; normalised")
         else:
             problems.append(problem.text if problem.text.startswith(file) else f"{file}: {problem.text}")

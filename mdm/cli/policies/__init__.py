@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from mdm.cli.usage import add_discount, add_durations, add_false_negative, complete, count, limit, seed
+from mdm.cli.usage import add_discount, add_durations, add_false_negative, add_file, complete, count, limit, seed
 
 
 def add_compare(verbs: Any, line: str) -> None:
@@ -144,17 +144,20 @@ def add_simulate(verbs: Any, line: str) -> None:
             "discounted return with its standard error. Functions of the file are not called. Ctrl-C ends it after the "
             "episode, with the mean so far."
         ),
-        epilog="example: mdm simulate --model tiger.pomdp --policy tiger.vf --episodes 1000 --seed 1",
+        epilog="example: mdm simulate tiger.pomdp tiger.vf --episodes 1000 --seed 1",
     )
-    parser.add_argument("file", metavar="FILE", nargs="?", help="a TOML file with ensembles")
+    add_file(parser, "a TOML file with ensembles")
     parser.add_argument("--ensemble", metavar="NAME", help="which of its ensembles; by default the first")
-    parser.add_argument("--model", metavar="M", help="a model, in place of a TOML file")
-    parser.add_argument("--policy", metavar="P", help="a policy, in place of a TOML file")
     parser.add_argument("--episodes", metavar="N", type=count, default=100, help="how many episodes (100)")
     parser.add_argument("--seed", metavar="S", type=seed, help="the same seed gives the same result")
     add_discount(parser)
     add_false_negative(parser)
     parser.add_argument("--steps", metavar="H", type=count, help="decisions in an episode")
+    parser.add_argument(
+        "--record",
+        metavar="PATH",
+        help="record all decisions, with the world's true states, to this file, such as run.mcap",
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object")
     complete(parser, "simulate", "mdm.cli.policies.simulate")
 

@@ -2,29 +2,48 @@
 
 from __future__ import annotations
 
+import json
 import sys
+from argparse import Namespace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.policies.inputs import load, load_for, visibility
 from mdm.cli.policies.progress import counting
 from mdm.cli.report import as_json
-from mdm.cli.usage import UsageError
+from mdm.cli.usage import UsageError, take_model
 from mdm.config import load_system
+from mdm.config.recorded import attach_configuration, attach_file, lay_out
 from mdm.errors import Error
+from mdm.recording import Recorder
 from mdm.simulation import simulate
+from mdm.simulation.simulate import simulated
 
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["run"]
+    from mdm.actors import Ensemble
+    from mdm.recording import Record
+
+__all__ = ["recorded_simulation", "run"]
+
+_REPEATED = ("file", "ensemble", "model", "policy", "discount", "false_negative", "steps", "seed")
+"""The arguments by which a simulation is repeated."""
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate; return the exit status."""
+    take_model(arguments)
     _check_usage(arguments)
     options = _from_file(arguments) if arguments.file is not None else _from_model(arguments)
     with counting(arguments.interruption) as progress:
-        result = simulate(**options, episodes=arguments.episodes, seed=arguments.seed, progress=progress)
+        result = simulate(
+            **options,
+            episodes=arguments.episodes,
+            seed=arguments.seed,
+            progress=progress,
+            record=_recorder(arguments),
+        )
     interrupted = arguments.interruption.number is not None
     if arguments.json:
         fields = ("episodes", "steps", "mean", "standard_error")
@@ -51,6 +70,41 @@ def _check_usage(arguments: argparse.Namespace) -> None:
         raise UsageError("--model and --policy stand in place of a TOML file: give either")
     if arguments.discount is not None or arguments.false_negative is not None:
         raise UsageError("--discount and --false-negative are for --model; a TOML file has its own")
+
+
+def _recorder(arguments: argparse.Namespace) -> Recorder | None:
+    """Return what records a simulation, with the files that a replay reads; None where it is not recorded."""
+    if arguments.record is None:
+        return None
+    recorder = Recorder(arguments.record)
+    facts = {name: getattr(arguments, name) for name in _REPEATED}
+    if arguments.file is not None:
+        attach_configuration(recorder, arguments.file)
+        facts["file"] = Path(arguments.file).name
+    else:
+        facts |= {name: attach_file(recorder, facts[name]) for name in ("model", "policy")}
+    recorder.head(simulation=json.dumps(facts))
+    return recorder
+
+
+def recorded_simulation(record: Record, folder: str | Path, given: str | Path | None = None) -> Ensemble:
+    """Return the ensemble of a recorded simulation.
+
+    Args:
+        record: The record, whose head says what was simulated.
+        folder: Where files of the record are laid out.
+        given: A TOML file, in place of what was simulated.
+    """
+    arguments = Namespace(**json.loads(record.head["simulation"]))
+    if given is not None:
+        arguments.file, arguments.ensemble = str(given), arguments.ensemble if arguments.file else None
+    else:
+        here = lay_out(record, folder)
+        for name in ("file", "model", "policy"):
+            if getattr(arguments, name) is not None:
+                setattr(arguments, name, str(here / getattr(arguments, name)))
+    options = _from_file(arguments) if arguments.file is not None else _from_model(arguments)
+    return simulated(**options, seed=arguments.seed)
 
 
 def _from_model(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -85,4 +139,5 @@ def _from_file(arguments: argparse.Namespace) -> dict[str, Any]:
         "drive": control.drive,
         "on_impossible": "predict" if controller.on_impossible == "safe_action" else controller.on_impossible,
         "on_no_observation": control.on_no_observation,
+        "tracker": controller.information if controller.has_own_tracker else None,
     }

@@ -70,6 +70,11 @@ EXAMPLES = {
         ("patrol",),
         "python patrol.py",
     ),
+    "foxglove": Example(
+        "a record of the demo for Foxglove: the floor with the robot, and a layout (needs mdm[record,simulation])",
+        ("foxglove", "patrol"),
+        "mdm run patrol/patrol.toml --record run.mcap --seconds 60 && python foxglove/to_foxglove.py run.mcap",
+    ),
     "team": Example(
         "teams, a process an agent: replicated, centralised, communicating (needs mdm[team])",
         ("team", *_TIGER, *_FLOOR),

@@ -3,33 +3,36 @@
 from __future__ import annotations
 
 import tempfile
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mdm.cli.policies.simulate import recorded_simulation
 from mdm.cli.report import as_json
-from mdm.config.recorded import load_recorded
+from mdm.config.recorded import check_digests, load_recorded
 from mdm.errors import Error
 from mdm.recording import Record
-from mdm.replay import replay, transports_of
+from mdm.replay import Exchange, replay, transports_of
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Iterable
 
+    from mdm.actors import Ensemble
     from mdm.config import System
     from mdm.replay import Replayed
+    from mdm.replay.transport import ReplayTransport
 
 __all__ = ["run"]
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay; return 0 where all decisions are the same, else 1."""
-    record = Record(arguments.file)
-    with tempfile.TemporaryDirectory() as folder:
-        transports = transports_of(record)
-        system = load_recorded(record, folder, arguments.config, transport=next(iter(transports.values()), None))
-        if arguments.config is None:
-            _check_digests(record, system)
-        most = arguments.most or (1 if arguments.config is None else 20)
-        result = replay(record, system, transports=transports, most=most)
+    given = Path(arguments.file)
+    return _replay_team(given, arguments) if given.is_dir() else _replay_one(Record(given), arguments)
+
+
+def _replay_one(record: Record, arguments: argparse.Namespace) -> int:
+    result, _ = _replayed(record, arguments)
     epoch = int(record.head["epoch"])
     if arguments.json:
         print(as_json(_facts(result, epoch)))
@@ -40,21 +43,51 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if result.same else 1
 
 
-def _check_digests(record: Record, system: System) -> None:
-    """Refuse to repeat a run with another model or policy than it had.
+def _replay_team(folder: Path, arguments: argparse.Namespace) -> int:
+    """Replay the records of a team's agents, and compare what they received with what the others' replays sent."""
+    files = sorted(folder.glob("*.mcap"))
+    if not files:
+        raise Error(f"{folder}: there are no records in this folder: mdm team up --record {folder} makes them")
+    exchange, same, facts = Exchange(), True, {}
+    for file in files:
+        record = Record(file)
+        result, transports = _replayed(record, arguments)
+        exchange.add(record, transports)
+        same = same and result.same
+        epoch = int(record.head["epoch"])
+        facts[file.name] = _facts(result, epoch)
+        if not arguments.json:
+            print(f"{file.name}: {_summary(record, result)}")
+            for difference in result.differences:
+                print(difference.describe(epoch))
+    unlike = exchange.unlike()
+    if arguments.json:
+        print(as_json({"agents": facts, "messages": exchange.compared, "messages_not_sent": len(unlike)}))
+    else:
+        print(
+            f"{exchange.compared:,} messages received, {len(unlike):,} of them not sent in the replay of their sender"
+        )
+        for received in unlike[: arguments.most or 1]:
+            print(f"  {received.agent} received {received.key} of {received.owner}, which did not send it")
+    return 0 if same and not unlike else 1
 
-    Raises:
-        Error: Of the first ensemble whose digest differs.
-    """
-    for ensemble in system.ensembles.values():
-        known = record.metadata.get(f"ensemble {ensemble.path}", {}).get("configuration")
-        now = ensemble.controller.configuration
-        if known is not None and known != now:
-            raise Error(
-                f"{record.path}: model, policy or options of ensemble {ensemble.path!r} are not those of the run "
-                f"(digest {now[:12]}, then {known[:12]}): mdm {record.head['mdm']} may have read them otherwise; with "
-                f"--config a configuration of yours is compared"
-            )
+
+def _replayed(record: Record, arguments: argparse.Namespace) -> tuple[Replayed, dict[str, ReplayTransport]]:
+    """Return what became of the replay of a record, and what its agents of a team sent by."""
+    with tempfile.TemporaryDirectory() as folder:
+        transports = transports_of(record)
+        actors: System | Ensemble
+        if "simulation" in record.head:
+            actors = recorded_simulation(record, folder, arguments.config)
+            ensembles: Iterable[Ensemble] = [actors]
+        else:
+            transport = next(iter(transports.values()), None)
+            actors = load_recorded(record, folder, arguments.config, transport=transport)
+            ensembles = actors.ensembles.values()
+        if arguments.config is None:
+            check_digests(record, ensembles)
+        most = arguments.most or (1 if arguments.config is None else 20)
+        return replay(record, actors, transports=transports, most=most), transports
 
 
 def _summary(record: Record, result: Replayed) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import add_discount, add_false_negative, complete, count, seconds, seed
+from mdm.cli.usage import add_discount, add_false_negative, add_file, complete, count, seconds, seed
 
 if TYPE_CHECKING:
     import argparse
@@ -63,11 +63,9 @@ def add_trace(verbs: Any, line: str) -> None:
             '(["name"]) and "control" ("start", "stop", "reset", "release"). Async functions of the file stand for '
             'actions that take time: they end by an event such as "Go.succeeded" or "Go.failed", and not by themselves.'
         ),
-        epilog="example: echo '{\"observation\": 0}' | mdm trace --model tiger.pomdp --policy tiger.vf",
+        epilog="example: echo '{\"observation\": 0}' | mdm trace tiger.pomdp tiger.vf",
     )
-    parser.add_argument("file", metavar="ENSEMBLE.toml", nargs="?", help="the TOML file; its functions are not called")
-    parser.add_argument("--model", metavar="M", help="a model, in place of a TOML file")
-    parser.add_argument("--policy", metavar="P", help="a policy, in place of a TOML file")
+    add_file(parser, "the TOML file, whose functions are not called")
     parser.add_argument("--drive", metavar="event|RATE", help="decide on events (default), or RATE times a second")
     add_discount(parser)
     add_false_negative(parser)

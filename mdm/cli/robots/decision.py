@@ -17,20 +17,36 @@ __all__ = ["in_words"]
 def in_words(ensembles: Iterable[Ensemble]) -> Callable[[Decision], Mapping[str, object]]:
     """Return a function that says of which state or observation a decision of these ensembles is.
 
-    A state or an observation without a name is told by its index.
+    A state or an observation without a name is told by its index, and so are those of other ensembles, which a task of
+    the file has started.
     """
     by_name = {ensemble.name: ensemble for ensemble in ensembles}
 
     def words(decision: Decision) -> dict[str, object]:
-        ensemble = by_name[decision.ensemble.rpartition("/")[2]]
+        ensemble = by_name.get(decision.ensemble.rpartition("/")[2])
+        if ensemble is None:
+            return _known(decision.state, decision.observation)
         symbols = ensemble.controller.symbols
         state = _name(symbols.state_space, decision.state)
         if isinstance(state, int) and ensemble.state is not None:
             state = _wired(ensemble.state.factors, state)
-        told = {"state": state, "observation": _name(symbols.observation_space, decision.observation)}
-        return {name: word for name, word in told.items() if word is not None}
+        return _known(state, _observed(ensemble, decision.observation))
 
     return words
+
+
+def _known(state: object, observation: object) -> dict[str, object]:
+    given = {"state": state, "observation": observation}
+    return {name: word for name, word in given.items() if word is not None}
+
+
+def _observed(ensemble: Ensemble, given: int | tuple[int | None, ...] | None) -> object:
+    """Return the name of an observation; the events of one by components that the model does not tell apart."""
+    space, layer = ensemble.controller.symbols.observation_space, ensemble.observation
+    if isinstance(given, tuple) and layer is not None and space is not None and len(given) != len(space.factors):
+        parts = zip(layer.factors, given, strict=True)
+        return ", ".join(f"{factor.name}={factor.events[place]}" for factor, place in parts if place is not None)
+    return _name(space, given)
 
 
 def _name(space: Space | None, given: int | tuple[int | None, ...] | None) -> object:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import anyio
 
 from mdm.actors.actions.action_layer import ActionStatistics
+from mdm.cli.interruption import hear_interrupts
 from mdm.cli.robots.attached import Attached
 from mdm.cli.robots.decision import in_words
 from mdm.cli.robots.decisions_file import decisions_to
@@ -37,6 +38,7 @@ _FAILURES = {"failed", "timed_out", "abandoned"}
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the ensembles; return the exit status."""
+    hear_interrupts()
     attached = Attached() if arguments.attached else None
     system = _load(arguments)
     first, ended = system.top[0], Counter[str]()
@@ -99,16 +101,19 @@ def _record_of(path: Path, agent: str | None) -> Path:
 
 def _nothing_but_failures(ended: Counter[str]) -> list[str]:
     """Return that every action has failed, if so; an agent's process says nothing of it, but would be started again."""
-    return [f"every action that ended has failed: {ended.total()}"] if ended and set(ended) <= _FAILURES else []
+    if not ended or not set(ended) <= _FAILURES:
+        return []
+    return [f"every action that was decided and ended has failed: {ended.total()}"]
 
 
-def _ended(runtime: Runtime) -> dict[str, int]:
-    """Return how the actions of all ensembles have ended, and how many of them."""
+def _ended(runtime: Runtime) -> Counter[str]:
+    """Return how the actions that all ensembles have decided ended, and how many of them: safe actions apart."""
     counts: Counter[str] = Counter()
     for statistics in runtime.statistics().actors:
         if isinstance(statistics, ActionStatistics):
             counts.update(statistics.ended)
-    return counts
+            counts.subtract(statistics.safe_ended)
+    return +counts
 
 
 @contextmanager

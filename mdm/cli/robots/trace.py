@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from mdm.actors import ControlOptions, Ensemble, PredicateManager
 from mdm.cli.report import as_json
 from mdm.cli.robots.stimulus import read_stimuli
-from mdm.cli.usage import UsageError
+from mdm.cli.usage import UsageError, take_model
 from mdm.config import System, load_system
 from mdm.config.functions import nothing
 from mdm.errors import ConfigError, Error
@@ -44,9 +44,13 @@ _OPTIONS = (
 
 def run(arguments: argparse.Namespace) -> int:
     """Trace the stimuli; return the exit status."""
+    take_model(arguments)
     system = _system(arguments)
     if sys.stdin is None:
         raise Error("there is no standard input")
+    if sys.stdin.isatty():
+        example = '{"state": 0} or {"predicates": {"NAME": true}}'
+        print(f"mdm trace: reads stimuli, a line each, such as {example}; Ctrl-D ends them", file=sys.stderr)
     stimuli, problem = read_stimuli(sys.stdin.buffer, system)
 
     async def main() -> None:

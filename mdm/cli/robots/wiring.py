@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import TYPE_CHECKING, Any
+
+from mdm.actors.wiring import combined
 
 if TYPE_CHECKING:
     from mdm.actors import Ensemble, ObservationLayer, StateLayer
@@ -11,17 +14,26 @@ if TYPE_CHECKING:
 
 __all__ = ["definitions", "lines", "wiring"]
 
+_MOST = 64
+"""Symbols that are told one by one."""
+
 
 def wiring(ensemble: Ensemble) -> dict[str, Any]:
     """Return the sources of states and observations and the targets of actions, ready for JSON.
 
-    Factors are None if code publishes the ensemble's states or observations itself.
+    Factors are None if code publishes the ensemble's states or observations itself. Where several make up symbols that
+    the model does not divide, ``joint_states`` or ``joint_observations`` say what each of these is, if they are few.
     """
-    return {
+    facts: dict[str, Any] = {
         "states": _factors(ensemble.state),
         "observations": _factors(ensemble.observation),
         "actions": dict(zip(ensemble.action.names, map(_target, ensemble.action.bindings), strict=True)),
     }
+    for kind, layer in (("joint_states", ensemble.state), ("joint_observations", ensemble.observation)):
+        pairs = [] if layer is None else list(islice(combined(layer.factors, layer.space), _MOST + 1))
+        if 0 < len(pairs) <= _MOST:
+            facts[kind] = dict(pairs)
+    return facts
 
 
 def definitions(system: System) -> dict[str, str]:
@@ -44,6 +56,8 @@ def lines(system: System) -> list[str]:
             for factor, wires in (facts[part] or {}).items():
                 sources = {symbol: _source(wire) for symbol, wire in wires.items()}
                 text += [f"  {part.removesuffix('s')} {factor}", *_aligned(sources, "<-", indent=4)]
+            if (joint := facts.get(f"joint_{part}")) is not None:
+                text += [f"  {part} of the model, by the order of the factors", *_aligned(joint, "<-", indent=4)]
         text += ["  actions", *_aligned(facts["actions"], "->", indent=4)]
     defined = definitions(system)
     if defined:

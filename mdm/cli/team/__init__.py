@@ -62,8 +62,9 @@ def _add_up(verbs: Any, name: str) -> argparse.ArgumentParser:
         help=VERBS[name],
         description=(
             "Run all agents of a team on this machine, a process each, until Ctrl-C, SIGTERM or --seconds. A process "
-            "that fails is started again, five times within a minute at most; one that cannot start is not, and the "
-            "others go on without it. The exit status is 1 if any agent has failed."
+            "that fails is started again, five times within a minute at most; one that cannot start, or that a signal "
+            "such as SIGTERM has ended in order, is not, and the others go on without it. The exit status is 1 if any "
+            "agent has failed."
         ),
         epilog="example: mdm team up examples/team/meeting.toml --seconds 20 --decisions decided",
     )

@@ -31,14 +31,17 @@ _SILENCE, _AGAIN = 2.0, 10.0
 
 _LONGEST_LINE = 1 << 16
 
+_ASKED = {128 + number: number for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+"""The exit statuses of an agent that has ended in order because it was asked to by a signal."""
+
 
 class Crew:
     """The processes of a team's agents.
 
     One that fails, or is killed, is started again, after 0.5 s at first and twice as long each time, five times within
-    a minute at most. One that fails before it was up for the first time is not: it would fail again. The others go on
-    without it. They are ended in order by the end of their standard input; those that have not ended in time are
-    killed.
+    a minute at most. One that fails before it was up for the first time is not: it would fail again; and neither is one
+    that has ended in order because a signal, such as SIGTERM, asked it to. The others go on without it. They are ended
+    in order by the end of their standard input; those that have not ended in time are killed.
 
     Args:
         commands: The command of each agent's process; it logs JSON lines on standard error.
@@ -125,6 +128,10 @@ class Crew:
             if status == 0:
                 if not self._ending.is_set():
                     self._console.tell(agent, "ended", "has ended")
+                return
+            if status in _ASKED and agent in self._up:
+                by = f"has ended, asked by {_ASKED[status].name}"
+                self._console.tell(agent, "ended", f"{by}, and is not started again")
                 return
             self.failures[agent] += 1
             wait = budget.delay(time.monotonic_ns())

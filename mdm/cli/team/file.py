@@ -6,19 +6,20 @@ from typing import TYPE_CHECKING
 
 from mdm.cli.usage import UsageError
 from mdm.config import load_system, load_team
+from mdm.config.builder import agents_of
 from mdm.errors import ConfigError, Error
 from mdm.runtime import VirtualClock
 from mdm.team import Network
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from mdm.config import System
     from mdm.models import MDP
     from mdm.team import Team
 
-__all__ = ["check_zenoh", "ensembles_of", "systems_of", "team_of"]
+__all__ = ["check_zenoh", "ensembles_of", "systems_of", "team_agents_of", "team_of"]
 
 
 def team_of(file: str) -> Team:
@@ -30,8 +31,25 @@ def team_of(file: str) -> Team:
     """
     team = load_team(file)
     if team is None:
-        raise UsageError(f"{file} describes no team: a table [team] is missing; `mdm run {file}` runs it alone")
+        raise _no_team(file)
     return team
+
+
+def team_agents_of(file: str) -> tuple[str, ...]:
+    """Return the names of the agents of a file's team, though the file may have problems.
+
+    Raises:
+        UsageError: If it describes no team.
+        ConfigError: If it does not say who the agents are.
+    """
+    agents = agents_of(file)
+    if not agents:
+        raise _no_team(file)
+    return agents
+
+
+def _no_team(file: str) -> UsageError:
+    return UsageError(f"{file} describes no team: a table [team] is missing; `mdm run {file}` runs it alone")
 
 
 def check_zenoh() -> None:
@@ -48,23 +66,22 @@ def check_zenoh() -> None:
         ) from None
 
 
-def systems_of(team: Team, load: Callable[[str], System]) -> tuple[dict[str, System], list[str]]:
+def systems_of(agents: Sequence[str], load: Callable[[str], System]) -> tuple[dict[str, System], list[str]]:
     """Return the system of each agent that can be built, and the problems of all, each told once.
 
     Args:
-        team: The team.
+        agents: The team's agents.
         load: Loads an agent's system.
     """
     systems: dict[str, System] = {}
     at: dict[str, list[str]] = {}
-    for agent in team.names:
+    for agent in agents:
         try:
             systems[agent] = load(agent)
         except ConfigError as error:
             for problem in error.problems:
                 at.setdefault(str(problem), []).append(agent)
-    everywhere = len(team.names)
-    told = [text if len(agents) == everywhere else f"{text} (at {', '.join(agents)})" for text, agents in at.items()]
+    told = [text if len(having) == len(agents) else f"{text} (at {', '.join(having)})" for text, having in at.items()]
     return systems, told
 
 
@@ -80,7 +97,7 @@ def sound_systems_of(file: str, team: Team) -> dict[str, System]:
     def load(agent: str) -> System:
         return load_system(file, agent=agent, callbacks=False, transport=nobody.transport(agent), models=models)
 
-    systems, problems = systems_of(team, load)
+    systems, problems = systems_of(team.names, load)
     if problems:
         raise ConfigError("\n".join(problems))
     return systems

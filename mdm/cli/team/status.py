@@ -94,6 +94,8 @@ def _row(agent: str, name: str, status: dict[str, Any]) -> list[str]:
     idle = status.get("idle")
     if isinstance(idle, int | float) and _plausible(idle) is not None:
         causes = ", ".join(filter(None, (causes, f"idle for {idle:.0f} s")))
+    if status.get("waiting"):
+        causes = ", ".join(filter(None, (causes, f"waits for {', '.join(status['waiting'])}")))
     late = status.get("late")
     return [
         *(agent, name),

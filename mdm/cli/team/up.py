@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mdm.cli.interruption import hear_interrupts
 from mdm.cli.team.console import Console
 from mdm.cli.team.crew import Crew
 from mdm.cli.team.file import check_zenoh, sound_systems_of, team_of
@@ -128,6 +129,7 @@ async def _run(commands: Mapping[str, Sequence[str]], arguments: argparse.Namesp
             crew.kill()
         crew.end()
 
+    hear_interrupts()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is not signal.SIG_IGN:
             loop.add_signal_handler(number, end, number)

@@ -22,7 +22,7 @@ from mdm.formats.target import write_text
 from mdm.formats.writers import Speller, closed
 from mdm.models import MDP, POMDP, Space
 from mdm.models.matrices import TOLERANCE, RowError, csr, is_compressed
-from mdm.models.validation import is_collecting, report
+from mdm.models.validation import is_collecting, remark, report
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -200,7 +200,7 @@ class _Reader:
 
     def _start(self, states: Space, *, is_mdp: bool) -> npt.NDArray[np.float64]:
         count = len(states)
-        words = self._section("start") if "start" in self._sections else ["uniform"]
+        words = self._section("start")
         if not words:
             self._fail("start", "a distribution or states were expected for the start")
         if words == ["uniform"]:
@@ -239,7 +239,11 @@ class _Reader:
         actions = self._space("actions", "agent")
         observations = self._space("observations", "agent") if "observations" in self._sections else None
         discount, sign = self._discount(), self._sign()
-        start = self._start(states, is_mdp=observations is None)
+        if "start" in self._sections:
+            start = self._start(states, is_mdp=observations is None)
+        else:
+            remark("no start is given: every state is as likely")
+            start = np.full(len(states), 1 / len(states))
         try:
             statements = Statements(
                 self._words,
@@ -293,6 +297,12 @@ def build(
                 source.fail(problem)
             assert stack is not None
             stack.add(action, None, 0, 1.0)  # reported once, not for every row
+    if is_collecting() and (lost := statements.rewards.overwritten()) is not None:
+        pair = f"action {actions.names[lost[0]]!r} in state {states.names[lost[1]]!r}"
+        remark(
+            f"the reward of {pair} is given, and then again by a later statement for more that takes its place: "
+            "statements count in their order, so put the general ones first"
+        )
     transitions = statements.transitions.matrices()
     finer = statements.rewards if statements.rewards.finer else None
     if observations is None or statements.observations is None:

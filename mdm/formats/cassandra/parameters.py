@@ -201,6 +201,29 @@ class Rewards:
         outcomes = array.reshape(*array.shape[:2], -1)
         return bool((outcomes != outcomes[..., :1]).any())
 
+    def overwritten(self) -> tuple[int, int] | None:
+        """Return an action and a state of which a statement is lost to a later one that names less; None if none is.
+
+        The later ones that are looked at name one symbol besides the action, or none.
+        """
+        for action, statements in enumerate(self._by_action):
+            for after, (*general, value) in enumerate(statements):
+                named = [axis for axis, place in enumerate(general) if place is not None]
+                if np.ndim(value) > 1 or len(named) > 1 or (np.ndim(value) == 1 and not named):
+                    continue
+                for *places, before in statements[:after]:
+                    if np.ndim(before) > 1 or sum(place is not None for place in places) <= len(named):
+                        continue
+                    lost = np.ones(np.size(before), dtype=bool)
+                    for axis in named:
+                        narrow: Any = places[axis]
+                        wide: Any = general[axis]
+                        lost &= False if narrow is None else np.isin(narrow, wide)
+                    state = places[0]
+                    if lost.any() and state is not None:
+                        return action, int(np.broadcast_to(state, lost.shape)[lost.argmax()])
+        return None
+
     def at(self, action: int, state: int, next_state: int, observation: int | None) -> float:
         """Return R(a, s, s', o), from the last statement for it.
 

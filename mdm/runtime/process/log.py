@@ -159,9 +159,8 @@ class Log:
 
     def _mode(self, mode: Mode) -> None:
         causes = ", ".join(cause.kind for cause in mode.causes)
-        self._logger.warning(
-            mode.mode, time=mode.time / 1e9, ensemble=mode.ensemble, since=mode.since / 1e9, causes=causes
-        )
+        write = self._logger.info if causes == "end" else self._logger.warning  # nothing is wrong with an end
+        write(mode.mode, time=mode.time / 1e9, ensemble=mode.ensemble, since=mode.since / 1e9, causes=causes)
 
     def _life(self, change: StateChange) -> None:
         write = self._logger.debug if "/" in change.actor else self._logger.info

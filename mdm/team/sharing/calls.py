@@ -119,6 +119,7 @@ class Answers(Actor):
             "mode": ensemble.mode,
             "causes": [f"{cause.kind}: {cause.detail}" for cause in ensemble.causes],
             "idle": ensemble.liveness.resting,
+            "waiting": [*(f"agent {agent}" for agent in layer.awaited), *ensemble.statistics().waiting],
             "action": None
             if (acted := ensemble.control.acted) is None
             else ensemble.controller.symbols.action_name(acted),

@@ -138,6 +138,8 @@ SPACE = Space([Factor("room", ["a", "b", "c"]), Factor("person", ["no", "yes"])]
             "'InD', which is no declared predicate; did you mean 'InC'|'InD'",
         ),
         ([StateFactor("place", ["InA", "InB", "InC"])], "no state factor 'place'; it has room, person"),
+        ([StateFactor("person", ["Person"])], "the model's state factor 'room' has no predicates"),
+        ([StateFactor("room", ["InA", "InB", "InC"])], "the model's state factor 'person' has no predicates"),
     ],
 )
 def test_state_factors_are_checked_against_the_model(factors, message, declared):
@@ -145,17 +147,6 @@ def test_state_factors_are_checked_against_the_model(factors, message, declared)
         await runtime.start(declared)
         with pytest.raises(ConfigError, match=message):
             await runtime.start(StateLayer(factors, declared, space=SPACE))
-
-    run_virtual(main)
-
-
-def test_a_layer_may_cover_some_of_the_model_s_factors(declared):
-    async def main(runtime):
-        await runtime.start(declared)
-        await runtime.start(StateLayer([StateFactor("person", ["Person"])], declared, space=SPACE))
-        states = probe(runtime.channel("state/state", State, retain=True))
-        declared.sense("Person", True)
-        assert states[-1].index == 1
 
     run_virtual(main)
 

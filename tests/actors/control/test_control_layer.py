@@ -9,7 +9,7 @@ from sentences import refused
 
 import mdm
 from mdm import BeliefTracker, ConfigError, Ensemble, FixedRate, ObservationFactor, StateFactor
-from mdm.messages import Control, Observation, State
+from mdm.messages import Control, Observation, State, Tick
 from mdm.models import MDP, POMDP
 from mdm.policies import AlphaVectors, DeterministicPolicy, QTable, StagedPolicy, StochasticPolicy
 from mdm.problems import tiger
@@ -106,6 +106,17 @@ def test_fixed_rate_ticks_on_the_latest_observation():
 def test_ticks_without_an_observation(option, beliefs):
     decisions, _, _ = decided([0.1, see(0), 1.0], drive=FixedRate(2), on_no_observation=option)
     assert [d.belief[0] for d in decisions] == pytest.approx(beliefs, abs=1e-5)
+
+
+def test_ticks_can_be_heard():
+    ticks = []
+
+    def listen(robot):
+        robot.channel("tick", Tick).subscribe(ticks.append)
+
+    decisions, _, _ = decided([1.2, listen, 1.0], drive=FixedRate(2))
+    assert [(tick.time, tick.number, tick.missed) for tick in ticks] == [(1_500_000_000, 3, 0), (2_000_000_000, 4, 0)]
+    assert [decision.time for decision in decisions][3:] == [tick.time for tick in ticks]
 
 
 def test_fixed_rate_mdp_waits_for_a_state():
@@ -290,7 +301,7 @@ def test_unknown_observations_are_reported():
 
     decisions, faults, _ = decided([unknown])
     assert faults == [("observation", "robot/control")]
-    assert len(decisions) == 2
+    assert len(decisions) == 1
 
 
 def test_missing_components_are_summed_over():
@@ -390,3 +401,68 @@ def test_observations_may_be_counted_by_integers_of_numpy():
     plain, _, _ = decided([see(1), see(1)])
     assert [decision.action for decision in decisions] == [decision.action for decision in plain]
     assert [decision.observation for decision in decisions] == [None, 1, 1]
+
+
+TWO_EARS = np.array([[0.6, 0.1, 0.2, 0.1], [0.3, 0.2, 0.2, 0.3]])
+"""P(gauge, ear | state), of 2 x 2 joint observations in a row."""
+
+
+def worn_machine():
+    """A machine whose observations are a flat list: fine-quiet, fine-loud, bad-quiet, bad-loud."""
+    return POMDP(
+        [[[0.9, 0.1], [0.0, 1.0]]],
+        [TWO_EARS],
+        [[0.0], [0.0]],
+        discount=0.9,
+        initial_belief=[1.0, 0.0],
+        observation_names=["fine-quiet", "fine-loud", "bad-quiet", "bad-loud"],
+    )
+
+
+def two_sensors():
+    predicates = mdm.PredicateManager()
+    for event in ("GaugeFine", "GaugeBad", "Quiet", "Loud"):
+        predicates.event(event)
+    factors = [ObservationFactor("gauge", ["GaugeFine", "GaugeBad"]), ObservationFactor("ear", ["Quiet", "Loud"])]
+    return {"predicates": predicates, "observations": factors}
+
+
+@pytest.mark.parametrize(
+    ("events", "agree"),
+    [(("GaugeBad",), (2, 3)), (("Loud",), (1, 3)), (("GaugeFine",), (0, 1)), (("GaugeBad", "Quiet"), (2,))],
+)
+@pytest.mark.parametrize("drive", ["event", FixedRate(1.0)])
+def test_one_of_several_sensors_of_a_flat_model_is_marginalised(events, agree, drive):
+    expected = np.array([0.9, 0.1]) * TWO_EARS[:, list(agree)].sum(axis=1)
+    decisions, faults, _ = decided(
+        [0.5, lambda robot: robot.predicates.occur(*events), 1.0],
+        policy=AlphaVectors([[0.0, 0.0]], [0]),
+        model=worn_machine(),
+        actions={0: nothing},
+        drive=drive,
+        **two_sensors(),
+    )
+    assert not faults
+    assert decisions[1].belief == pytest.approx(expected / expected.sum())
+
+
+def test_what_is_refused_is_not_decided_on_at_an_event_and_is_nothing_observed_at_a_tick():
+    def unknown(robot):
+        robot.channel("observation", Observation).publish(Observation(0, 7, (7,), (True,)))
+
+    options = {"policy": AlphaVectors([[0.0, 0.0]], [0]), "model": worn_machine(), "actions": {0: nothing}}
+    decisions, faults, _ = decided([unknown], **options)
+    assert (len(decisions), faults) == (1, [("observation", "robot/control")])
+    decisions, faults, _ = decided([0.5, unknown, 1.0], **options, drive=FixedRate(1.0))
+    assert faults == [("observation", "robot/control")]
+    assert (decisions[1].observation, decisions[1].belief) == (None, pytest.approx([0.9, 0.1]))
+
+
+def test_a_plan_needs_whole_observations_of_a_flat_model():
+    plan = mdm.policies.FiniteStateController([0], [[0, 0, 0, 0]], num_actions=1)
+    robot = Ensemble("robot", policy=plan, model=worn_machine(), actions={0: nothing}, **two_sensors())
+    assert [problem.key for problem in robot.problems()] == [
+        "ensembles.robot.observations.gauge",
+        "ensembles.robot.observations.ear",
+    ]
+    assert "give the factor 'idle' or 'hold'" in next(robot.problems()).message

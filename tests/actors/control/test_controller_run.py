@@ -115,16 +115,16 @@ def test_an_observation_without_an_edge_is_impossible(choice, after):
     assert len(safe) == 1 + (choice == "safe_action")  # it runs when the runtime ends, too
 
 
-def test_an_observation_that_there_is_not_is_reported_and_moves_nothing():
+def test_an_observation_that_there_is_not_is_reported_and_nothing_is_decided_on_it():
     def unknown(robot):
         with refused(mdm.ModelError):
             robot.publish_observation(7)
         robot.channel("observation", Observation).publish(Observation(0, 7, (7,), (True,)))
 
     decisions, faults = decided(ROUND, see(0), unknown)
-    assert decisions[-1] == (2, "observation", 7, 1)
+    assert decisions[-1] == (1, "observation", 0, 1)
     assert [(fault.kind, fault.detail) for fault in faults] == [
-        ("observation", "there is no symbol 7; the 2 symbols count from 0")
+        ("observation", "there is no symbol 7; the 2 symbols count from 0; it is not taken in")
     ]
 
 

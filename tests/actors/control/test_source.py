@@ -20,6 +20,8 @@ from mdm.testing import probe, run_virtual
 
 
 class Team:
+    absence = ""
+
     def __init__(self):
         self.asked = []
 

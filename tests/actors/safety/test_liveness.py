@@ -562,3 +562,51 @@ def test_in_a_team_an_agent_does_its_part_again_and_nothing_is_decided(mode):
         assert set(one.did) == {"listen"}
         assert one.ensemble.controller.epoch <= 1  # where another decides for it, none
         assert one.kinds() == []
+
+
+def test_an_action_that_never_ends_shows_how_long_it_has_lived():
+    async def forever():
+        await asyncio.Event().wait()
+
+    async def main(runtime):
+        ensemble = robot({"Go": bind(forever)})
+        await runtime.start(ensemble)
+        assert ensemble.statistics().live == {}
+        await asyncio.sleep(5)
+        ensemble.publish_state(0)
+        await asyncio.sleep(HOUR)
+        ensemble.publish_state(0)  # the same decision: it goes on
+        await asyncio.sleep(1)
+        statistics = ensemble.statistics()
+        assert (statistics.mode, statistics.live, statistics.idle) == ("deciding", {"Go": HOUR + 1}, 0.0)
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "timeout", "noted"),
+    [
+        (["Worked"], None, True),
+        (["Worked"], 5.0, False),
+        (["Worked", "Seen"], None, False),
+        (["Done"], None, True),
+        (["Told"], None, False),
+    ],
+)
+def test_an_action_without_a_timeout_is_noted_where_only_ends_are_decided_on(inputs, timeout, noted):
+    async def forever(): ...
+
+    manager = PredicateManager()
+    manager.sensor("Seen")
+    manager.event("Call")
+    manager.latch("Worked", set="Work.succeeded", reset="Rest.succeeded", initial=False)
+    manager.define("Done", "Worked")
+    manager.latch("Told", set="Work.succeeded", reset="Call", initial=False)
+    states = [StateFactor(name, [name]) for name in inputs]
+    actions = {name: bind(forever, timeout=timeout, then="decide") for name in ("Work", "Rest")}
+    policy = [0, 1] * len(inputs)
+    ensemble = Ensemble("guard", policy=policy, predicates=manager, states=states, actions=actions)
+    told = [note for note in ensemble.notes() if "give a timeout to Work, Rest" in note]
+    assert bool(told) is noted
+    Ensemble("above", policy=[0], actions={"go": ensemble})
+    assert not [note for note in ensemble.notes() if "timeout" in note]  # what is above may end it

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from mdm import Ensemble, PredicateManager, Restart, StateFactor, VirtualClock
 from mdm.messages import Control, Mode
 from mdm.models import POMDP
 from mdm.policies import AlphaVectors, DeterministicPolicy
+from mdm.runtime import ActorFailure
 from mdm.testing import capture_decisions, crash, probe, run_virtual
 
 # -- Deadlines and beliefs -----------------------------------------------------------------------------------------
@@ -200,6 +202,47 @@ def test_a_policy_that_can_choose_nothing_is_safe_until_the_next_input(policy):
         assert (log, one.mode) == (["A", "SAFE", "B"], "deciding")
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize("policy", ["states", "beliefs"])
+def test_an_error_in_a_policy_s_code_is_safe_until_the_next_input_and_else_a_failure(policy):
+    log = Log()
+
+    class Raising(DeterministicPolicy if policy == "states" else AlphaVectors):
+        table = None  # ask it each time
+
+        def __init__(self, *arguments):
+            super().__init__(*arguments)
+            self.calls = 0
+
+        def action(self, _):
+            self.calls += 1
+            return {}["gone"] if self.calls == 2 else 1
+
+    async def main(runtime, *, safe):
+        given = Raising([0, 0], 2) if policy == "states" else Raising([[0.0, 0.0]], [0], 2)
+        model = None if policy == "states" else moving(2)
+        options = {} if safe else {"safe_action": None}
+        one = robot(log, policy=given, model=model, actions={"0": log.plain("A"), "1": log.plain("B")}, **options)
+        faults = probe(runtime.faults)
+        await runtime.start(one)
+        tell = one.publish_state if policy == "states" else one.publish_observation
+        if policy == "states":
+            tell(0)
+        tell(0)
+        if not safe:
+            await asyncio.sleep(1)
+            raise AssertionError(one.mode)
+        assert log == ["B", "SAFE"]
+        assert [(cause.kind, cause.detail) for cause in one.causes] == [("policy", faults[0].detail)]
+        assert "Raising has raised KeyError: 'gone' (at " in faults[0].detail
+        assert "test_way_back.py:" in faults[0].detail
+        tell(0)
+        assert (log, one.mode) == (["B", "SAFE", "B"], "deciding")
+
+    run_virtual(partial(main, safe=True))
+    with pytest.raises(ActorFailure, match="KeyError"):
+        run_virtual(partial(main, safe=False))
 
 
 def test_a_stop_lets_the_safe_action_end_and_a_start_begins_anew():

@@ -217,3 +217,68 @@ def test_check_tells_of_many_mistakes_of_one_kind_by_their_number(mdm, tmp_path)
     assert told[5].endswith("401 problems found")
     status, lines, _ = mdm("check", path, "--json")
     assert len(json.loads(lines[0])["problems"]) == 401
+
+
+BLIND = """
+[predicates]
+Dirty = {}
+Low = {}
+[ensembles.robot]
+policy = [0, 0]
+safe_action = "0"
+states.floor = ["Dirty"]
+actions = { 0 = "builtins:print" }
+"""
+
+
+@pytest.mark.parametrize(
+    ("changed", "noted"),
+    [
+        ({}, True),
+        ({"Dirty = {}": "Dirty = { max_age = 2.0 }"}, False),
+        ({"Low = {}": "Low = { max_age = 2.0 }"}, True),
+        ({"Dirty = {}": "Seen = { max_age = 2.0 }\nDirty = 'Seen or Low'"}, False),
+        ({'safe_action = "0"': ""}, False),
+    ],
+)
+def test_check_notes_a_safe_action_that_no_silence_brings_about(mdm, tmp_path, changed, noted):
+    text = BLIND
+    for old, new in changed.items():
+        text = text.replace(old, new)
+    (tmp_path / "robot.toml").write_text(text)
+    status, lines, errors = mdm("check", tmp_path / "robot.toml")
+    assert (status, errors) == (0, "")
+    assert (
+        any("nothing tells that Dirty is no longer sensed: give sensors a max_age" in line for line in lines) == noted
+    )
+
+
+MODEL = "discount: 0.9\nvalues: reward\nstates: a b\nactions: x y\n{start}\nT: *\nuniform\n{rewards}\n"
+
+
+@pytest.mark.parametrize(
+    ("rewards", "lost"),
+    [
+        ("R: x : a : * : * 5\nR: * : * : * : * -1", "'x' in state 'a'"),
+        ("R: x : a : b : * 5\nR: y : b : b : * 2\nR: y : b : * : * 3", "'y' in state 'b'"),
+        ("R: * : * : * : * -1\nR: x : a : * : * 5", None),
+        ("R: x : a : b : * 5\nR: x : b : * : * 3", None),
+        ("R: x : a : * : * 5\nR: y : * : * : * 3", None),
+        ("R: x : a : * : * 5\nR: x : a : b : * 3", None),
+    ],
+)
+def test_check_notes_a_reward_that_a_later_statement_for_more_takes_the_place_of(mdm, tmp_path, rewards, lost):
+    (tmp_path / "m.mdp").write_text(MODEL.format(start="start: a", rewards=rewards))
+    status, lines, errors = mdm("check", tmp_path / "m.mdp")
+    assert (status, errors) == (0, "")
+    told = [line for line in lines if "is given, and then again" in line]
+    assert len(told) == (lost is not None)
+    assert all(f"the reward of action {lost}" in line for line in told)
+
+
+@pytest.mark.parametrize(("start", "noted"), [("", True), ("start: uniform", False), ("start: a", False)])
+def test_check_notes_that_no_start_is_given(mdm, tmp_path, start, noted):
+    (tmp_path / "m.mdp").write_text(MODEL.format(start=start, rewards=""))
+    status, lines, errors = mdm("check", tmp_path / "m.mdp")
+    assert (status, errors) == (0, "")
+    assert any("note: no start is given: every state is as likely" in line for line in lines) == noted

@@ -7,10 +7,21 @@ import sys
 import pytest
 from drawn import grid
 from places import ROOT, TIGER, TIGER_VECTORS
+from records import tiger
 
 pytest.importorskip("matplotlib")
 
 POLICY = ["policy", TIGER, TIGER_VECTORS]
+
+
+def test_a_recorded_run_is_drawn(mdm, tmp_path):
+    record, path = tiger(tmp_path / "run.mcap"), tmp_path / "run.png"
+    assert mdm("plot", "run", record, "-o", path) == (0, [f"{path}: drawn"], "")
+    assert path.read_bytes().startswith(b"\x89PNG")
+    status, _, errors = mdm("plot", "run", record, "-o", path, "--ensemble", "robot")
+    assert status == 1
+    assert "there is no ensemble 'robot'; there are tiger" in errors
+    assert "would be overwritten" in mdm("plot", "run", record, "-o", record)[2]
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ def test_simulate(mdm):
     assert status == 0
     assert abs(result["mean"] - 19.3713) < 4 * result["standard_error"]  # the corpus' optimum
     assert mdm(*arguments)[1] == output
+    assert mdm("simulate", TIGER[1], TIGER[3], *arguments[5:])[1] == output
     assert mdm("simulate", EXAMPLES / "patrol" / "patrol.toml", "--ensemble", "patrol", "--episodes", "5")[0] == 0
     assert "no ensemble 'x'" in mdm("simulate", EXAMPLES / "tiger.toml", "--ensemble", "x")[2]
     assert mdm("simulate", *TIGER, "--steps", "0")[0] == 2
@@ -53,3 +54,18 @@ def test_wrong_usage(mdm, arguments, words):
     status, output, errors = mdm("simulate", *arguments)
     assert (status, output) == (2, [])
     assert words in errors.splitlines()[-1]
+
+
+def test_a_recorded_simulation_is_replayed(mdm, tmp_path):
+    mdm("simulate", *TIGER, "--episodes", "3", "--steps", "10", "--record", tmp_path / "a.mcap")
+    status, output, _ = mdm("replay", tmp_path / "a.mcap")
+    assert (status, output) == (0, ["30 decisions recorded, 30 replayed: all the same (bit by bit)"])
+    mdm("simulate", EXAMPLES / "tiger.toml", "--episodes", "2", "--steps", "5", "--record", tmp_path / "b.mcap")
+    status, output, _ = mdm("replay", tmp_path / "b.mcap")
+    assert (status, output) == (0, ["10 decisions recorded, 10 replayed: all the same (bit by bit)"])
+
+
+def test_a_simulation_that_cannot_be_recorded_is_refused(mdm, tmp_path):
+    status, _, error = mdm("simulate", *TIGER, "--episodes", "1", "--record", tmp_path / "nowhere" / "a.mcap")
+    assert status == 1
+    assert "its folder does not exist" in error

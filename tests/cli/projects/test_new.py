@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import runpy
 import subprocess
 import sys
 
@@ -53,7 +55,7 @@ def test_it_runs(project):
 
 def test_its_name_is_in_it_and_its_page_names_its_files(project):
     kind, folder, _ = project
-    texts = {path.name: path.read_text() for path in folder.iterdir()}
+    texts = {path.name: path.read_text(errors="replace") for path in folder.iterdir()}
     assert not any("@NAME@" in text for text in texts.values())
     assert texts["README.md"].startswith("# guard\n")
     assert ("[ensembles.guard]" in texts.get("robot.toml", "")) is (kind != "team")
@@ -63,9 +65,9 @@ def test_its_name_is_in_it_and_its_page_names_its_files(project):
 @pytest.mark.parametrize(
     ("kind", "model", "policy", "gap"),
     [
-        ("mdp", "robot.mdp", "robot.policy", 1e-3),
+        ("mdp", "robot.mdp", "robot.npz", 1e-3),
         ("map", "robot.mdp", "robot.policy", 1e-3),
-        ("pomdp", "robot.pomdp", "robot.vf", 0.01),
+        ("pomdp", "robot.pomdp", "robot.npz", 0.01),
         ("team", "team.dpomdp", "team.vf", 1.0),
     ],
 )
@@ -79,6 +81,25 @@ def test_its_policy_is_the_best_for_its_model(kind, model, policy, gap):
         assert [kept.action(state) for state in range(len(made.state_space))] == [
             found.policy.action(state) for state in range(len(made.state_space))
         ]
+
+
+@pytest.mark.parametrize(
+    ("kind", "model", "seen", "of"),
+    [
+        ("pomdp", "robot.pomdp", [("see-open",), ("see-shut",)], "open"),
+        ("team", "team.dpomdp", list(itertools.product(["hear-left", "hear-right"], repeat=2)), "tiger-left"),
+    ],
+)
+def test_its_sensors_are_right_as_often_as_its_model_says(kind, model, seen, of):
+    made = mdm.load_model(PROJECTS / kind / model)
+    told = runpy.run_path(str(PROJECTS / kind / "robot.py"))["RIGHT"]
+    state, true = made.state_space.index(of), seen[0][0]
+    share = sum(
+        made.observation(0, state, made.observation_space.index(" ".join(both)), state=state)
+        for both in seen
+        if both[0] == true
+    )
+    assert share == pytest.approx(told)
 
 
 @pytest.mark.parametrize(

@@ -70,3 +70,8 @@ def test_states_without_a_model_are_told_by_their_predicates():
 def test_an_index_stays_where_nothing_has_a_name():
     robot = Ensemble("robot", policy=DeterministicPolicy([0, 0], 1), actions={0: print})
     assert in_words([robot])(decision(state=1)) == {"state": 1}
+
+
+def test_ensembles_that_a_task_has_started_are_told_by_indices():
+    assert in_words([])(decision(state=1)) == {"state": 1}
+    assert in_words([])(decision(observation=(None, 1))) == {"observation": (None, 1)}

@@ -50,6 +50,23 @@ def test_virtual_time_ends_in_order_when_nothing_is_left_to_do(tmp_path):
     assert (first.stdout, first.stderr) == (second.stdout, second.stderr)
 
 
+def test_decisions_of_an_ensemble_that_a_task_starts_are_logged(mdm, tmp_path):
+    (tmp_path / "late_robot.py").write_text(
+        "import mdm\ndef go(): ...\nasync def add(system):\n"
+        "    late = mdm.Ensemble('late', policy=[0, 0], actions={'go': go})\n"
+        "    await system.runtime.start(late)\n    late.publish_state(1)\n"
+    )
+    (tmp_path / "robot.toml").write_text(
+        "tasks = ['late_robot:add']\n[predicates]\nA = { initial = true }\n[ensembles.robot]\npolicy = [0, 0]\n"
+        "[ensembles.robot.states]\na = ['A']\n[ensembles.robot.actions]\nGo = 'late_robot:go'\n"
+    )
+    status, _, errors = mdm("run", tmp_path / "robot.toml", "--virtual", "--seconds", "1", "--log", "json")
+    assert status == 0, errors
+    records = [json.loads(line) for line in errors.splitlines() if line.startswith("{")]
+    told = {record["ensemble"]: record["state"] for record in records if record["event"] == "decision"}
+    assert told == {"robot": "A", "late": 1}
+
+
 ROBOT = """
 import asyncio, sys
 async def drive():
@@ -64,17 +81,26 @@ def safe():
 """
 
 
+BACKGROUND = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
+"""
+"""Start Python as POSIX shells start what is in their background, where they are no terminal's (`sh`, 2.11)."""
+
+
+@pytest.mark.parametrize("start", [(), ("-c", BACKGROUND)], ids=["foreground", "background"])
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_signals_end_the_action_and_run_the_safe_one(tmp_path, number, status):
+def test_signals_end_the_action_and_run_the_safe_one(tmp_path, number, status, start):
     (tmp_path / "signal_robot.py").write_text(ROBOT)
     (tmp_path / "robot.toml").write_text(
         "[predicates]\nA = { initial = true }\n[ensembles.robot]\npolicy = [0, 0]\nsafe_action = 'signal_robot:safe'\n"
         "[ensembles.robot.states]\na = ['A']\n[ensembles.robot.actions]\nDrive = 'signal_robot:drive'\n"
     )
-    with python("-m", "mdm", "run", tmp_path / "robot.toml", "--log", "json") as process:
+    with python(*start, "-m", "mdm", "run", tmp_path / "robot.toml", "--log", "json") as process:
         assert process.stdout.readline() == "driving\n"
         process.send_signal(number)
-        output, errors = process.communicate()
+        output, errors = process.communicate(timeout=30)
     assert output == "brakes\nsafe\n"
     assert process.returncode == status
     records = [json.loads(line) for line in errors.splitlines()]
@@ -132,7 +158,7 @@ def test_a_failing_system_exits_with_1_after_the_safe_action(tmp_path):
 @pytest.mark.parametrize(
     ("code", "status", "last"),
     [
-        ("raise ValueError('no arm')", 1, "mdm run: every action that ended has failed: 3"),
+        ("raise ValueError('no arm')", 1, "mdm run: every action that was decided and ended has failed: 3"),
         ("calls.append(1)\n    if len(calls) != 2:\n        raise ValueError('no arm')", 0, None),
     ],
 )
@@ -150,6 +176,20 @@ def test_a_robot_whose_every_action_fails_does_not_end_well(mdm, tmp_path, code,
     found, _, errors = mdm("run", path, "--virtual", "--epochs", "3")
     assert found == status
     assert (errors.splitlines()[-1] == last) == (status == 1)
+
+
+def test_the_safe_action_of_a_robot_whose_every_action_fails_is_no_success(mdm, tmp_path):
+    (tmp_path / "failing_arm.py").write_text("def fail():\n    raise ValueError('no arm')\ndef stop():\n    pass\n")
+    path = tmp_path / "robot.toml"
+    path.write_text(
+        "[predicates]\nA = { initial = true }\n"
+        "[ensembles.robot]\npolicy = [0, 1]\nsafe_action = 'failing_arm:stop'\n"
+        "[ensembles.robot.states]\na = ['A']\n"
+        "[ensembles.robot.actions]\nGo = 'failing_arm:fail'\nStay = 'failing_arm:fail'\n"
+    )
+    found, _, errors = mdm("run", path, "--virtual", "--seconds", "60")
+    assert found == 1
+    assert errors.splitlines()[-1] == "mdm run: every action that was decided and ended has failed: 1"
 
 
 def test_the_emergency_of_a_file_is_called_while_an_action_holds_the_loop(tmp_path):

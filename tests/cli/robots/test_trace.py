@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
+import pty
+import subprocess
+import sys
 
 import figures
 import numpy as np
@@ -19,6 +23,14 @@ TIGER = ["--model", str(EXAMPLES / "tiger.pomdp"), "--policy", str(EXAMPLES / "t
 def traced(mdm, *arguments, stdin=""):
     status, output, errors = mdm("trace", *arguments, stdin=stdin)
     return status, [json.loads(line) for line in output], errors
+
+
+def test_a_model_and_its_policy_need_no_options(mdm):
+    stdin = '{"observation": 0}\n'
+    assert traced(mdm, TIGER[1], TIGER[3], stdin=stdin) == traced(mdm, *TIGER, stdin=stdin)
+    status, _, errors = traced(mdm, TIGER[1], TIGER[3], *TIGER[:2])
+    assert status == 2
+    assert "are given by --model and --policy or without, and not both" in errors
 
 
 def test_trace_is_one_line_a_decision_the_first_included(mdm):
@@ -381,3 +393,18 @@ def test_trace_of_a_controller_needs_no_model(mdm, tmp_path):
     status, lines, _ = traced(mdm, "--policy", tmp_path / "round.pg", stdin='{"observation": 1}\n{"observation": 0}\n')
     assert status == 0
     assert [(line["action"], line.get("observation")) for line in lines] == [(1, None), (0, 1), (0, 0)]
+
+
+def test_a_terminal_is_told_what_is_read():
+    master, terminal = pty.openpty()
+    try:
+        command = [sys.executable, "-m", "mdm", "trace", *TIGER]
+        with subprocess.Popen(command, stdin=terminal, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+            os.write(master, b'{"observation": 0}\n\x04')
+            output, errors = process.communicate(timeout=60)
+    finally:
+        os.close(master)
+        os.close(terminal)
+    assert process.returncode == 0
+    assert len(output.splitlines()) == 2
+    assert b"mdm trace: reads stimuli, a line each" in errors

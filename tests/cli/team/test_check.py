@@ -72,3 +72,35 @@ def test_a_model_is_loaded_once_for_all_agents(mdm, free, verb, monkeypatch):
     monkeypatch.setattr(ensembles, "load_model", lambda path: loaded.append(path) or load(path))
     mdm("team", verb, team)
     assert [path.name for path in loaded] == ["rooms.npz"]
+
+
+@pytest.mark.parametrize("verb", [("team", "check"), ("check",)])
+def test_all_problems_of_all_agents_are_told_at_once(mdm, free, verb):
+    team = free(
+        ('name = "rooms"', 'name = "rooms"\nperod = 1\nlease = -1'),
+        ('tasks = ["team_code:sense"]', 'tasks = { c = ["team_code:sense"] }'),
+        ('{ lab = "InLab" }, owner = "a"', '{ lab = "InLap" }, owner = "aa"'),
+        ('owner = "b"', 'owner = "bb"'),
+        ("[ensembles.joint.actions]\n", "[ensembles.joint.actions.a]\n"),
+        ('go = "team_code:go"\n', ""),
+    )
+    with team.open("a") as file:
+        file.write('[ensembles.joint.actions.b]\nstay = "team_code:sty"\ngo = "team_code:go"\n')
+    status, _, errors = mdm(*verb, team)
+    assert status == 1
+    *told, last = errors.splitlines()
+    places = [
+        "team.perod: ",
+        "team.lease: ",
+        "tasks: ",
+        "ensembles.joint.states.room_a.owner: ",
+        "ensembles.joint.states.room_b.owner: ",
+        "ensembles.joint.states.room_a: state factor 'room_a' uses 'InLap'",
+        "ensembles.joint.actions.stay: module 'team_code' has no 'sty'",
+        "nothing is bound to the action 'go'",
+    ]
+    found = [[line for line in told if place in line] for place in places]
+    assert [len(lines) for lines in found] == [1] * len(places)
+    assert last.endswith(f"{len(places)} problems found")
+    assert found[-1][0].endswith("(at a)")
+    assert found[-2][0].endswith("(at b)")

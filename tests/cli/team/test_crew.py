@@ -219,3 +219,25 @@ def test_all_have_ended_when_none_can_be_started():
         assert crew.failures == {"a": 1, "b": 1}
 
     run(main)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_one_that_was_asked_to_end_is_not_started_again(monkeypatch, number):
+    monkeypatch.setattr(module, "_FIRST_WAIT", 0.01)
+    orderly = program(
+        f"import signal\nsignal.signal({int(number)}, lambda number, _: exit(128 + number))\n" + UP + "signal.pause()"
+    )
+
+    async def main():
+        told = Told()
+        crew = Crew({"a": orderly, "b": OBEDIENT}, told, 20.0)
+        running = asyncio.create_task(crew.run())
+        await told.until(lambda: "a" in crew._up and told.lines)
+        crew._processes["a"].send_signal(number)
+        await told.until(lambda: any(event == "ended" for _, event, _ in told.events))
+        assert told.events == [("a", "ended", f"has ended, asked by {number.name}, and is not started again")]
+        crew.end()
+        await running
+        assert crew.failures == {"a": 0, "b": 0}
+
+    run(main)

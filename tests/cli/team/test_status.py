@@ -41,7 +41,8 @@ def test_a_team_that_runs_tells_how_it_is_and_is_told_what_to_do(mdm, free, up):
         assert a["sent"]["messages"] > 0
         status, output, _ = mdm("team", "status", team)
         assert output[0].split()[:6] == ["agent", "ensemble", "mode", "role", "term", "step"]
-        assert output[1].split()[:4] == ["a", "joint", "deciding", "leading"]
+        assert output[1].split()[:3] == ["a", "joint", "deciding"]
+        assert "(waits for InLab, room_b (of b))" in output[1]  # nobody has told where it is
         status, output, errors = mdm("team", "stop", team)
         assert (status, errors) == (0, "")
         assert lines(output)[0] == ["agent", "ensemble", "mode", "role", "term", "step", "confirmed"]
@@ -138,3 +139,10 @@ def test_what_has_nothing_to_do_says_for_how_long(idle, told):
     from mdm.cli.team import status
 
     assert status._row("a", "joint", {"mode": "deciding", "causes": [], "live": ["a"], "idle": idle})[2] == told
+
+
+def test_what_it_waits_for_stands_beside_the_mode():
+    from mdm.cli.team import status
+
+    shown = {"mode": "deciding", "causes": [], "live": ["a"], "idle": None, "waiting": ["agent b", "room_b (of b)"]}
+    assert status._row("a", "joint", shown)[2] == "deciding (waits for agent b, room_b (of b))"

@@ -8,8 +8,9 @@ import pytest
 from recorded import Fragile, tell
 from sentences import refused
 
-from mdm import Actor, Error, Runtime
+from mdm import Actor, Ensemble, Error, Runtime
 from mdm.messages import Decision
+from mdm.policies import DeterministicPolicy, StatePolicy
 from mdm.runtime import Log
 from mdm.testing import run_virtual
 
@@ -106,3 +107,30 @@ def test_the_console_gets_a_line_each(capsys):
 def test_another_target_is_refused(target):
     with refused(Error):
         Runtime(log=target)
+
+
+class Broken(StatePolicy):
+    num_states, num_actions = 1, 1
+
+    def action(self, state):
+        raise KeyError(state)
+
+
+@pytest.mark.parametrize(
+    ("policy", "told"),
+    [
+        (DeterministicPolicy([0], 1), [("info", "end")]),
+        (Broken(), [("warning", "policy"), ("warning", "policy, end")]),
+    ],
+    ids=["sound", "broken"],
+)
+def test_an_ordinary_end_is_no_warning(policy, told):
+    kept = Kept()
+    robot = Ensemble("robot", policy=policy, actions={"0": lambda: None}, safe_action="0")
+
+    async def main(runtime):
+        await runtime.start(robot)
+        robot.publish_state(0)
+
+    run_virtual(main, log=kept)
+    assert [(level, fields["causes"]) for level, event, fields in kept.lines if event == "safe"] == told

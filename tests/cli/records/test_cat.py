@@ -1,0 +1,145 @@
+"""`mdm record cat`: the messages of a record as lines of JSON, and as what `mdm trace` reads."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from places import EXAMPLES
+from records import Writing, decision, official, tiger, written
+
+from mdm import messages
+from mdm.recording.stimuli import Ended, Said, Stimulus
+
+
+def lines(mdm, *arguments):
+    status, output, errors = mdm("record", "cat", *arguments)
+    assert (status, errors) == (0, "")
+    return [json.loads(line) for line in output]
+
+
+def test_all_messages_are_printed_as_they_were_written(mdm, tmp_path):
+    path = tiger(tmp_path / "run.mcap")
+    assert [
+        (line["topic"], round(line["seconds"] * 1e9), line["sequence"], line["message"]) for line in lines(mdm, path)
+    ] == [(topic, time, number, json.loads(data)) for topic, time, number, _, data in official(path)]
+
+
+def test_topics_and_times_are_chosen(mdm, tmp_path):
+    path = tiger(tmp_path / "run.mcap")
+    chosen = lines(mdm, path, "--topic", "decisions", "--topic", "modes", "--since", 2.5, "--until", "4")
+    assert [(line["topic"], line["seconds"]) for line in chosen] == [
+        ("decisions", 2.5),
+        ("decisions", 3.0),
+        ("decisions", 3.5),
+    ]
+
+
+def test_times_count_from_the_first_message(mdm, tmp_path):
+    path = written(tmp_path / "run.mcap", [("decisions", decision(1000 * number)) for number in (7, 8, 9)])
+    assert [line["seconds"] for line in lines(mdm, path, "--since", "1")] == [1.0, 2.0]
+
+
+def test_ensembles_are_chosen_with_those_below(mdm, tmp_path):
+    pairs = [
+        ("decisions", decision(1, ensemble="top")),
+        ("decisions", decision(2, ensemble="topmost")),
+        ("decisions", decision(3, ensemble="top/patrol")),
+        ("faults", messages.Fault(4, "top/patrol", "idle", "")),
+        ("faults", messages.Fault(5, "predicates", "idle", "")),
+        ("top/state", messages.State(6, 1, (1,))),
+    ]
+    path = written(tmp_path / "run.mcap", pairs)
+    assert [line["sequence"] for line in lines(mdm, path, "--ensemble", "top")] == [0, 2, 3, 5]
+    assert [line["sequence"] for line in lines(mdm, path, "--ensemble", "top/patrol")] == [2, 3]
+    status, output, errors = mdm("record", "cat", path, "--ensemble", "tap")
+    assert (status, output) == (1, [])
+    assert "there are no messages of 'tap'; there are messages of predicates, top, top/patrol" in errors
+
+
+def test_a_torn_record_is_printed_to_the_tear(mdm, tmp_path):
+    path = written(tmp_path / "run.mcap", [("decisions", decision(number)) for number in range(3000)])
+    path.write_bytes(path.read_bytes()[:-100])
+    status, output, errors = mdm("record", "cat", path)
+    assert (status, len(output)) == (0, 3000)
+    assert errors.startswith(f"mdm record cat: {path}: its summary is cut off, at byte ")
+    assert errors.endswith(f" of {path.stat().st_size:,}: these are the messages before\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (["--topic", "nothing"], 1, "there is no topic 'nothing'; there are decisions"),
+        (["--since", "soon"], 2, "a number of seconds was expected, not 'soon'"),
+        (["--until", "nan"], 2, "a number of seconds was expected, not 'nan'"),
+        (["--stimuli", "--topic", "decisions"], 2, "--topic is for messages"),
+        (["--stimuli"], 1, "there are no stimuli in this record"),
+    ],
+)
+def test_what_cannot_be_chosen(mdm, tmp_path, arguments, status, words):
+    path = written(tmp_path / "run.mcap", [("decisions", decision(1))])
+    found, output, errors = mdm("record", "cat", path, *arguments)
+    assert (found, output) == (status, [])
+    assert words in errors
+
+
+def test_stimuli_decide_again_as_they_did(mdm, tmp_path):
+    path = tiger(tmp_path / "run.mcap")
+    decisions = [line["message"] for line in lines(mdm, path, "--topic", "decisions")]
+    stimuli = mdm("record", "cat", path, "--stimuli")[1]
+    traced = [json.loads(line) for line in mdm("trace", EXAMPLES / "tiger.toml", stdin="\n".join(stimuli))[1]]
+    assert len(traced) == len(decisions) == 20
+    for before, again in zip(decisions, traced, strict=True):
+        assert again["time"] == before["time"] / 1e9
+        assert again["belief"] == before["belief"]
+        for field in ("epoch", "cause", "action", "action_name", "reward"):
+            assert again[field] == before[field]
+
+
+def said(seconds, channel, message):
+    time = int(seconds * 1e9)
+    return Said(time, channel, type(message).__name__, message)
+
+
+def test_each_stimulus_has_its_words(mdm, tmp_path):
+    record = Writing(tmp_path / "run.mcap")
+    for stimulus in (
+        said(1, "predicates/sensed", messages.SensorUpdate(1, (("Warm", True), ("Wet", None)), ("Bump",))),
+        said(1.5, "top/state", messages.State(1, 2, (1, 0))),
+        said(2, "top/below/observation", messages.Observation(1, 3, (3,), (True,))),
+        said(2, "top/observation", messages.Observation(1, None, (3, None), (True, False))),
+        said(2.5, "top/external_belief", messages.Belief(1, [0.25, 0.75])),
+        said(3, "top/control", messages.Control(1, "reset")),
+        said(3, "top/control", messages.Control(1, "resume")),
+        said(3, "places/pose", messages.PoseUpdate(1, 1.0, 2.0)),
+        said(3, "places/pose", messages.PoseUpdate(1, 1.0, 2.0)),
+        said(3, "top/state", messages.State(1, None, (1, None))),
+    ):
+        record.write("stimuli", stimulus, Stimulus)
+    record.write("lives", messages.ActionLife(3 * 10**9, "top", 4, "Go", "running"))
+    record.write("lives", messages.ActionLife(3 * 10**9, "top", 5, "Stop", "running"))
+    for stimulus in (
+        Ended(4 * 10**9, "top", 4, interrupted=False, cancelled=False),
+        Ended(5 * 10**9, "top", 5, interrupted=False, cancelled=False, error="ValueError"),
+        Ended(5 * 10**9, "top", 6, interrupted=True, cancelled=True),
+    ):
+        record.write("stimuli", stimulus, Stimulus)
+    path = record.close()
+    status, output, errors = mdm("record", "cat", path, "--stimuli")
+    assert status == 0
+    assert [json.loads(line) for line in output] == [
+        {"time": 0.0, "predicates": {"Warm": True, "Wet": None}, "events": ["Bump"]},
+        {"time": 0.5, "state": 2, "ensemble": "top"},
+        {"time": 1.0, "observation": 3, "ensemble": "below"},
+        {"time": 1.0, "observation": [3, None], "ensemble": "top"},
+        {"time": 1.5, "belief": [0.25, 0.75], "ensemble": "top"},
+        {"time": 2.0, "control": "reset", "ensemble": "top"},
+        {"time": 3.0, "events": ["Go.succeeded"]},
+        {"time": 4.0, "events": ["Stop.failed"]},
+    ]
+    assert errors == (
+        "mdm record cat: left out, since mdm trace has no words for them: 1 on top/control, 2 on places/pose, "
+        "1 on top/state\n"
+    )
+    _, output, _ = mdm("record", "cat", path, "--stimuli", "--ensemble", "top/below", "--until", "2")
+    assert [json.loads(line)["time"] for line in output] == [0.0, 1.0]

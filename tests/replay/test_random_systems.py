@@ -1,0 +1,14 @@
+"""A few random systems, recorded in wall time; `make chaos` records a thousand while other processes keep it busy."""
+
+from __future__ import annotations
+
+import pytest
+from replay.runs import violations
+
+
+@pytest.mark.filterwarnings("ignore")  # asyncio tells of what is raised where nobody waits, as is meant here
+@pytest.mark.parametrize("seed", range(10))
+def test_a_random_system_is_repeated_as_it_was_recorded(tmp_path, seed):
+    decisions, wrong = violations(seed, tmp_path / "run.mcap", 0.3)
+    assert wrong == []
+    assert decisions

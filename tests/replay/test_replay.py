@@ -1,0 +1,203 @@
+"""Replays: the first decision that differs is found, and nothing before it."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+
+import numpy as np
+import pytest
+from records import Writing
+from sentences import refused
+
+import mdm
+from mdm.errors import Error
+from mdm.messages import Decision, SensorUpdate
+from mdm.recording import Record
+from mdm.recording.stimuli import Said, Stimulus
+from mdm.replay import replay
+from mdm.testing import crash, run_virtual
+
+_POLICY = [0, 1, 2, 0, 1, 2, 0, 1]
+
+
+class Robot:
+    """An ensemble over eight states, by a table."""
+
+    def __init__(self, policy=_POLICY):
+        self.predicates = mdm.PredicateManager("predicates")
+        self.sensors = [self.predicates.sensor(name, initial=False) for name in "ABC"]
+        self.ensemble = mdm.Ensemble(
+            "robot",
+            policy=mdm.policies.DeterministicPolicy(policy, 3),
+            predicates=self.predicates,
+            states=[mdm.StateFactor(name.lower(), [name]) for name in "ABC"],
+            actions={"left": lambda: None, "right": asyncio.sleep, "stay": lambda: None},
+        )
+
+
+def walk(path, seed=0, count=60):
+    """Record a robot whose sensors change at random; return what it decides."""
+    draw = random.Random(seed)
+    robot = Robot()
+
+    async def main(runtime):
+        decisions = []
+        runtime.decisions.subscribe(decisions.append)
+        await runtime.start(robot.ensemble)
+        for _ in range(count):
+            await asyncio.sleep(draw.choice([0.01, 0.1]))
+            draw.choice(robot.sensors).set(draw.random() < 0.5)
+        return decisions
+
+    return run_virtual(main, record=path)
+
+
+def without(path, new, left_out):
+    """Write a record once more without one of its messages of input; return the new record."""
+    record = Record(path)
+    writing = Writing(new, record.head)
+    kinds = {"stimuli": Stimulus, "decisions": Decision}
+    for each in record.messages(["stimuli", "decisions"]):
+        if each.message != left_out:
+            writing.write(each.topic, each.message, kinds[each.topic])
+            writing.writer.flush()
+    return Record(writing.close())
+
+
+def test_a_run_in_virtual_time_is_repeated(tmp_path):
+    decisions = walk(tmp_path / "run.mcap")
+    result = replay(tmp_path / "run.mcap", Robot().ensemble)
+    assert result.same
+    assert result.exact
+    assert result.lost == 0
+    assert result.recorded == result.replayed == len(decisions) > 20
+
+
+@pytest.mark.parametrize("entry", range(8))
+def test_another_entry_of_a_policy_is_found_where_it_first_decides(tmp_path, entry):
+    decisions = walk(tmp_path / "run.mcap", seed=entry)
+    policy = list(_POLICY)
+    policy[entry] = (policy[entry] + 1) % 3
+    result = replay(tmp_path / "run.mcap", Robot(policy).ensemble)
+    expected = [number for number, decision in enumerate(decisions) if decision.state == entry]
+    assert [difference.number for difference in result.differences] == expected
+    assert all(difference.fields == ("action",) for difference in result.differences)
+
+
+def test_a_replay_ends_at_the_last_difference_that_is_kept(tmp_path):
+    walk(tmp_path / "run.mcap")
+    result = replay(tmp_path / "run.mcap", Robot([2, 0, 1, 2, 0, 1, 2, 0]).ensemble, most=3)
+    assert [difference.number for difference in result.differences] == [0, 1, 2]
+    assert result.replayed == 3
+
+
+def test_a_message_of_a_sensor_that_is_missing_is_found_at_the_decision_on_it(tmp_path):
+    decisions = walk(tmp_path / "run.mcap")
+    said = {
+        each.message.time: each.message
+        for each in Record(tmp_path / "run.mcap").messages(["stimuli"])
+        if isinstance(each.message, Said) and each.message.type == SensorUpdate.__name__
+    }
+    for number, decision in list(enumerate(decisions))[1:20:4]:
+        record = without(tmp_path / "run.mcap", tmp_path / f"{number}.mcap", said[decision.time])
+        (difference,) = replay(record, Robot().ensemble, most=1).differences
+        assert difference.number == number
+        assert difference.recorded.time == decision.time
+
+
+# -- Beliefs -----------------------------------------------------------------------------------------------------------
+
+_HEARING = np.array([[0.85, 0.15], [0.15, 0.85]])
+
+
+def tiger(hearing):
+    """Return an ensemble that listens for a tiger, whose ears are so good."""
+    model = mdm.models.POMDP([np.eye(2)] * 2, [hearing] * 2, np.zeros((2, 2)), discount=0.9, actions=["listen", "open"])
+    vectors = np.array([[1.0, 1.0], [0.0, 1.05]])
+    return mdm.Ensemble(
+        "tiger",
+        model=model,
+        policy=mdm.policies.AlphaVectors(vectors, [0, 1], 2),
+        actions={"listen": lambda: None, "open": lambda: None},
+    )
+
+
+def heard(path, symbols):
+    """Record what is decided on what is heard."""
+    ensemble = tiger(_HEARING)
+
+    async def main(runtime):
+        await runtime.start(ensemble)
+        for symbol in symbols:
+            await asyncio.sleep(0.5)
+            ensemble.publish_observation(symbol)
+
+    run_virtual(main, record=path)
+
+
+def beliefs(symbols, hearing):
+    """Return the belief before each observation and after the last, by Bayes' rule."""
+    found = [np.array([0.5, 0.5])]
+    for symbol in symbols:
+        belief = found[-1] * hearing[:, symbol]
+        found.append(belief / belief.sum())
+    return found
+
+
+@pytest.mark.parametrize("symbols", [[1, 1, 0, 1, 0, 1], [0, 1, 1], [1, 1, 1, 1, 1, 0]])
+def test_another_entry_of_a_model_is_found_where_the_belief_parts(tmp_path, symbols):
+    heard(tmp_path / "run.mcap", symbols)
+    assert replay(tmp_path / "run.mcap", tiger(_HEARING)).same
+    other = np.array([[0.85, 0.15], [0.25, 0.75]])
+    (difference,) = replay(tmp_path / "run.mcap", tiger(other), most=1).differences
+    before, now = beliefs(symbols, _HEARING), beliefs(symbols, other)
+    parts = next(n for n, (one, another) in enumerate(zip(before, now, strict=True)) if not np.allclose(one, another))
+    assert difference.number == parts
+    assert "belief" in difference.fields
+    np.testing.assert_allclose(difference.recorded.belief, before[parts])
+    np.testing.assert_allclose(difference.replayed.belief, now[parts])
+
+
+# -- Starts and ends ---------------------------------------------------------------------------------------------------
+
+
+def told():
+    """Return an ensemble that is told its states, and starts anew when it has failed."""
+    return mdm.Ensemble(
+        "told",
+        policy=[0, 1, 0, 1],
+        actions={"left": lambda: None, "right": lambda: None},
+        supervision=mdm.Restart(limit=50, backoff=0.01),
+    )
+
+
+def test_a_state_that_is_told_before_a_restart_is_decided_on_behind_it(tmp_path):
+    ensemble = told()
+
+    async def main(runtime):
+        await runtime.start(ensemble)
+        ensemble.publish_state(1)
+        await asyncio.sleep(0.1)
+        crash(ensemble)
+        ensemble.publish_state(2)  # from before the end: forgotten
+        while ensemble.life != "restarting":
+            await asyncio.sleep(0)
+        ensemble.publish_state(3)
+        await asyncio.sleep(0.1)
+
+    run_virtual(main, record=tmp_path / "run.mcap")
+    decisions = [each.message for each in Record(tmp_path / "run.mcap").messages(["decisions"])]
+    assert [(decision.state, decision.cause) for decision in decisions] == [(1, "state"), (3, "start")]
+    assert replay(tmp_path / "run.mcap", told()).same
+
+
+def test_a_record_without_a_start_is_refused(tmp_path):
+    walk(tmp_path / "run.mcap", count=2)
+    record = Record(tmp_path / "run.mcap")
+    writing = Writing(tmp_path / "other.mcap", record.head)
+    for each in record.messages(["decisions"]):
+        writing.write("decisions", each.message)
+    writing.close()
+    with refused(Error):
+        replay(tmp_path / "other.mcap", Robot().ensemble)

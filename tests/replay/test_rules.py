@@ -1,0 +1,153 @@
+"""The rules of time by which a record of stimuli is the run: without any one of them, a replay differs."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+
+import pytest
+from replay.held import START, recorded
+
+import mdm
+from mdm.messages import Tick
+from mdm.replay import replay
+from mdm.runtime.dispatcher import Dispatcher
+from mdm.runtime.time.clock import Clock
+from mdm.runtime.time.scheduler import Ticker
+
+_MS = 1_000_000
+
+
+class Robot:
+    """Two ensembles over one predicate that has to hold for a time: one by events, one 100 times a second.
+
+    Args:
+        acts: What the first action of the one by events does.
+    """
+
+    def __init__(self, acts=lambda: None):
+        self.predicates = mdm.PredicateManager("predicates")
+        self.near = self.predicates.sensor("Near", initial=False)
+        self.bright = self.predicates.sensor("Bright", initial=False)
+        self.predicates.define("Held", "Near", held_for=0.02)
+        self.predicates.latch("Done", set="go.succeeded", reset="Bright")
+        factors = [mdm.StateFactor(name.lower(), [name]) for name in ("Held", "Bright", "Done")]
+        self.events = mdm.Ensemble(
+            "events",
+            policy=[0, 1, 1, 1, 0, 1, 1, 0],
+            predicates=self.predicates,
+            states=factors,
+            actions={"go": acts, "stay": lambda: None},
+        )
+        self.ticks = mdm.Ensemble(
+            "ticks",
+            policy=[0, 1, 0, 1],
+            predicates=self.predicates,
+            states=factors[:2],
+            actions={"left": lambda: None, "right": lambda: None},
+            drive=100.0,
+        )
+        self.tops = [self.events, self.ticks]
+
+
+def run(path):
+    """Record a robot whose event loop is held again and again; return what it decides."""
+    clocks = []
+
+    def takes_time():
+        if clocks:
+            clocks[0].hold_until((clocks[0].shown - START) / _MS + 0.5)
+
+    robot = Robot(takes_time)
+
+    async def happen(clock):
+        clocks.append(clock)
+        clock.let_go()
+        robot.near.set(True)  # held at 20 ms
+        clock.hold_until(23)
+        robot.bright.set(True)  # comes behind that, though the loop has not turned since
+        clock.let_go()
+        robot.near.set(False)
+        clock.hold_until(31.5)
+        robot.near.set(True)  # held at 51.5 ms, behind the tick at 40 ms and before that at 60 ms
+        clock.hold_until(64)
+        clock.let_go()  # one tick stands for three, and comes behind the timer
+        robot.bright.set(False)
+        clock.hold_until(70.5)
+        clock.let_go()
+        robot.near.set(False)
+        robot.near.set(True)  # held at 90.5 ms
+        clock.hold_until(85)
+        clock.let_go()
+        thread = threading.Thread(target=robot.bright.set, args=(True,))
+        thread.start()
+        thread.join()
+        clock.hold_until(92)
+        clock.let_go()  # before the loop takes what the thread has set at 85 ms
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        clock.hold_until(100)
+        clock.let_go()
+
+    return recorded(path, robot.tops, happen)
+
+
+def fire_no_timer_before_a_stimulus(patch):
+    patch.setattr(Clock, "fire_before", lambda self, when: None)
+
+
+def give_the_turn_of_a_timer_the_present_time(patch):
+    due = Dispatcher.deliver_due
+
+    def late(self, subscription, message, time):
+        due(self, subscription, message, self.clock.now())
+
+    patch.setattr(Dispatcher, "deliver_due", late)
+
+
+def stamp_input_of_threads_when_it_is_sensed(patch):
+    patch.setattr(Dispatcher, "_delivered", lambda self, message: message)
+
+
+def give_a_turn_many_times(patch):
+    one = Dispatcher.now
+
+    def many(self):
+        return one(self) if self.clock.firing >= 0 else self.clock.now()  # the time of timers is another rule
+
+    patch.setattr(Dispatcher, "now", many)
+
+
+def tick_for_others_in_the_place_of_the_first(patch):
+    def fire(self):
+        now = self._clock.now()
+        missed = max(now * self._denominator // self._numerator - self._number, 0)
+        self._number += missed
+        due = self._due(self._number)
+        self.tick(Tick(due, self._number, now - due, missed))
+
+    patch.setattr(Ticker, "_fire", fire)
+
+
+RULES = [
+    fire_no_timer_before_a_stimulus,
+    give_the_turn_of_a_timer_the_present_time,
+    stamp_input_of_threads_when_it_is_sensed,
+    give_a_turn_many_times,
+    tick_for_others_in_the_place_of_the_first,
+]
+
+
+def test_a_run_whose_event_loop_was_held_is_repeated(tmp_path):
+    decisions = run(tmp_path / "run.mcap")
+    result = replay(tmp_path / "run.mcap", Robot().tops)
+    assert result.differences == ()
+    assert result.recorded == result.replayed == len(decisions) > 10
+
+
+@pytest.mark.parametrize("plant", RULES, ids=lambda plant: plant.__name__)
+def test_without_a_rule_a_replay_differs(tmp_path, plant):
+    with pytest.MonkeyPatch.context() as patch:
+        plant(patch)
+        run(tmp_path / "run.mcap")
+    assert replay(tmp_path / "run.mcap", Robot().tops).differences

@@ -40,6 +40,8 @@ VERBS = {
     "plot": ("policies", "draw bounds over time, a policy, a belief over an episode, or a recorded run"),
     "replay": ("records", "run what a record has once more, and compare every decision"),
     "record": ("records", "describe, print, export and repair the record of a run"),
+    "page": ("records", "show the record of a run on a page for this machine's browsers"),
+    "watch": ("records", "watch a running system, or a record, in the terminal"),
     "map": ("map", "propose, draft, check and show the map of a floor, and make a model from it"),
     "new": ("projects", "make a small project that runs, and has a test"),
     "examples": ("projects", "list the examples, or copy one of them"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import math
 from typing import TYPE_CHECKING
 
@@ -66,7 +65,7 @@ def _scene(name: str, labels: Labels, graph: Graph | None, grid: Grid | None) ->
     rows, columns = raster.shape
     return FloorScene(
         *(name, rows, columns, frame.resolution * step),
-        *(base64.b64encode(raster.tobytes()), tuple(places), ways),
+        *(raster.tobytes(), tuple(places), ways),
     )
 
 

@@ -23,7 +23,7 @@ from mdm.messages import (
     PoseUpdate,
     PredicateUpdate,
 )
-from mdm.models import Factor, Space
+from mdm.models import Space
 from mdm.recording.names import Names, names_of
 from mdm.recording.stimuli import Said
 from mdm.replay import replay
@@ -197,11 +197,8 @@ class RecordedRun:
         if path in self._models:
             space: Space | None = self._models[path].controller.symbols.state_space
             return space
-        factors = self._names.get(path, Names()).states
-        if factors:
-            return Space([Factor(factor.name, factor.symbols) for factor in factors])
-        listed = self._listed(path, "states")
-        return Space.single("state", listed) if listed else None
+        names = self._names.get(path, Names()).states
+        return Space.single("state", list(names)) if names else None
 
     def _listed(self, path: str, what: str) -> list[str]:
         """Return the names of an ensemble's symbols, as the head of a record has them."""
@@ -288,6 +285,10 @@ class RecordedRun:
             until = "" if at is None else f" up to second {self._seconds(at.time):g}"
             self._remarks.append(f"predicates are restored by a replay, which is the same as the run{until} alone")
         self._predicates = [name for name in manager.values() if name in values]
+
+    def remark(self, text: str) -> None:
+        """Have something said of the run."""
+        self._remarks.append(text)
 
     # -- The scene -----------------------------------------------------------------------------------------------
 
@@ -429,9 +430,6 @@ class RecordedRun:
         if path in self._models:
             return observed(self._models[path].controller.symbols.observation_space, observation)
         found = self._names.get(path, Names()).observation(observation)
-        listed = self._listed(path, "observations")
-        if found is None and isinstance(observation, int) and observation < len(listed):
-            return listed[observation]
         return found or str(observation)
 
     def _belief(self, path: str, decision: Decision) -> Any:

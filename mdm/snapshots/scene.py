@@ -72,7 +72,7 @@ class FloorScene(msgspec.Struct, frozen=True):
         rows: Of the raster, from top to bottom.
         columns: Of the raster, from left to right.
         metres: The width of a cell.
-        raster: A byte a cell, row by row, in base64: 0 of no place, 255 occupied, else the place's number from 1 on.
+        raster: A byte a cell, row by row: 0 of no place, 255 occupied, else the place's number from 1 on.
         places: The places with their goals, in the order of their numbers.
         ways: The ways between them.
     """

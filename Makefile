@@ -10,7 +10,7 @@ BIN := $(ENVIRONMENT)/bin
 READY := $(ENVIRONMENT)/.ready
 DEMO := $(ENVIRONMENT)/.demo
 
-.PHONY: environment demo test sentences public-names test-fast test-newest wheel-test chaos lint types docs bench clean
+.PHONY: environment demo test sentences public-names test-fast test-newest wheel-test chaos lint types docs pictures bench clean
 
 # The virtual environment: with all that a contributor needs, or at first with what the demo needs alone.
 $(BIN)/python:
@@ -18,12 +18,12 @@ $(BIN)/python:
 	@echo 'Making a virtual environment in $(ENVIRONMENT)'
 	@$(PYTHON) -m venv $(ENVIRONMENT)
 
-$(READY): pyproject.toml constraints.txt | $(BIN)/python
+$(READY): pyproject.toml mdm/version.py constraints.txt | $(BIN)/python
 	@echo 'Installing what tests, lint and types need; this takes a minute or two'
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@ $(DEMO)
 
-$(DEMO): pyproject.toml constraints.txt | $(BIN)/python
+$(DEMO): pyproject.toml mdm/version.py constraints.txt | $(BIN)/python
 	@echo 'Installing what the demo needs: numpy, scipy and a simulator of robots'
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[demo]'
 	@touch $@
@@ -110,6 +110,10 @@ types: $(READY)
 docs: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	$(BIN)/sphinx-build -W -b html docs docs/_build/html
+
+# The pictures of the tutorial, drawn anew from what its programs do: look at them.
+pictures: $(READY)
+	$(BIN)/python docs/pictures/tutorial.py
 
 bench: $(READY)
 	$(BIN)/python benchmarks/decision_latency.py

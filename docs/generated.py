@@ -16,6 +16,8 @@ import msgspec
 
 from mdm.cli import make_parser
 from mdm.faults import KINDS
+from mdm.team.sharing.calls import CALLS
+from mdm.team.sharing.remote import CHANNELS, RETAINED
 
 HERE = Path(__file__).parent / "reference"
 
@@ -29,6 +31,8 @@ PACKAGES = (
     "mdm.models",
     "mdm.beliefs",
     "mdm.policies",
+    "mdm.explanation",
+    "mdm.estimation",
     "mdm.solvers",
     "mdm.problems",
     "mdm.formats",
@@ -94,6 +98,11 @@ def entries(thing: Any) -> dict[str, str]:
     return found
 
 
+def about(struct: type) -> str:
+    """Return the docstring of a struct without its fields, which a table has."""
+    return re.split(r"\n\n(?:Args|Attributes):\n", inspect.cleandoc(struct.__doc__ or ""))[0]
+
+
 def markdown(docstring: str) -> str:
     """Return a docstring as Markdown: its sections as lists, its literals in single backticks."""
     text = inspect.cleandoc(docstring)
@@ -111,13 +120,36 @@ def markdown(docstring: str) -> str:
     return "\n\n".join(out)
 
 
-def signature(thing: Any) -> str:
-    """Return the signature of a class or function; empty where there is none."""
+def signature(thing: Any, name: str) -> str:
+    """Return how a class or function is called, a line for each parameter where one is too short; else its name."""
     try:
-        given = str(inspect.signature(thing))
+        given = inspect.signature(thing)
     except (NameError, TypeError, ValueError):  # the types of what is documented are not all at hand
-        return ""
-    return re.sub(r"<(?:class|object|function) ?'?([^'>]*)'?(?: at 0x[0-9a-f]+)?>", r"\1", given).replace("'", "")
+        return name
+    parameters = [each for each in given.parameters.values() if each.name not in {"self", "cls"}]
+    shown = [_parameter(each) for each in parameters]
+    kinds = [each.kind for each in parameters]
+    if inspect.Parameter.KEYWORD_ONLY in kinds and inspect.Parameter.VAR_POSITIONAL not in kinds:
+        shown.insert(kinds.index(inspect.Parameter.KEYWORD_ONLY), "*")
+    if inspect.Parameter.POSITIONAL_ONLY in kinds:
+        shown.insert(len(kinds) - kinds[::-1].index(inspect.Parameter.POSITIONAL_ONLY), "/")
+    told = given.return_annotation
+    result = "" if inspect.isclass(thing) or told is given.empty else f" -> {_annotation(told)}"
+    line = f"{name}({', '.join(shown)}){result}"
+    return line if len(line) <= 80 else "\n".join([f"{name}(", *(f"    {each}," for each in shown), f"){result}"])
+
+
+def _parameter(parameter: inspect.Parameter) -> str:
+    stars = {parameter.VAR_POSITIONAL: "*", parameter.VAR_KEYWORD: "**"}.get(parameter.kind, "")
+    kind = "" if parameter.annotation is parameter.empty else f": {_annotation(parameter.annotation)}"
+    if parameter.default is parameter.empty:
+        return f"{stars}{parameter.name}{kind}"
+    value = re.sub(r"<(?:class|object|function) ?'?([^'>]*?)'?(?: at 0x[0-9a-f]+)?>", r"\1", repr(parameter.default))
+    return f"{parameter.name}{kind} = {value}" if kind else f"{parameter.name}={value}"
+
+
+def _annotation(annotation: Any) -> str:
+    return inspect.formatannotation(annotation).replace("'", "")
 
 
 def members(thing: type) -> dict[str, Any]:
@@ -142,13 +174,14 @@ def names(package: str) -> str:
             lines += [f"The package [`{thing.__name__}`](names-{thing.__name__}.md).", ""]
             continue
         if inspect.isclass(thing) or inspect.isroutine(thing):
-            lines += ["```text", f"{name}{signature(thing)}", "```", "", markdown(thing.__doc__ or ""), ""]
+            lines += ["```text", signature(thing, name), "```", "", markdown(thing.__doc__ or ""), ""]
         else:
             lines += [f"A constant of type `{type(thing).__name__}`.", ""]
         for member, each in members(thing).items() if inspect.isclass(thing) else ():
             function = each.fget if isinstance(each, property) else getattr(each, "__func__", each)
-            form = member if isinstance(each, property) else f"{member}{signature(function)}"
-            lines += ["```text", f"{name}.{form}", "```", "", markdown(function.__doc__ or ""), ""]
+            whole = f"{name}.{member}"
+            form = whole if isinstance(each, property) else signature(function, whole)
+            lines += ["```text", form, "```", "", markdown(function.__doc__ or ""), ""]
     return "\n".join(lines)
 
 
@@ -205,7 +238,7 @@ def file() -> str:
     ]
     for title, (path, others) in TABLES.items():
         struct = find(path)
-        lines += [f"## `{title}`", "", markdown(struct.__doc__.partition("\n\nAttributes:")[0]), ""]
+        lines += [f"## `{title}`", "", markdown(about(struct)), ""]
         lines += ["| key | type | default | meaning |", "| --- | --- | --- | --- |"]
         for key, (kind, default, meaning) in keys(struct, others).items():
             text = re.sub(r"``([^`]+)``", r"`\1`", meaning).replace("|", "\\|")
@@ -281,9 +314,8 @@ def statistics() -> str:
         known: dict[str, str] = {}
         for base in struct.__mro__:
             known = entries(base) | known if base.__doc__ else known
-        about = struct.__doc__.partition("\n\nAttributes:")[0].partition("\n\n    Attributes:")[0]
-        lines += [f"## `{struct.__name__}`", "", markdown(about), ""]
-        lines += ["| field | type | meaning, where the name does not tell it |", "| --- | --- | --- |"]
+        lines += [f"## `{struct.__name__}`", "", markdown(about(struct)), ""]
+        lines += ["| field | type | meaning |", "| --- | --- | --- |"]
         hints: dict[str, Any] = {}
         for base in reversed(struct.__mro__):
             hints |= vars(base).get("__annotations__", {})
@@ -295,10 +327,190 @@ def statistics() -> str:
     return "\n".join(lines)
 
 
+def _agreement(*names: str) -> tuple[str, ...]:
+    """Return the paths of messages of the agreement."""
+    return ("mdm.team.agreement.log.Commit", *(f"mdm.team.agreement.messages.{name}" for name in names))
+
+
+SENT = (
+    (
+        "beat",
+        ("mdm.team.link.Beat",),
+        "every agent, to all",
+        "five times a lease, and when the agents that it hears change",
+    ),
+    ("leaving", (), "every agent, to all", "when it leaves in order; the body is empty"),
+    (
+        "ENSEMBLE/agreement/all",
+        _agreement("Call", "Begin", "Ended", "Fetch"),
+        "an agent of a replicated team, to all",
+        "by its leader, where a term is called, begins and ends, and at each joint step; by an agent that misses steps",
+    ),
+    (
+        "ENSEMBLE/agreement/AGENT",
+        _agreement(
+            *("Call", "Joined", "Stale", "Begin", "Component", "Command", "Applied", "Fetch", "Entries", "Snapshot")
+        ),
+        "an agent of a replicated team, to one other",
+        "proposals and acknowledgements to the leader; to one agent, what it misses; all again until answered",
+    ),
+    (
+        "ENSEMBLE/part",
+        ("mdm.team.centralised.messages.Proposal",),
+        "an agent of a centralised team, to the controller",
+        "at each tick; where events make steps, at each event and command, every 50 ms until it is acknowledged",
+    ),
+    (
+        "ENSEMBLE/decision",
+        ("mdm.team.centralised.messages.Decision",),
+        "the controller of a centralised team, to all",
+        "at each step; the last one again, four times a lease",
+    ),
+    (
+        "ENSEMBLE/word",
+        ("mdm.team.communicating.episode.Update",),
+        "an agent of a communicating team, to all",
+        "what its communication policy shares, once; its episode, once a lease and when agents come or go",
+    ),
+    (
+        "predicates/changes",
+        ("mdm.team.sharing.predicates.Change",),
+        "an agent whose predicates or events others have asked for",
+        "when one of them changes or occurs; all values, four times within `max_age`",
+    ),
+    (
+        "CHANNEL",
+        (),
+        "an agent that exports the channel: [remote channels](../teams.md#remote-channels)",
+        "when a message is published on it, which is the body",
+    ),
+)
+"""What is put under the keys of an agent: the key after its own, the messages, who sends them, and when."""
+
+ASKED = (
+    (
+        "predicates/follow",
+        ("mdm.team.sharing.predicates.Request",),
+        "mdm.team.sharing.predicates.Reply",
+        "an agent whose formulas name predicates of this one, when this one begins to live",
+    ),
+    ("clock", (), "its time, 8 bytes: nanoseconds since 1970", "the other agents, every five seconds"),
+    (
+        "ENSEMBLE/configuration",
+        (),
+        "the configuration of the ensemble, fact by fact, as a table",
+        "an agent in which its hash differs",
+    ),
+    (
+        "ENSEMBLE/CALL",
+        ("the token of a command, or nothing",),
+        "JSON, with `result` or `error`",
+        "`mdm team`, and other programs, by `mdm.team.sharing.commanding.command`",
+    ),
+    (
+        "CHANNEL",
+        (),
+        "the last message, where the channel is retained; else nothing",
+        "an agent that imports the channel, when this one begins to live",
+    ),
+    (
+        "@team/who",
+        (),
+        "the lives of each agent that it sees",
+        "an agent that opens its session, so that no name is live twice",
+    ),
+)
+"""What an agent answers: the key after its own, the question, the answer, and who asks when."""
+
+CARRIED = ("mdm.team.copy.Part", "mdm.team.copy.Contents")
+"""What others carry as bytes: of a component or part, and of a snapshot."""
+
+
+def team_messages() -> str:
+    """Return the page of the messages between agents."""
+
+    def shown(path: str) -> str:
+        return f"[`{find(path).__name__}`](#{find(path).__name__.lower()})" if path.startswith("mdm.") else path
+
+    structs = bodies()
+    lines = [
+        "# Messages between agents",
+        "",
+        "Agents of a team send each other messages under keys, `mdm/TEAM/AGENT/…`; those with its own",
+        "name an agent alone uses. None is retained on the way: who comes late gets the next one, or asks. Each has",
+        "an envelope, with the life of its sender, its number under its key and its time; the bodies are msgpack.",
+        "[Teams](../teams.md) says what they are for.",
+        "",
+        "## Sent",
+        "",
+        "| key, after the agent's | message | who sends it | when |",
+        "| --- | --- | --- | --- |",
+    ]
+    for key, paths, sender, when in SENT:
+        lines.append(f"| `{key}` | {', '.join(map(shown, paths))} | {sender} | {when} |")
+    lines += [
+        "",
+        "## Asked",
+        "",
+        "| key, after the agent's | question | answer | who asks, when |",
+        "| --- | --- | --- | --- |",
+    ]
+    for key, paths, answer, when in ASKED:
+        lines.append(f"| `{key}` | {', '.join(map(shown, paths))} | {shown(answer)} | {when} |")
+    lines += [
+        "",
+        f"A CALL is one of {', '.join(f'`{call}`' for call in CALLS)}.",
+        "That an agent is there is a liveliness token of Zenoh, `@team/live/LIFE`.",
+        "",
+        "## Channels",
+        "",
+        "Of an ensemble's channels these can be exported by name; others with their type.",
+        "",
+        "| channel | message | retained |",
+        "| --- | --- | --- |",
+    ]
+    lines += (
+        f"| `{name}` | `{kind.__name__}` | {'yes' if name in RETAINED else 'no'} |" for name, kind in CHANNELS.items()
+    )
+    lines += [
+        "",
+        "## Bodies",
+        "",
+        "Arrays of these fields, in this order; or tables, where it says so. A component and a part",
+    ]
+    lines += ["are a `Part`, as bytes, and the body of a snapshot is `Contents`."]
+    for name, struct in sorted(structs.items()):
+        fields = f"`{', '.join(struct.__struct_fields__)}`"
+        form = fields if struct.__struct_config__.array_like else f"A table of {fields}"
+        lines += ["", f"### `{name}`", "", form, "", markdown(struct.__doc__ or "")]
+    return "\n".join([*lines, ""])
+
+
+def bodies() -> dict[str, Any]:
+    """Return the structs that messages between agents are made of, by name."""
+    paths = [path for _, messages, *_ in SENT for path in messages]
+    paths += [path for _, question, answer, _ in ASKED for path in (*question, answer) if path.startswith("mdm.")]
+    return {each.__name__: each for path in (*paths, *CARRIED) for each in within(find(path))}
+
+
+def within(kind: Any) -> list[type]:
+    """Return the structs of a type: itself, and those of its fields."""
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        hints = typing.get_type_hints(kind, include_extras=True)
+        return [kind, *(each for hint in hints.values() for each in within(hint))]
+    return [each for part in typing.get_args(kind) for each in within(part)]
+
+
 def pages() -> dict[str, str]:
     """Return all pages that are made, by the names of their files."""
     made = {f"names-{package}.md": names(package) for package in PACKAGES}
-    return made | {"file.md": file(), "commands.md": commands(), "faults.md": faults(), "statistics.md": statistics()}
+    return made | {
+        "file.md": file(),
+        "commands.md": commands(),
+        "faults.md": faults(),
+        "statistics.md": statistics(),
+        "team-messages.md": team_messages(),
+    }
 
 
 def write() -> None:

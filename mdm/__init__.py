@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         actors,
         beliefs,
         config,
+        estimation,
         formats,
         logic,
         maps,
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
         bind,
         run_subprocess,
     )
+    from mdm.actors.drift import DriftMonitor
     from mdm.beliefs import BeliefTracker
     from mdm.config import System, load_system
     from mdm.controller import Controller, Step
@@ -85,6 +87,7 @@ __all__ = [
     "ControlLayer",
     "Controller",
     "DeadlockError",
+    "DriftMonitor",
     "Drive",
     "Ensemble",
     "Error",
@@ -118,6 +121,7 @@ __all__ = [
     "beliefs",
     "bind",
     "config",
+    "estimation",
     "evaluate",
     "formats",
     "load_model",
@@ -146,7 +150,7 @@ __all__ = [
 
 _PACKAGES = (
     *("beliefs", "maps", "models", "policies", "problems", "simulation", "solvers", "team", "testing"),
-    *("actors", "config", "formats", "logic", "messages", "runtime"),
+    *("actors", "config", "estimation", "formats", "logic", "messages", "runtime"),
 )
 _HOMES = {
     "actors": (
@@ -154,6 +158,7 @@ _HOMES = {
         *("ObservationFactor", "ObservationLayer", "OnEvent", "PredicateManager", "Sensor"),
         *("StateFactor", "StateLayer", "bind", "run_subprocess"),
     ),
+    "actors.drift": ("DriftMonitor",),
     "beliefs": ("BeliefTracker",),
     "controller": ("Controller", "Step"),
     "config": ("System", "load_system"),

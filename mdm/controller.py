@@ -38,17 +38,24 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from mdm.beliefs import Information
+    from mdm.explanation import Case, Explanation
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models import MDP
     from mdm.models.matrices import Vector
     from mdm.models.space import Symbol
     from mdm.policies import Policy
 
+    _MadeOf = tuple[Policy, MDP | None, Symbols, OnImpossible, bool]
+
 __all__ = ["Controller", "Step"]
 
 _MOST = (1 << 62) - 1
 _ONE = 1 + 1e-6
 """A probability at most, with what rounding adds."""
+_KEPT = 10
+"""Decisions whose information is kept at least, to explain later ones by."""
+_KEPT_NUMBERS = 1_000_000
+"""Numbers of beliefs that are kept at most, to the same end."""
 
 
 class Step(msgspec.Struct, frozen=True, gc=False):
@@ -61,6 +68,9 @@ class Step(msgspec.Struct, frozen=True, gc=False):
         reward: The expected immediate reward; None if it is not known.
         probability: P(observation | information, action) of the observation before; 0 if it was impossible, None at
             the start and for policies over states.
+        at: The state, the belief (an array or a `Support`) or the nodes that it was decided on. Steps are equal
+            without it.
+        past: What came before, to explain it by; None of a step that no controller has made.
     """
 
     epoch: int
@@ -68,6 +78,90 @@ class Step(msgspec.Struct, frozen=True, gc=False):
     action_name: str
     reward: float | None
     probability: float | None = None
+    at: Any = None
+    past: Past | None = None
+
+    def explain(self, last: int = _KEPT) -> Explanation:
+        """Return why it was decided: values, the observation that mattered, what would have decided otherwise.
+
+        Args:
+            last: How many of the last observations are looked at; ten are kept, of large beliefs fewer.
+
+        Raises:
+            ModelError: If no controller has made it.
+        """
+        from mdm.explanation import explain  # noqa: PLC0415 - nobody who runs a robot need load it
+
+        return explain(self.case(last))
+
+    def case(self, last: int = _KEPT) -> Case:
+        """Return what it was made of, for the functions of `mdm.explanation`; arguments as of `explain`."""
+        if self.past is None:
+            raise ModelError("no controller has made this step, so that nothing is known of why")
+        return self.past.case(self, last)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Step) and self._told() == other._told()
+
+    def __hash__(self) -> int:
+        return hash(self._told())
+
+    def __repr__(self) -> str:
+        told = zip(self.__struct_fields__, self._told(), strict=False)
+        return f"Step({', '.join(f'{name}={value!r}' for name, value in told)})"
+
+    def _told(self) -> tuple[int, int, str, float | None, float | None]:
+        return self.epoch, self.action, self.action_name, self.reward, self.probability
+
+
+class Past:
+    """The last decisions of an episode, which only grow: a step is explained by those before it, also when it is old.
+
+    Args:
+        made_of: What makes them: policy, model, symbols, what an impossible observation means, and whether the
+            information state is a tracker of the user's.
+        first: The number of the first one.
+        initial: The belief from which the episode began, where that is not the model's; None for that.
+        begins: Whether nothing came before the first one; else what did is not known.
+    """
+
+    __slots__ = ("_begins", "_first", "_initial", "_made_of", "entries")
+
+    def __init__(self, made_of: _MadeOf, first: int, initial: Vector | None, *, begins: bool) -> None:
+        self.entries: list[tuple[tuple[tuple[int, int, Any], ...], Any]] = []
+        """The updates that led to each decision, and what that was decided on."""
+        self._made_of = made_of
+        self._first = first
+        self._initial = initial
+        self._begins = begins
+
+    def later(self, kept: int) -> Past:
+        """Return the same without its first decisions, but for so many."""
+        past = Past(self._made_of, self._first + len(self.entries) - kept, self._initial, begins=False)
+        past.entries = self.entries[-kept:]
+        return past
+
+    def case(self, step: Step, last: int) -> Case:
+        """Return what a step was made of."""
+        from mdm.explanation.case import Case, Update  # noqa: PLC0415 - see `Step.explain`
+
+        (policy, model, symbols, on_impossible, own_tracker), number = self._made_of, step.epoch - self._first
+        known = symbols.takes != "state" and 0 <= number < len(self.entries)
+        first = max(number - last, 0)
+        initial = None
+        if known and self._begins and first == 0 and model is not None:
+            initial = model.initial_belief if self._initial is None and not model.stays_factored else self._initial
+        return Case(
+            *(policy, model, symbols.state_space, symbols.action_space, symbols.observation_space),
+            *(step.epoch, step.action, step.at),
+            before=self.entries[first][1] if known else None,
+            updates=tuple(
+                Update(*update) for updates, _ in self.entries[first + 1 : number + 1] if known for update in updates
+            ),
+            initial=initial,
+            on_impossible=on_impossible,
+            tracked=not own_tracker,
+        )
 
 
 class Controller:
@@ -108,7 +202,17 @@ class Controller:
     """
 
     # What a look-up reads or writes, close together: among many controllers what is far apart is not in the cache.
-    __slots__ = ("__dict__", "__weakref__", "_last_epoch", "_rewards", "_table", "epoch", "information", "last_action")
+    __slots__ = (
+        "__dict__",
+        "__weakref__",
+        "_last_epoch",
+        "_past",
+        "_rewards",
+        "_table",
+        "epoch",
+        "information",
+        "last_action",
+    )
 
     def __init__(
         self,
@@ -163,6 +267,8 @@ class Controller:
         self.decided_by: Any = None
         self._probability: float | None = None
         self.given = False
+        numbers = max(self.symbols.num_states or 1, 1) if self.takes == "observation" else 1
+        self._most_kept = 2 * min(_KEPT, max(1, _KEPT_NUMBERS // numbers // 2))
         # Looked up once, for every decision.
         self._choose = self.policy.action
         self._num_actions = self.policy.num_actions
@@ -177,10 +283,13 @@ class Controller:
         """The action per state, if a decision is a look-up."""
         self._last_epoch = sys.maxsize if self.horizon is None else self.horizon
         self.can_end = hasattr(self.information, "ended")
+        self._made_of = self.policy, self.model, self.symbols, self.on_impossible, self._own_tracker
+        self._forget(begins=True)
         try:
             if (initial := options.get("initial_belief")) is not None:
                 self.begin_from(initial)
             self.information.reset(self._initial)
+            self._forget(begins=True)
         except ModelError as error:
             raise ConfigError(str(error), key="initial_belief") from None
 
@@ -195,6 +304,7 @@ class Controller:
         if self.model is None or not self.model.event_observations:
             return
         self.model = self.model.step_by_step()
+        self._made_of = self.policy, self.model, self.symbols, self.on_impossible, self._own_tracker
         self._configuration = None
         if self._tracks:
             self.information = self.policy.information(self.model)
@@ -246,6 +356,7 @@ class Controller:
         self.reset()
         if belief is not None:
             self.information.reset(belief)
+            self._forget()
         return self.decide()
 
     def observe(self, observation: Any = None) -> Step:
@@ -287,7 +398,9 @@ class Controller:
             self.epoch = epoch + 1
             rewards = self._rewards
             name = self._action_names.get(action) or self._name(action)
-            return Step(epoch, action, name, None if rewards is None else rewards[action].item(state))
+            return Step(
+                epoch, action, name, None if rewards is None else rewards[action].item(state), None, state, self._past
+            )
         if self.takes != "state":
             raise ModelError("the policy decides on observations, not on states: use observe(observation)")
         state = self.symbols.state_index(state)
@@ -325,6 +438,7 @@ class Controller:
             self.information.reset(checked)
         self.given = True
         self._probability = None
+        self._forget()
 
     def advance(self, observation: Any = None) -> float | None:
         """Update the information state by the observation after the last action, without a decision.
@@ -348,6 +462,8 @@ class Controller:
         if self._own_tracker and not isinstance(probability, float | int | np.floating):
             raise ModelError(f"the tracker's update returned {probability!r}, but a probability is needed")
         self._probability = probability
+        if action is not None and self.takes == "observation":
+            self._updates += ((self.epoch, action, observed),)
         if not probability > 0:  # true also for NaN, which a user's tracker may return
             self._probability = 0.0
             self._impossible(observation)
@@ -390,7 +506,13 @@ class Controller:
         else:
             reward = self._expected(self._rewards[action])  # type: ignore[misc]
         probability, self._probability = self._probability, None
-        return Step(epoch, action, self._action_names.get(action) or self._name(action), reward, probability)
+        past = self._past
+        if len(past.entries) >= self._most_kept:
+            past = self._past = past.later(self._most_kept // 2)
+        past.entries.append((self._updates, current))
+        self._updates = ()
+        name = self._action_names.get(action) or self._name(action)
+        return Step(epoch, action, name, reward, probability, current, past)
 
     def reset(self, *, keep: bool = False) -> None:
         """Begin an episode at epoch 0 from the initial belief, without a decision.
@@ -408,6 +530,12 @@ class Controller:
         self.problem = None
         self._probability = None
         self.given = False
+        self._forget(begins=not keep or ended)
+
+    def _forget(self, *, begins: bool = False) -> None:
+        """Begin the past anew: what comes next does not follow from what was before."""
+        self._past = Past(self._made_of, self.epoch, self._initial, begins=begins)
+        self._updates = ()
 
     def begin_from(self, belief: Any) -> None:
         """Set the initial belief of further episodes.
@@ -436,6 +564,29 @@ class Controller:
         belief: Any = getattr(self.information, "belief", Ellipsis)
         tracked: Vector | None = self.information.current if belief is Ellipsis else belief
         return copied(tracked) if self._own_tracker and tracked is not None else tracked
+
+    def case(self, last: int = _KEPT) -> Case:
+        """Return what the last decision was made of, for the functions of `mdm.explanation`.
+
+        Args:
+            last: How many of the last observations.
+
+        Raises:
+            ModelError: If nothing was decided in this episode.
+        """
+        if self.last_action is None:
+            raise ModelError("nothing was decided in this episode yet")
+        at = self.information.current if self._table is not None else self.decided_by
+        action = self.last_action
+        return Step(self.epoch - 1, action, self._name(action), None, None, at, self._past).case(last)
+
+    def continue_at(self, epoch: int) -> None:
+        """Count the next decision as that of an epoch; what was before is not known then.
+
+        It is for decisions that are made again, of which some are missing.
+        """
+        self.epoch = epoch
+        self._forget()
 
     @property
     def nodes(self) -> tuple[int, ...] | None:
@@ -466,6 +617,8 @@ class Controller:
         return self._configuration
 
     _configuration: str | None = None
+    _updates: tuple[tuple[int, int, Any], ...]
+    _past: Past
 
     def snapshot(self) -> bytes:
         """Return a snapshot to go on from here: with `restore`, the same calls then give the same steps.
@@ -502,6 +655,7 @@ class Controller:
         held, self.epoch, self.last_action, self.given, self._probability, self._initial = mark[:6]
         self.impossible, self.problem, self.decided_by = mark[6:]
         restore(self.information, held)
+        self._forget()
 
     def restore(self, snapshot: bytes) -> None:
         """Restore a snapshot of a controller with the same `configuration`.
@@ -521,6 +675,7 @@ class Controller:
             if held.initial is not None:
                 self.symbols.belief_of(held.initial)
             restore(self.information, held.information)
+            self._forget()
             check_information(self.information, self.symbols.num_states)
         except Exception as error:
             self.go_back(before)

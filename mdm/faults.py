@@ -30,8 +30,10 @@ KINDS: Final[dict[str, FaultKind]] = {
         "traceback.",
     ),
     "task": FaultKind(
-        "A task of the TOML file has failed; the system ends.",
-        "Correct the line that the detail names, or the task; it has to catch the errors that it can go on after.",
+        "A task of the TOML file has failed, and the system ends; or it has returned, and the system goes on without "
+        "it.",
+        "Correct the line that the detail names, or have the task catch what it can go on after; one that is not to "
+        "return loops.",
     ),
     "abandoned": FaultKind(
         "A thread or task did not end within its grace after it was cancelled, and goes on without an owner.",
@@ -67,8 +69,10 @@ KINDS: Final[dict[str, FaultKind]] = {
         "Correct what the sensor hands over: True, False or None.",
     ),
     "stale": FaultKind(
-        "Nothing was told for longer than values hold (`max_age`); what depends on it is unknown.",
-        "See whether the sensor, the localisation or the other agent still runs, or allow a longer `max_age`.",
+        "Nothing was told for longer than values hold (`max_age`), so that what depends on it is unknown; or a "
+        "message of a team was of an earlier life of its sender, and was dropped.",
+        "See whether the sensor, the localisation or the other agent still runs, or allow a longer `max_age`. "
+        "Messages: nothing after a restart; else look for two processes of one name.",
     ),
     "violation": FaultKind(
         "Of predicates or events of which exactly one should hold, none or several did; `on_violation` was done.",
@@ -130,6 +134,11 @@ KINDS: Final[dict[str, FaultKind]] = {
     "control": FaultKind(
         "An ensemble was not started, since one above it is safe or ends.",
         "Start it when that is over; it starts by itself with the action that it is bound to.",
+    ),
+    "drift": FaultKind(
+        "What follows an action differs from the model, at the odds that were chosen.",
+        "Estimate the model anew from a record (docs/statistics.md) and solve it; where something impossible happened, "
+        "see to the sensors first.",
     ),
     # -- Actions and safety --------------------------------------------------------------------------------------
     "action": FaultKind(
@@ -212,20 +221,36 @@ KINDS: Final[dict[str, FaultKind]] = {
         "Use certificates, or a network of the robots alone: docs/teams.md says how.",
     ),
     "oversize": FaultKind(
-        "A message is larger than the team allows, and was not sent.",
-        "Raise the limit in `[team]`, or send less.",
+        "A message is larger than is taken, and was not sent, or was dropped.",
+        "Send less in it, or raise the limit in `[team]`, at all agents.",
     ),
     "malformed": FaultKind(
         "A message could not be read, and was dropped.",
-        "Another version of the library, another program, or a forger sends it: the detail names the sender.",
+        "Another program, or a forger, sends it: the detail names the key, which begins with team and sender.",
+    ),
+    "version": FaultKind(
+        "A message is of another version of the library's format, and was dropped.",
+        "Install the same version of the library at all agents.",
+    ),
+    "foreign": FaultKind(
+        "A message came under a key of another agent than its sender, or of this one, and was dropped.",
+        "Look for two processes of one name, or of two teams of one name; else somebody sends in another's name: use "
+        "certificates.",
+    ),
+    "repeated": FaultKind(
+        "A message came again, or after a newer one of its key, and was dropped.",
+        "Nothing, for a few; many tell of two processes of one name, of two ways between the agents, or of a "
+        "recording that is played.",
     ),
     "untimely": FaultKind(
-        "A message has a stamp that cannot be, and was dropped.",
-        "Set the clock of its sender.",
+        "A message has a stamp of a day or more from this agent's clock, and was dropped.",
+        "Set the clock of its sender, or of this machine.",
     ),
     "incredible": FaultKind(
-        "A message says that it is of somebody else than who sent it, and was dropped.",
-        "With certificates, look at the machine that the detail names: it sends in another's name.",
+        "What a message says cannot be, such as an action that the model has not or a term that nobody leads; it was "
+        "dropped.",
+        "Nothing, once, while an agent with another configuration comes or goes; again and again, look at its sender, "
+        "which the detail names.",
     ),
     "ignored": FaultKind(
         "A sender of many messages that no agent sends is ignored for a while.",
@@ -240,8 +265,8 @@ KINDS: Final[dict[str, FaultKind]] = {
         "See to the network; decisions do without them, as docs/teams.md says.",
     ),
     "duplicate": FaultKind(
-        "A message came twice, and counted once.",
-        "Nothing; many of them tell of two ways between the same agents.",
+        "Another process of this agent's name is live, or asks, in the team.",
+        "End one of the two: `ps` shows them as `mdm run FILE --agent NAME`; on two machines, compare their files.",
     ),
     "held_back": FaultKind(
         "A message was not sent, for the connection takes no more at the moment.",

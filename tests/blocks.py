@@ -1,11 +1,13 @@
 """The fenced blocks of pages, by language, and how each is run.
 
-An info string may say more after the language: ``file=NAME`` writes the block to a file first, and ``not-run="why"``
-says why it cannot run.
+An info string may say more after the language: ``file=NAME`` writes the block to a file, ``checked="TESTS"`` says which
+tests run or compare it, and ``not-run="why"`` why it cannot run.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
 import re
 import shlex
 import subprocess
@@ -15,7 +17,7 @@ from typing import NamedTuple
 
 from places import ROOT
 
-_FENCE = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_FENCE = re.compile(r"^```(\w*)([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 class Block(NamedTuple):
@@ -29,12 +31,20 @@ class Block(NamedTuple):
 
 
 def blocks(page):
-    """Return the blocks of a page that has a language."""
+    """Return the blocks of a page; Sphinx's directives are none."""
     text = (ROOT / page).read_text(encoding="utf-8")
     return [
         Block(page, text.count("\n", 0, match.start()) + 1, match[1], _info(match[2]), match[3])
         for match in _FENCE.finditer(text)
+        if not match[2].startswith("{")
     ]
+
+
+def texts(page, language, heading="", end="\n## "):
+    """Return the texts of a page's blocks of a language, below a heading until the next one."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    below = text[text.index(heading) + len(heading) :].partition(end)[0] if heading else text
+    return [match[3] for match in _FENCE.finditer(below) if match[1] == language]
 
 
 def _info(text):
@@ -42,16 +52,25 @@ def _info(text):
 
 
 def run(block, folder, scope):
-    """Run a block in a folder, with the names that the blocks before it have made; return the folder to go on in."""
+    """Run a block in a folder, with the names that the blocks before it have made; return the folder to go on in.
+
+    What ``print(…)  # text`` prints is compared with the text.
+    """
     if "file" in block.info:
         (folder / block.info["file"]).write_text(block.text, encoding="utf-8")
     elif block.language == "python":
-        exec(compile(block.text, f"{block.page}:{block.line}", "exec"), scope)
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            exec(compile(block.text, f"{block.page}:{block.line}", "exec"), scope)
+        said = re.findall(r"^print\(.*\)  # ([^,\n]*)", block.text, re.MULTILINE)
+        assert not said or printed.getvalue().splitlines() == said, f"{block.page}:{block.line}"
     elif block.language == "console":
         for line in block.text.replace("\\\n", " ").splitlines():
             folder = _command(shlex.split(line, comments=True), folder)
     elif block.language == "toml":
         tomllib.loads(block.text)
+    else:
+        raise AssertionError(f"{block.page}:{block.line}: a block of {block.language or 'no language'} does not run")
     return folder
 
 

@@ -26,6 +26,7 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
         "solvers",
         "tree_search",
         "communication",
+        "coverage",
         "places",
         "maps",
         "building",
@@ -110,6 +111,10 @@ def test_benchmark(tmp_path, name):
         messages = {(row["problem"], row["policy"]): row["% of messages"] for row in results["communication"]}
         assert messages["dec-tiger", "Always"] == 100
         assert messages["dec-tiger", "Never"] == 0
+    elif name == "coverage":
+        assert {row["of"] for row in results["coverage"]} == {"T", "rates", "rates, without cut stays"}
+        assert {row["of"] for row in results["hidden"]} == {"T, hidden", "O, hidden"}
+        assert all(row["alarms"] <= row["runs"] for row in results["drift"])
     elif name == "places":
         assert {row["way"] for row in results["lookups"]} >= {"bytes", "ray casting, 6 rectangles"}
         assert all(row["median_us"] > 0 for row in (*results["poses"], *results["particles"]))

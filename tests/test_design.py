@@ -8,7 +8,7 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
-from places import ROOT
+import blocks
 from team_robots import over_beliefs, started, tigers
 
 import mdm
@@ -18,12 +18,12 @@ from mdm.team.transport.network import Network
 from mdm.testing import run_virtual
 
 PACKAGE = Path(mdm.__file__).parent
-DESIGN = (ROOT / "docs" / "design.md").read_text()
 
 
 def drawn():
     """Return the folders and modules that the drawing names, as paths."""
-    drawing = DESIGN.split("```\nmdm/\n", 1)[1].split("```", 1)[0]
+    [drawing] = blocks.texts("docs/design.md", "text", "\n## 6. Layout\n", "\n### ")
+    drawing = drawing.removeprefix("mdm/\n")
     found, top = set(), ""
     for line in drawing.splitlines():
         indent = len(line) - len(line.lstrip())
@@ -89,8 +89,7 @@ def walked():
 
 def told(number):
     """Return the lines of a way that the page tells."""
-    section = DESIGN.split("### A value's way through it", 1)[1]
-    return section.split("```text\n")[number].split("```", 1)[0].splitlines()
+    return blocks.texts("docs/design.md", "text", "### A value's way through it")[number - 1].splitlines()
 
 
 def test_the_way_of_a_value_is_the_one_that_is_told():

@@ -30,6 +30,7 @@ WITHOUT = {  # protocols and results, which users do not make; and what a named 
     "models.Tree",
     "policies.Deliberating",
     "policies.PACKABLE",
+    "policies.Scores",
     "policies.mismatch",
     "team.Confirmation",
     "simulation.CommunicationEvaluation",

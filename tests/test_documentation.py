@@ -8,12 +8,14 @@ import subprocess
 import sys
 import tomllib
 
+import blocks
 import numpy as np
 import pytest
 from places import ROOT
 
 from mdm import ModelError, Runtime, problems, run, save_model
-from mdm.cli import main
+from mdm.cli import main, make_parser
+from mdm.cli.projects.completion import commands
 from mdm.models import MDP, POMDP, Factor, Space
 from mdm.team import Network
 
@@ -22,12 +24,8 @@ def read(page):
     return (ROOT / page).read_text(encoding="utf-8")
 
 
-def block(page, language):
-    return re.search(rf"```{language}\n(.*?)```", read(page), re.DOTALL)[1]
-
-
 def test_the_readme_s_program_is_the_example():
-    program = block("README.md", "python")
+    program = blocks.texts("README.md", "python")[0]
     example = (ROOT / "examples" / "q_table.py").read_text(encoding="utf-8")
     assert example.endswith(program)
 
@@ -38,7 +36,7 @@ def test_the_readme_names_every_extra():
 
 
 def test_the_configuration_page_s_file_is_complete(tmp_path, monkeypatch, capsys):
-    (tmp_path / "robot.toml").write_text(block("docs/configuration.md", "toml"))
+    (tmp_path / "robot.toml").write_text(blocks.texts("docs/configuration.md", "toml")[0])
     (tmp_path / "robot.py").write_text(
         "async def read_sensors(system): pass\nasync def assist(): pass\ndef stop(): pass\ndef go_on(): pass\n"
         "def cut_motors(): pass\n"
@@ -59,11 +57,32 @@ def test_the_configuration_page_s_file_is_complete(tmp_path, monkeypatch, capsys
     assert (status, capsys.readouterr().err) == (0, "")
 
 
-def test_the_programs_of_the_page_about_models_print_what_it_says(capsys):
-    program = "\n".join(re.findall(r"```python\n(.*?)```", read("docs/models.md"), re.DOTALL))
-    exec(program, {})
-    said = re.findall(r"^print\(.*\)  # ([^,\n]*)", program, re.MULTILINE)
-    assert capsys.readouterr().out.splitlines() == said
+def test_the_tables_of_pages_are_right_but_for_what_is_not_there(tmp_path, capsys):
+    """They name functions, models and maps of a robot that there is none of."""
+    absent = "there is no module 'robot'|there is no such file|the required key '(policy|graph)' is missing"
+    pages = ("docs/configuration.md", "docs/maps.md", "docs/moving.md", "docs/teams.md")
+    tables = [text for page in pages for text in blocks.texts(page, "toml") if "[ensembles" in text]
+    assert len(tables) >= 6
+    for number, text in enumerate(tables):
+        path = tmp_path / f"{number}.toml"
+        path.write_text(text)
+        main(["check", str(path)])
+        found = [line for line in capsys.readouterr().err.splitlines() if not line.endswith("problems found")]
+        assert [line for line in found if not re.search(absent, line)] == []
+
+
+def test_the_commands_of_the_readme_have_these_options():
+    """Beside those in a block that runs: of each line the verb, and all that begins with dashes."""
+    parsers = {command.words: command for command in commands(make_parser(), "mdm")}
+    lines = [line for text in blocks.texts("README.md", "console") for line in text.splitlines()]
+    lines = [line.partition("#")[0].split() for line in lines if line.startswith("mdm ")]
+    assert len(lines) > 20
+    for words in lines:
+        known = next(parsers[name] for name in (" ".join(words[:3]), " ".join(words[:2])) if name in parsers)
+        options = {option for names, *_ in known.options for option in names}
+        if known.words != "mdm problem":
+            given = {word.strip("[]") for part in words for word in part.split("|") if word.strip("[").startswith("-")}
+            assert given <= options, words
 
 
 def test_the_errors_of_the_page_about_models_are_the_real_ones():
@@ -84,10 +103,8 @@ def test_the_errors_of_the_page_about_models_are_the_real_ones():
 
 
 def test_the_programs_of_the_page_about_communicating_teams_run():
-    section = read("docs/teams.md").partition("\n## Communicating\n")[2].partition("\n## ")[0]
-    blocks = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
     scope: dict[str, object] = {}
-    for block in blocks:
+    for block in blocks.texts("docs/teams.md", "python", "\n## Communicating\n"):
         exec(block.replace("episodes=1000", "episodes=10"), scope)
     assert scope["history"] is None or scope["history"].agent == 0
     assert scope["result"].episodes == 10
@@ -149,17 +166,15 @@ def test_the_values_in_the_page_are_those_of_the_docstrings():
 
 
 def test_the_programs_of_the_page_about_replicated_and_centralised_teams_run():
-    page = read("docs/teams.md").partition("\n## Communicating\n")[0]
     scope: dict[str, object] = {"stand_still": print, "open_left": print, "open_right": print}
-    for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
+    for block in blocks.texts("docs/teams.md", "python", "\n## Replicated\n", "\n## Communicating\n"):
         program = block.replace('mdm.run(robot("left"))', 'member = robot("left")')
         exec(program.replace("mdm.run(agent(sys.argv[1]))", ""), scope)
     assert scope["member"].agent == "left"
 
 
 def test_the_program_of_the_page_about_placement_decides_off_board(capsys):
-    section = read("docs/teams.md").partition("\n### Placement\n")[2].partition("\n## ")[0]
-    program = re.search(r"```python\n(.*?)```", section, re.DOTALL)[1]
+    program = blocks.texts("docs/teams.md", "python", "\n### Placement\n")[0]
     scope: dict[str, object] = {}
     exec(program.replace("mdm.run(agent(sys.argv[1]))", ""), scope)
 
@@ -178,8 +193,7 @@ def test_the_program_of_the_page_about_placement_decides_off_board(capsys):
 
 
 def test_the_program_of_the_page_about_testing_teams_runs():
-    section = read("docs/teams.md").partition("\n## Testing a team\n")[2].partition("\n## ")[0]
-    program = re.search(r"```python\n(.*?)```", section, re.DOTALL)[1]
+    program = blocks.texts("docs/teams.md", "python", "\n## Testing a team\n")[0]
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=100
     )

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import re
 import subprocess
 import sys
 from importlib import metadata
 
+import blocks
 import pytest
 from action_lives import told
 from errands import FOLDER, STEPS, Scene, errand, libraries, played
@@ -194,7 +194,7 @@ def read_page():
 
 @libraries
 def test_the_example_prints_what_the_page_says(library):
-    *said, last_said = read_page().partition("```text\n")[2].partition("```")[0].splitlines()
+    *said, last_said = blocks.texts("docs/actions.md", "text")[0].splitlines()
     done = subprocess.run(
         [sys.executable, "-W", "error", str(FOLDER / f"{library}_action.py")],
         capture_output=True,
@@ -208,7 +208,7 @@ def test_the_example_prints_what_the_page_says(library):
 
 
 def test_the_page_quotes_the_examples():
-    errand_as_tree, boards, program, deciding = re.findall(r"```python\n(.*?)```", read_page(), re.DOTALL)
+    errand_as_tree, boards, program, deciding = blocks.texts("docs/actions.md", "python")
     assert errand_as_tree in (FOLDER / "py_trees_action.py").read_text(encoding="utf-8")
     assert deciding in (FOLDER / "ensemble_within.py").read_text(encoding="utf-8")
     scope = {}

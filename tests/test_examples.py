@@ -16,6 +16,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from importlib import import_module
 
+import blocks
 import days
 import numpy as np
 import pytest
@@ -59,7 +60,7 @@ def test_embedding():
     assert lines[-1] == "the program went on meanwhile: True"
 
 
-STEPS = re.findall(r"```text (\w+\.py)\n(.*?)```", (ROOT / "docs" / "tutorial.md").read_text(), re.DOTALL)
+STEPS = [(each.info["of"], each.text) for each in blocks.blocks("docs/tutorial.md") if each.language == "text"]
 
 
 @pytest.mark.parametrize(("step", "told"), STEPS)
@@ -79,6 +80,29 @@ def test_the_patrol_of_the_tutorial_goes_safe_and_on():
     ]
     modes = [line.split()[2] for line in lines_with(run("tutorial/step7_safety.py"), " s  ")]
     assert modes == ["deciding", "safe", "deciding", "safe"]
+
+
+def test_the_pictures_of_the_tutorial_show_what_its_programs_do(tmp_path):
+    """What is text is compared; of images the sizes, for fonts are drawn a little differently elsewhere."""
+    pytest.importorskip("navground")
+    pictures = ROOT / "docs" / "pictures"
+    done = subprocess.run(
+        [sys.executable, str(pictures / "tutorial.py"), str(tmp_path)], capture_output=True, text=True, timeout=250
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    kept = sorted((pictures / "tutorial").iterdir())
+    assert [path.name for path in kept] == sorted(path.name for path in tmp_path.iterdir())
+    assert [path.stem for path in kept] == [f"step{number}" for number in range(1, 8)]
+    page = (ROOT / "docs" / "tutorial.md").read_text()
+    for path in kept:
+        assert f"(pictures/tutorial/{path.name})" in page
+        assert path.stat().st_size < 30_000
+        drawn = tmp_path / path.name
+        if path.suffix == ".svg":
+            assert path.read_text() == drawn.read_text()
+        else:
+            with Image.open(path) as one, Image.open(drawn) as other:
+                assert one.size == pytest.approx(other.size, abs=20)
 
 
 def lines_with(text, part):

@@ -14,6 +14,7 @@ import mdm
 import mdm.actors
 import mdm.beliefs
 import mdm.config
+import mdm.explanation
 import mdm.formats
 import mdm.logic
 import mdm.maps
@@ -27,7 +28,7 @@ import mdm.team
 import mdm.testing
 
 PACKAGES = [mdm, mdm.actors, mdm.beliefs, mdm.config, mdm.formats, mdm.logic, mdm.messages, mdm.models, mdm.policies]
-PACKAGES += [mdm.maps, mdm.runtime, mdm.simulation, mdm.solvers, mdm.team, mdm.testing]
+PACKAGES += [mdm.explanation, mdm.maps, mdm.runtime, mdm.simulation, mdm.solvers, mdm.team, mdm.testing]
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.__name__)

@@ -8,6 +8,7 @@ import importlib
 import importlib.util
 import inspect
 import re
+import typing
 from pathlib import Path
 
 import msgspec
@@ -16,6 +17,7 @@ from places import ROOT
 
 import mdm
 from mdm.cli import VERBS
+from mdm.cli.projects.completion import commands
 from mdm.config.tables import Table
 
 DOCS = ROOT / "docs"
@@ -52,6 +54,14 @@ def test_every_public_name_is_documented(generated, pages):
             thing = getattr(module, name)
             if inspect.isclass(thing) or inspect.isroutine(thing):
                 assert thing.__doc__.split("\n")[0].split("``")[0].split("`")[0] in page
+
+
+def test_signatures_have_defaults_as_they_are_written_and_long_ones_a_line_for_each(pages):
+    page = pages["names-mdm.simulation.building.md"]
+    assert "    visits: Iterable[Visits] = (),\n    seed: int | None = None,\n    name: str = 'building',\n)\n" in page
+    assert "    name: str,\n    *,\n    at: str | Pose | None,\n" in page
+    lines = [line for block in page.split("```text\n")[1:] for line in block.split("```")[0].splitlines()]
+    assert max(map(len, lines)) <= 100
 
 
 def test_each_example_is_one_block_of_code(generated):
@@ -106,7 +116,7 @@ def test_every_command_and_option_is_there(generated, pages):
 
 def test_every_kind_of_fault_has_its_entry():
     """A kind is a word among the first arguments of what reports."""
-    reporting = re.compile("report|Fault|_alarm|_lose|refuse|drop|call_soon")
+    reporting = re.compile("report|Fault|_alarm|_lose|refuse|Refusal|drop|call_soon")
     found = set()
     for path, tree in sources():
         if path.is_relative_to(PACKAGE / "cli") or path.is_relative_to(PACKAGE / "formats"):
@@ -154,7 +164,9 @@ def test_every_statistic_is_there(generated, pages):
     for path in generated.STATISTICS:
         struct = generated.find(path)
         part = pages["statistics.md"].split(f"## `{struct.__name__}`")[1].split("\n## ")[0]
-        assert re.findall(r"^\| `(\w+)` \| .+ \|", part, re.MULTILINE) == list(struct.__struct_fields__)
+        rows = re.findall(r"^\| `(\w+)` \| .+ \| (.*) \|$", part, re.MULTILINE)
+        assert [field for field, _ in rows] == list(struct.__struct_fields__)
+        assert [field for field, meaning in rows if not meaning.strip()] == [], path
         assert struct.__doc__.split("\n")[0].split("`")[0] in part
 
 
@@ -195,6 +207,137 @@ def test_every_message_is_on_a_channel():
     page = (DOCS / "reference" / "channels.md").read_text(encoding="utf-8")
     on_none = {"Message", "Cause", "ModeName"}  # a base, a part of a mode, its names
     assert [name for name in mdm.messages.__all__ if f"`{name}`" not in page and name not in on_none] == []
+
+
+def sent_between_agents():
+    """Return the classes that are read from other agents, and the constant parts of the keys under which."""
+    classes, keys = set(), set()
+    for path, tree in sources():
+        if not path.is_relative_to(PACKAGE / "team"):
+            continue
+        module = importlib.import_module(".".join(("mdm", *path.relative_to(PACKAGE).with_suffix("").parts)))
+        for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+            name = getattr(call.func, "attr", getattr(call.func, "id", ""))
+            if name == "Decoder" and isinstance(call.args[0], ast.Name) and call.args[0].id != "type":
+                kind = getattr(module, call.args[0].id)
+                classes |= {each.__name__ for each in typing.get_args(kind) or (kind,)}
+            elif name == "key" and ast.unparse(call.func.value).endswith(("link", "self")):
+                parts = [
+                    getattr(module, each.id, None) if isinstance(each, ast.Name) else getattr(each, "value", None)
+                    for each in call.args
+                ]
+                keys.add(tuple(part for part in parts if isinstance(part, str)))
+    return classes, keys
+
+
+def test_every_message_between_agents_is_there(generated, pages):
+    classes, keys = sent_between_agents()
+    nested = {"Term", "Position", "Episode", "Experience"}  # within others
+    assert {name for name in generated.bodies() if name not in nested} == classes
+    assert set(re.findall(r"^### `(\w+)`$", pages["team-messages.md"], re.MULTILINE)) == set(generated.bodies())
+    rows = [key for key, *_ in (*generated.SENT, *generated.ASKED)]
+    told = {tuple(part for part in key.split("/") if part.islower() and part != "all") for key in rows}
+    session = importlib.import_module("mdm.team.transport.session")
+    assert {key for key in told if key[:1] != ("@team",)} == keys
+    assert session._WHO in rows
+    assert f"`{session._LIVE}/" in pages["team-messages.md"]
+
+
+def test_messages_of_one_mode_are_those_that_its_layers_send(generated):
+    sent = {key: {path.rsplit(".", 1)[1] for path in paths} for key, paths, *_ in generated.SENT}
+    agreement = importlib.import_module("mdm.team.agreement.messages")
+    both = sent["ENSEMBLE/agreement/all"] | sent["ENSEMBLE/agreement/AGENT"]
+    assert both == {kind.__name__ for kind in typing.get_args(agreement.Message)}
+    page = ast.parse((PACKAGE / "team" / "agreement" / "agreement.py").read_text(encoding="utf-8"))
+    to_all = {
+        call.args[1].func.id
+        for call in ast.walk(page)
+        if isinstance(call, ast.Call)
+        and getattr(call.func, "attr", "") == "_send"
+        and getattr(call.args[0], "value", "") is None
+        and isinstance(call.args[1], ast.Call)
+        and isinstance(call.args[1].func, ast.Name)
+    }
+    assert to_all
+    assert to_all <= sent["ENSEMBLE/agreement/all"]
+
+
+def anchors(text):
+    """Return the anchors of a page's headings, as its host and the site make them."""
+    headings = re.findall(r"^#+ (.+)$", re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL), re.MULTILINE)
+    plain = (re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", heading).lower() for heading in headings)
+    return {re.sub(r"[^\w\- ]", "", heading).strip().replace(" ", "-") for heading in plain}
+
+
+def written(pages):
+    """Return the texts of all pages, those that are made as the code has them now."""
+    places = [
+        *ROOT.glob("*.md"),
+        *DOCS.rglob("*.md"),
+        *(ROOT / "examples").rglob("*.md"),
+        *ROOT.glob("benchmarks/*.md"),
+    ]
+    texts = {path: path.read_text(encoding="utf-8") for path in places if "_build" not in path.parts}
+    return texts | {DOCS / "reference" / name: text for name, text in pages.items()}
+
+
+def named(pages):
+    """Yield every piece of code within the prose of a page, but for what once was and of benchmarks; the page first."""
+    for path, text in written(pages).items():
+        if path.name != "CHANGELOG.md" and path.parent.name != "benchmarks":
+            prose = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+            yield from ((path.relative_to(ROOT).as_posix(), code) for code in re.findall(r"`([^`\n]+)`", prose))
+
+
+@pytest.mark.skipif(not (ROOT / "CONTRIBUTING.md").is_file(), reason="beside the sources alone there are all pages")
+def test_no_link_or_anchor_is_dead(pages):
+    texts = written(pages)
+    links, dead = 0, []
+    for path, text in texts.items():
+        prose = re.sub(r"```.*?```|``.*?``|`[^`\n]*`(?!\])", "", text, flags=re.DOTALL)
+        for link in re.findall(r"\]\(([^)\s]+)\)", prose):
+            if re.match(r"[a-z]+:", link):
+                continue
+            links += 1
+            name, _, anchor = link.partition("#")
+            target = (path.parent / name).resolve() if name else path
+            if not (target in texts or target.exists()) or (anchor and anchor not in anchors(texts[target])):
+                dead.append((path.relative_to(ROOT).as_posix(), link))
+    assert dead == []
+    assert links > 150
+
+
+def test_pages_name_no_verb_and_no_option_that_there_is_not(pages):
+    known = list(commands(mdm.cli.make_parser(), "mdm"))
+    options = {name for command in known for names, *_ in command.options for name in names}
+    options |= {"--fast", "--film"}  # of the demo
+    verbs = {words for command in known for words in (command.words, *(f"{command.words} {v}" for v in command.verbs))}
+    found = list(named(pages))
+    told = {(page, option) for page, code in found for option in re.findall(r"(?<![\w-])--[a-z][\w-]*", code)}
+    called = {(page, match[0]) for page, code in found if (match := re.match(r"mdm [a-z]+(?:-\w+)*", code))}
+    assert [each for each in told if each[1] not in options] == []
+    assert [each for each in called if each[1] not in verbs] == []
+    assert min(len(told), len(called)) > 50
+
+
+def test_pages_name_nothing_of_the_package_that_there_is_not(pages):
+    found = [(page, match[0]) for page, code in named(pages) if (match := re.match(r"mdm(?:\.[A-Za-z]\w*)+", code))]
+    assert [each for each in found if not exists(each[1])] == []
+    assert len(found) > 50
+
+
+def exists(path):
+    """Return whether a dotted path names a module, or something in one."""
+    thing, name = importlib.import_module("mdm"), "mdm"
+    for part in path.split(".")[1:]:
+        name += f".{part}"
+        if hasattr(thing, part):
+            thing = getattr(thing, part)
+        elif importlib.util.find_spec(name):
+            thing = importlib.import_module(name)
+        else:
+            return False
+    return True
 
 
 def public_names(generated):

@@ -55,11 +55,16 @@ _ROOM = 20
 
 
 class EnsembleStatistics(ActorStatistics, frozen=True):
-    """The mode of an ensemble, since when (nanoseconds) and why, and why it waits.
+    """The mode of an ensemble, and why it waits.
 
-    ``waiting`` names the unknown predicates that keep it from deciding, or the pause before it decides again;
-    ``safe_actions`` counts the safe action's runs. ``idle`` is for how many seconds it has had nothing to do, in all.
-    ``live`` says for how many seconds each live action has lived, by name: one that never ends shows here.
+    Attributes:
+        mode: ``waiting``, ``deciding``, ``safe`` or ``stopped``.
+        since: When it came into it, in nanoseconds.
+        causes: Why it is safe.
+        waiting: The unknown predicates that keep it from deciding, or the pause before it decides again.
+        safe_actions: Runs of the safe action.
+        idle: For how many seconds it has had nothing to do, in all.
+        live: For how many seconds each live action has lived, by name: one that never ends shows here.
     """
 
     mode: ModeName
@@ -191,18 +196,22 @@ class Ensemble(Layer):
 
     def problems(self) -> Iterator[ConfigError]:
         """Yield everything that would keep the ensemble, or one below it, from starting."""
-        yield from self.layer_problems()
+        yield from self.misfits()
+        if self.observation is not None:
+            yield from self.observation.shared_events()
         if self.safety.on_lost_teammate is not None and not self.control.source.shared:
             yield ConfigError(
                 f"on_lost_teammate is for ensembles of a team, but {self.name!r} is of none",
                 key=f"ensembles.{self.name}.on_lost_teammate",
             )
 
-    def layer_problems(self) -> Iterator[ConfigError]:
-        """Yield those that have nothing to do with a team, whose member may not have been made."""
-        for layer in (self.state, self.observation, self.action):
-            if layer is not None:
-                yield from layer.problems()
+    def misfits(self) -> Iterator[ConfigError]:
+        """Yield what does not fit, whichever agents of a team have the factors, which only its member knows."""
+        if self.state is not None:
+            yield from self.state.problems()
+        if self.observation is not None:
+            yield from self.observation.misfits()
+        yield from self.action.problems()
         yield from self._parts_missing()
         if self.state is not None:
             product = 1

@@ -39,6 +39,8 @@ VERBS = {
     "compare": ("policies", "compare the values of several policies"),
     "plot": ("policies", "draw bounds over time, a policy, a belief over an episode, or a recorded run"),
     "replay": ("records", "run what a record has once more, and compare every decision"),
+    "explain": ("records", "say why a decision in a record was made"),
+    "statistics": ("records", "tell from records how good a model is, and estimate it anew"),
     "record": ("records", "describe, print, export and repair the record of a run"),
     "page": ("records", "show the record of a run on a page for this machine's browsers"),
     "watch": ("records", "watch a running system, or a record, in the terminal"),
@@ -130,12 +132,14 @@ def _refuse(parsed: argparse.Namespace, why: object) -> int:
 
 
 def _run(parsed: argparse.Namespace) -> int:
+    from mdm.cli.progress import work_shown  # noqa: PLC0415 - help shows none
+
     try:
         module = importlib.import_module(parsed.module)
         with warnings.catch_warnings():
             warnings.simplefilter("default")
             warnings.showwarning = _show_warning
-            with COMPILE_TIME.told(lambda: _tell_of_compilation(parsed.command)):
+            with COMPILE_TIME.told(lambda: _tell_of_compilation(parsed.command)), work_shown():
                 status = int(module.run(parsed))
             if sys.stdout is not None:
                 sys.stdout.flush()  # here, where errors are reported

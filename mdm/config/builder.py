@@ -169,20 +169,30 @@ class _Builder:
         ensembles = builder.build(document)
         tasks = self._tasks(self._own_tasks(document, share))
         emergency = self._emergency(document.get("emergency"))
+        if located:
+            declarations.check()
+        before = len(self._problems)
+        if located:
+            builder.check(ensembles, led=share is None)
         member = None
         if described is not None and share is not None and builder.complete and located:
-            with self._problems.collecting("team"):
+            with self._problems.collecting("team", first=True):
                 if options.get("transport") is None:
                     options |= described.options(share.agent)
                 joint = [ensembles[name] for name in builder.joint]
                 member = share.team.member(share.agent, *joint, placement=builder.joint, **options)
-        if located:
-            declarations.check()
-            builder.check(ensembles, led=share is None or member is not None)
+        if member is not None and len(self._problems) == before:
+            builder.check(ensembles)
         if builder.complete:
             declarations.check_ends({name for ensemble in ensembles.values() for name in ensemble.action.names})
         self._problems.raise_all()
-        return System(declarations.manager, ensembles, tasks, places=places, member=member, emergency=emergency)
+        return System(
+            *(declarations.manager, ensembles, tasks),
+            places=places,
+            member=member,
+            emergency=emergency,
+            monitors=builder.monitors,
+        )
 
     def _places(
         self, document: dict[str, Any], declarations: Declarations, share: Share | None

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from mdm.actors import Drive, PredicateManager
+    from mdm.actors.drift import DriftMonitor
     from mdm.config.functions import Functions
     from mdm.config.problems import Problems
     from mdm.config.share import Share
@@ -73,6 +74,7 @@ class Ensembles:
 
     Attributes:
         joint: The placements of the team's ensembles, by their names: of those that agents decide together.
+        monitors: The drift monitors that the file asks for.
     """
 
     def __init__(
@@ -101,6 +103,7 @@ class Ensembles:
         self._share = share
         self._unowned = False
         self.joint: dict[str, Placement] = {}
+        self.monitors: list[DriftMonitor] = []
         self._wired: dict[str, tuple[list[StateFactor], list[ObservationFactor]]] = {}
 
     def build(self, document: dict[str, Any]) -> dict[str, Ensemble]:
@@ -130,7 +133,7 @@ class Ensembles:
             if not led and self._names_others(name):
                 self._check_wiring(name)
             elif self._parents.get(name) not in built:  # otherwise the parent's problems include them
-                for problem in ensemble.problems() if led else ensemble.layer_problems():
+                for problem in ensemble.problems() if led else ensemble.misfits():
                     self._problems.add(problem.message, problem.key)
         for name in self._wired.keys() - built.keys():
             self._check_wiring(name)
@@ -199,8 +202,20 @@ class Ensembles:
                 **parts,
                 **stated(table, "local", *_OPTIONS),
             )
+            if table.drift is not None:
+                self._watch(ensemble, table.drift)
             return ensemble
         return None
+
+    def _watch(self, ensemble: Ensemble, odds: float) -> None:
+        """Have an ensemble's decisions held against its model."""
+        from mdm.actors.drift import DriftMonitor  # noqa: PLC0415 - other files load nothing that estimates
+
+        key = f"ensembles.{ensemble.name}.drift"
+        with self._problems.collecting(key):
+            if ensemble.name in self.joint:
+                raise ConfigError("drift is watched where one agent decides: a team's decisions tell no state", key=key)
+            self.monitors.append(DriftMonitor(ensemble, odds=odds, name=f"{ensemble.name}-drift"))
 
     def _parts(self, name: str, table: EnsembleTable, above: tuple[str, ...]) -> dict[str, Any] | None:
         """Return the parts of an ensemble; None if one has problems, which are noted."""

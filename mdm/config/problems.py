@@ -41,9 +41,18 @@ class Problems:
             error.problems = tuple(self._found)
             raise error
 
-    def collecting(self, key: str) -> _Collecting:
-        """Return a context manager that records an error of its block as a problem of a key and suppresses it."""
-        return _Collecting(self, key)
+    def collecting(self, key: str, *, first: bool = False) -> _Collecting:
+        """Return a context manager that records an error of its block as a problem of a key and suppresses it.
+
+        Args:
+            key: The key, where the error has none of its own.
+            first: Whether only the first problem of a key is recorded: the error would follow from it.
+        """
+        return _Collecting(self, key, first=first)
+
+    def knows(self, key: str) -> bool:
+        """Whether there is a problem of a key."""
+        return any(problem.key == key for problem in self._found)
 
     def tables(self, document: dict[str, Any], key: str) -> list[tuple[str, Any]]:
         """Return the tables below a key by their names; a problem where there is something else."""
@@ -101,9 +110,10 @@ def _choices(annotation: Any) -> list[str]:
 class _Collecting:
     """Records an error of its block as a problem of a key and suppresses it."""
 
-    def __init__(self, problems: Problems, key: str) -> None:
+    def __init__(self, problems: Problems, key: str, *, first: bool) -> None:
         self._problems = problems
         self._key = key
+        self._first = first
 
     def __enter__(self) -> None:
         return None
@@ -113,7 +123,9 @@ class _Collecting:
     ) -> bool:
         if isinstance(error, ConfigError):
             inner = error.key or ""
-            self._problems.add(error.message, inner if inner.startswith(("ensembles.", "team.")) else self._key)
+            key = inner if inner.startswith(("ensembles.", "team.")) else self._key
+            if not (self._first and self._problems.knows(key)):
+                self._problems.add(error.message, key)
         elif isinstance(error, FormatError):
             place = f" (column {error.column})" if error.file is None and error.column is not None else ""
             self._problems.add(f"{error if error.file else error.message}{place}", self._key)

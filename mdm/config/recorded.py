@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from importlib.machinery import all_suffixes
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,8 @@ __all__ = ["attach_configuration", "attach_file", "check_digests", "lay_out", "l
 
 _LARGEST = 64 * 1024 * 1024
 _FOLDER = "files/"
+_CODE = tuple(Path(f"_{suffix}").suffix for suffix in all_suffixes())
+"""How the names of files end that Python would import."""
 _DEEP = PurePosixPath("up3/up2/up1/here")
 """Where the TOML file is laid out, so that files some folders above it have a place, too."""
 
@@ -57,7 +60,12 @@ def _files(file: Path) -> Iterator[tuple[str, Path]]:
         if name is not None:
             yield name, found
         for named in _named(found):
-            if named not in known and named.is_file() and named.stat().st_size <= _LARGEST:
+            if (
+                named not in known
+                and named.suffix not in _CODE
+                and named.is_file()
+                and named.stat().st_size <= _LARGEST
+            ):
                 known.add(named)
                 waiting.append(named)
 
@@ -112,6 +120,7 @@ def load_recorded(
 
     Raises:
         ConfigError: If the record has no configuration and none is given, or that cannot be loaded.
+        Error: If the record has files that have no place in a folder, or are code.
     """
     agent = record.head.get("agent")
     if given is not None:
@@ -122,6 +131,8 @@ def load_recorded(
             f"{record.path}: the record has no configuration, for its run was no TOML file's: give the file of the "
             f"same system with --config, or call mdm.testing.replay with the actors"
         )
+    if PurePosixPath(name).name != name:
+        raise Error(f"{record.path}: its configuration has the name {name!r}, which is no name of a file")
     return load_system(lay_out(record, folder) / name, agent=agent, callbacks=False, transport=transport)
 
 
@@ -129,7 +140,7 @@ def lay_out(record: Record, folder: str | Path) -> Path:
     """Write the files that are kept with a record below a folder; return the folder of its configuration.
 
     Raises:
-        Error: If a file has its place elsewhere.
+        Error: If a file has its place elsewhere, or is code.
     """
     here = Path(folder) / _DEEP
     here.mkdir(parents=True)
@@ -138,6 +149,8 @@ def lay_out(record: Record, folder: str | Path) -> Path:
             place = (here / attached.name.removeprefix(_FOLDER)).resolve()
             if not place.is_relative_to(Path(folder).resolve()):
                 raise Error(f"{record.path}: it has a file {attached.name!r}, which has no place below a folder")
+            if place.suffix in _CODE:  # which would be imported from there, and a record may come from anybody
+                raise Error(f"{record.path}: it has a file {attached.name!r}, which is code: no record needs it")
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_bytes(attached.data)
     return here

@@ -9,7 +9,7 @@ from mdm.runtime import Actor, ActorFailure
 from mdm.runtime.supervision import describe
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from mdm.actors import Ensemble, PredicateManager
     from mdm.maps import Places
@@ -33,6 +33,7 @@ class System(Actor):
         places: Where the robot is, on a map; its tasks tell it poses.
         member: Of a team, this agent's part: its ensembles start with it.
         emergency: A plain function without arguments that the runtime calls as the last resort, besides its own.
+        monitors: Actors that start before the ensembles and watch them, such as drift monitors.
     """
 
     def __init__(
@@ -45,6 +46,7 @@ class System(Actor):
         places: Places | None = None,
         member: Member | None = None,
         emergency: Callable[[], object] | None = None,
+        monitors: Iterable[Actor] = (),
     ) -> None:
         super().__init__(name)
         self.predicates = predicates
@@ -58,6 +60,8 @@ class System(Actor):
             self.add(places)
         if member is not None:
             self.add(member)
+        for monitor in monitors:
+            self.add(monitor)
         for ensemble in self.top:
             if member is None or ensemble.name not in member.ensembles:
                 self.add(ensemble)
@@ -103,7 +107,8 @@ class System(Actor):
             failure.escalated = True  # it is told here, with its own place in the code alone
             self._tell(task, str(failure))
             raise failure from error
-        self._tell(task, f"task {task.__name__!r} has returned: what it drove gets nothing more from it")
+        text = "the predicates that it set are told nothing more, and are unknown after their max_age"
+        self._tell(task, f"task {task.__name__!r} has returned: {text}, if nothing else sets them")
 
     def _tell(self, task: Callable[[System], Any], detail: str) -> None:
         self.runtime.faults.publish(Fault(self.runtime.now(), f"tasks/{task.__name__}", "task", detail))

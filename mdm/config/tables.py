@@ -148,6 +148,8 @@ class EnsembleTable(Table, frozen=True):
         agents: In a team's file, the agents that have this ensemble; by default all.
         placement: In a team's file, where its layers are.
         search: A tree search that decides, with the policy as its fallback.
+        drift: The odds at which a row of the model that decisions contradict is a fault `drift`, such as 1000: of so
+            many robots whose model is right, one ever reports anything. By default nothing is watched.
         states: The factors of the state.
         observations: The factors of the observation.
     """
@@ -182,6 +184,7 @@ class EnsembleTable(Table, frozen=True):
     idle_after: Annotated[float, Meta(gt=0)] | None = None
     supervision: Any = "escalate"
     search: Any = None
+    drift: Annotated[float, Meta(gt=1)] | None = None
     states: dict[str, Any] = {}
     observations: dict[str, Any] = {}
 

@@ -81,6 +81,7 @@ def stream(source: Source, collect: Container[str]) -> Iterator[Element]:
         parser.feed(text[start : start + _PIECE], last=start + _PIECE >= len(text))
         while parser.done:
             yield parser.done.popleft()
+        source.report(min((start + _PIECE) / len(text), 1.0))
 
 
 def escape(text: str) -> str:

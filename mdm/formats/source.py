@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from mdm.errors import FormatError
+from mdm.progress import report_share
 
 __all__ = ["LARGEST", "Source", "Words", "content", "number", "suffixes"]
 
@@ -20,6 +21,8 @@ LARGEST = 10_000_000
 _COMMENT = re.compile(r"#[^\n]*")
 _LARGEST = 500_000_000
 """Bytes of a compressed text; a file of 500 kB could hold as many."""
+_SPLIT = 0.45
+"""The share of the time for a large text that it takes to split it into words, by measurement."""
 _SIGNED = re.compile(r"[0-9.]")
 
 
@@ -35,7 +38,12 @@ class Source:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
+        self.report(0.0)
         self.text = _read(self.path)
+
+    def report(self, share: float) -> None:
+        """Report the share of the text that has been read, see `mdm.progress`."""
+        report_share(f"reading {self.path.name}", share)
 
     def fail(self, message: str, *, line: int | None = None, column: int | None = None) -> NoReturn:
         """Raise a `FormatError` at a place in the file."""
@@ -62,8 +70,13 @@ class Words:
         self._skip = skip
         text = source.text.split("\n", skip)[skip] if source.text.count("\n") >= skip else ""
         self.words = _split(_COMMENT.sub("", text))
+        self.report(0)
         self._lines: list[str] = []
         self._ends: list[int] | None = None
+
+    def report(self, at: int) -> None:
+        """Report that the words before this one have been read."""
+        self._source.report(_SPLIT + (1 - _SPLIT) * at / max(len(self.words), 1))
 
     def fail(self, at: int, message: str) -> NoReturn:
         """Raise a `FormatError` at a word; beyond the end, at the last word."""

@@ -10,7 +10,7 @@ from mdm.policies.finite_state_controller import FiniteStateController
 from mdm.policies.joint_controller import JointController
 from mdm.policies.masked_alpha_vectors import MaskedAlphaVectors
 from mdm.policies.mixed_alpha_vectors import MixedAlphaVectors
-from mdm.policies.policy import BeliefPolicy, Deliberating, Policy, StatePolicy, mismatch
+from mdm.policies.policy import BeliefPolicy, Deliberating, Policy, Scores, StatePolicy, mismatch
 from mdm.policies.staged_policy import StagedPolicy
 from mdm.policies.table import DeterministicPolicy, QTable, StochasticPolicy
 
@@ -31,6 +31,7 @@ __all__ = [
     "Policy",
     "QTable",
     "RandomPolicy",
+    "Scores",
     "StagedPolicy",
     "StatePolicy",
     "StochasticPolicy",

@@ -17,7 +17,7 @@ from mdm.compilation import can_compile, is_sparing
 from mdm.errors import ModelError
 from mdm.models.matrices import numbers
 from mdm.policies.batch import BeliefBatch
-from mdm.policies.policy import BeliefPolicy, listed, whole
+from mdm.policies.policy import BeliefPolicy, Scores, listed, whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -126,6 +126,10 @@ class AlphaVectors(BeliefPolicy):
         values = np.full(self.num_actions, -np.inf)
         np.maximum.at(values, self.actions, self._at(belief))
         return values
+
+    def scores(self, belief: npt.NDArray[np.float64] | Support, /) -> Scores:
+        """Return the values of its actions at a belief."""
+        return Scores("value", self.q_values(belief))
 
     def actions_at(self, beliefs: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
         """Return the action for each belief, N x S."""

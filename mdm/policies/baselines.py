@@ -9,7 +9,7 @@ import numpy as np
 from mdm.beliefs import Drawn, DrawnInformation, KnownState
 from mdm.errors import ModelError
 from mdm.policies.batch import ProbabilityBatch, TableBatch
-from mdm.policies.policy import BeliefPolicy, StatePolicy
+from mdm.policies.policy import BeliefPolicy, Scores, StatePolicy
 
 if TYPE_CHECKING:
     from mdm.beliefs import Information
@@ -89,6 +89,10 @@ class RandomPolicy(Unknowing):
         """Draw an action."""
         number = x.number if isinstance(x, Drawn) else self._generator.random()
         return int(number * self.num_actions)
+
+    def scores(self, x: Any, /) -> Scores:
+        """Return the probabilities of its actions."""
+        return Scores("chance", np.full(self.num_actions, 1 / self.num_actions))
 
     def weights(self, stage: int = 0) -> Vector:
         """Return the probability of each action in each state, A x S."""

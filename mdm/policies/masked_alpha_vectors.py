@@ -15,7 +15,7 @@ import numpy as np
 from mdm.errors import ModelError
 from mdm.models.matrices import csr
 from mdm.policies.batch import BeliefBatch
-from mdm.policies.policy import BeliefPolicy, listed, whole
+from mdm.policies.policy import BeliefPolicy, Scores, listed, whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -102,6 +102,10 @@ class MaskedAlphaVectors(BeliefPolicy):
         values = np.full(self.num_actions, -np.inf)
         np.maximum.at(values, self.actions, self._at(belief))
         return values
+
+    def scores(self, belief: npt.NDArray[np.float64], /) -> Scores:
+        """Return the values of its actions at a belief."""
+        return Scores("value", self.q_values(belief))
 
     def facts(self) -> dict[str, int | None]:
         """Return its sizes by name."""

@@ -17,7 +17,7 @@ from mdm.beliefs.batch import grouped
 from mdm.errors import ModelError
 from mdm.policies.alpha_vectors import AlphaVectors
 from mdm.policies.batch import BeliefBatch
-from mdm.policies.policy import BeliefPolicy, listed, whole
+from mdm.policies.policy import BeliefPolicy, Scores, listed, whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -103,13 +103,24 @@ class MixedAlphaVectors(BeliefPolicy):
         Raises:
             ModelError: If the belief is not over the policy's states, or no observed value of its support has vectors.
         """
-        votes = np.zeros(self.num_actions)
-        for vectors, part in self._parts(belief):
-            if vectors is not None:
-                votes[vectors.action(part)] += part.probabilities.sum()
+        votes, _ = self._votes(belief)
         if not votes.any():
             raise ModelError("the policy has no alpha vectors for the observed values of the belief")
         return int(votes.argmax())
+
+    def scores(self, belief: npt.NDArray[np.float64] | Support, /) -> Scores:
+        """Return the values of its actions at a belief, or, where that leaves x open, the votes for them."""
+        votes, count = self._votes(belief)
+        return Scores("value", self.q_values(belief)) if count == 1 else Scores("vote", votes)
+
+    def _votes(self, belief: npt.NDArray[np.float64] | Support) -> tuple[npt.NDArray[np.float64], int]:
+        """Return the probability that votes for each action, and the number of observed values in the support."""
+        votes, count = np.zeros(self.num_actions), 0
+        for vectors, part in self._parts(belief):
+            count += 1
+            if vectors is not None:
+                votes[vectors.action(part)] += part.probabilities.sum()
+        return votes, count
 
     def value(self, belief: npt.NDArray[np.float64] | Support) -> float:
         """Return the expected discounted return from a belief, if x is observed before the first action.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol, Self, TypeAlias
 
 import numpy as np
 
@@ -18,11 +18,39 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.policies.batch import Batch
 
-__all__ = ["Arrays", "BeliefPolicy", "Deliberating", "Found", "Kind", "Packed", "Policy", "StatePolicy", "mismatch"]
+__all__ = [
+    "Arrays",
+    "BeliefPolicy",
+    "Deliberating",
+    "Found",
+    "Kind",
+    "Packed",
+    "Policy",
+    "Scores",
+    "StatePolicy",
+    "mismatch",
+]
 
 Arrays: TypeAlias = "Mapping[str, npt.NDArray[Any]]"
 Packed: TypeAlias = "tuple[dict[str, int], dict[str, npt.NDArray[Any]]]"
 """The sizes and arrays of a policy."""
+
+
+class Scores(NamedTuple):
+    """What a policy compares to choose an action: a number for each.
+
+    Args:
+        by: Expected returns (``value``), lower bounds of them (``bound``), probabilities of observed values that vote
+            for an action (``vote``), or probabilities by which it is drawn (``chance``).
+        numbers: A numbers; -inf for an action that is not weighed.
+        upper: Of lower bounds, the upper ones; else None.
+        effort: How many leaves a search has expanded for them; None where nothing is searched.
+    """
+
+    by: Literal["value", "bound", "vote", "chance"]
+    numbers: Vector
+    upper: Vector | None = None
+    effort: int | None = None
 
 
 class Policy(Protocol):
@@ -129,6 +157,10 @@ class Kind:
             ModelError: If the policy has no values, which is the default.
         """
         raise ModelError(f"a {type(self).__name__} has no values, so none for {x!r}: evaluate it on its model")
+
+    def scores(self, x: Any, /) -> Scores | None:
+        """Return what it compares to choose, for its information's ``current``; None if it compares nothing."""
+        return None
 
     def value_at(self, belief: Vector) -> float | None:
         """Return the value that the policy claims at a belief; None if it has no values."""

@@ -11,7 +11,7 @@ from mdm.beliefs import KnownState
 from mdm.errors import ModelError
 from mdm.models.matrices import numbers
 from mdm.policies.batch import TableBatch
-from mdm.policies.policy import StatePolicy
+from mdm.policies.policy import Scores, StatePolicy
 from mdm.policies.table import QTable
 
 if TYPE_CHECKING:
@@ -131,6 +131,12 @@ class StagedPolicy(StatePolicy):
     def value(self, state: int, stage: int = 0) -> float:
         """Return the expected return from a state at a stage to the horizon."""
         return float(self._row(state, stage).max())
+
+    def scores(self, state: int | Staged, /, stage: int = 0) -> Scores:
+        """Return the values of its actions in a state at a stage."""
+        if isinstance(state, Staged):
+            state, stage = state
+        return Scores("value", self._row(state, stage))
 
     def weights(self, stage: int = 0) -> Vector:
         """Return the probability of each action in each state at a stage, A x S."""

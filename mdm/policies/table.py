@@ -11,7 +11,7 @@ from mdm.beliefs import Drawn, DrawnInformation, KnownState
 from mdm.errors import ModelError
 from mdm.models.matrices import numbers
 from mdm.policies.batch import ProbabilityBatch, TableBatch
-from mdm.policies.policy import StatePolicy, listed, whole
+from mdm.policies.policy import Scores, StatePolicy, listed, whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -149,6 +149,13 @@ class StochasticPolicy(_Table):
             raise self._refuse(index)
         return int(self._cumulative[index].searchsorted(number, side="right"))
 
+    def scores(self, state: int | Drawn, /) -> Scores:
+        """Return the probabilities of its actions in a state."""
+        index = state.by if isinstance(state, Drawn) else state
+        if not 0 <= index < self.num_states:
+            raise self._refuse(index)
+        return Scores("chance", self.probabilities[:, index])
+
     def weights(self, stage: int = 0) -> Vector:
         """Return the probability of each action in each state, A x S."""
         return self.probabilities
@@ -215,6 +222,12 @@ class QTable(_Table):
         if not 0 <= state < self.num_states:
             raise self._refuse(state)
         return float(self.values[state].max())
+
+    def scores(self, state: int, /) -> Scores:
+        """Return the values of its actions in a state."""
+        if not 0 <= state < self.num_states:
+            raise self._refuse(state)
+        return Scores("value", self.values[state])
 
     def value_at(self, belief: Vector) -> float:
         """Return the expected value of the states."""

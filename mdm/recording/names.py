@@ -1,4 +1,4 @@
-"""The names of an ensemble's joint states and observations, which a recorder keeps in the metadata of a record."""
+"""The names of an ensemble's joint states, observations and actions, which a recorder keeps in a record's metadata."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ _ENSEMBLE = "ensemble "
 
 
 class Names(msgspec.Struct, frozen=True):
-    """The names of joint states and observations, by their indices; none where they are not kept."""
+    """The names of joint states, observations and actions, by their indices; none where they are not kept."""
 
     states: tuple[str, ...] = ()
     observations: tuple[str, ...] = ()
+    actions: tuple[str, ...] = ()
 
     def state(self, index: int | None) -> str | None:
         """Return the name of a joint state, None where it has none."""
@@ -48,11 +49,11 @@ def names_of(record: Record) -> dict[str, Names]:
     for metadata, facts in record.metadata.items():
         if metadata.startswith(_ENSEMBLE):
             try:
-                states, observations = (
-                    msgspec.json.decode(facts.get(key, "[]"), type=tuple[str, ...])
-                    for key in ("states", "observations")
-                )
+                lists = {
+                    key: msgspec.json.decode(facts.get(key, "[]"), type=tuple[str, ...])
+                    for key in Names.__struct_fields__
+                }
             except msgspec.MsgspecError as error:
                 raise FormatError(f"the names of {metadata} are no list of names: {error}", file=record.path) from None
-            found[metadata.removeprefix(_ENSEMBLE)] = Names(states, observations)
+            found[metadata.removeprefix(_ENSEMBLE)] = Names(**lists)
     return found

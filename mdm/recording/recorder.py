@@ -461,8 +461,12 @@ def _blas() -> str:
         threadpoolctl = importlib.import_module("threadpoolctl")  # which numba or scikit-learn may have brought
     except ImportError:
         return ""
-    found = [each for each in threadpoolctl.threadpool_info() if each.get("user_api") == "blas"]
-    return ", ".join(f"{each.get('internal_api')} {each.get('version')} {each.get('architecture')}" for each in found)
+    loaded = [each for each in threadpoolctl.threadpool_info() if each.get("user_api") == "blas"]
+    # Other packages may have brought theirs, as soon as they are imported.
+    found = [each for each in loaded if "numpy" in str(each.get("filepath"))] or loaded
+    return ", ".join(
+        sorted({f"{each.get('internal_api')} {each.get('version')} {each.get('architecture')}" for each in found})
+    )
 
 
 def _clock(runtime: _Runtime, *, virtual: bool) -> dict[str, str]:

@@ -59,7 +59,13 @@ class Replayed(msgspec.Struct, frozen=True):
 
 
 def transports_of(record: Record) -> dict[str, ReplayTransport]:
-    """Return the transports of the recorded agents of teams, by agent: their members are to be built with these."""
+    """Return the transports of the recorded agents of teams, by agent: their members are to be built with these.
+
+    Raises:
+        Error: If the record has no beginning.
+    """
+    if "stimuli" not in record.topics:
+        raise _no_beginning(record)
     lives: dict[str, int] = {}
     unsent: dict[str, set[int]] = defaultdict(set)
     for each in record.messages(["stimuli"]):
@@ -96,7 +102,7 @@ def replay(
     tops = [actors] if isinstance(actors, Actor) else list(actors)
     stimuli, decisions = _contents(found)
     if not any(isinstance(stimulus, Began) for stimulus in stimuli):
-        raise Error(f"{found.path}: the record has no beginning: nothing in it says when an actor started")
+        raise _no_beginning(found)
     now = environment()
     exact = all(found.head.get(name) == now[name] for name in _BITS)
     player = Player(stimuli, decisions, tolerance=0.0 if exact else 1e-9, most=most)
@@ -114,6 +120,10 @@ def replay(
 
     run(main, virtual=True)
     return Replayed(player.count, player.made, tuple(player.differences), exact, found.lost)
+
+
+def _no_beginning(record: Record) -> Error:
+    return Error(f"{record.path}: the record has no beginning: nothing in it says when an actor started")
 
 
 def _contents(record: Record) -> tuple[list[Stimulus], list[Decision]]:

@@ -65,7 +65,15 @@ class Showing(Protocol):
 
 
 class RuntimeStatistics(msgspec.Struct, frozen=True):
-    """A snapshot of everything in a runtime; ``loop`` is None without a watchdog, ``log`` without a log."""
+    """A snapshot of everything in a runtime.
+
+    Attributes:
+        dispatcher: Of its dispatcher.
+        actors: Of each actor, parents before their children.
+        channels: Of each channel, in the order in which they were made.
+        log: Of its log; None without one.
+        loop: Of its event loop; None without a watchdog.
+    """
 
     dispatcher: DispatcherStatistics
     actors: tuple[ActorStatistics, ...]

@@ -47,8 +47,14 @@ def _in_words(value: object) -> str:
 class ChannelStatistics(_Snapshot, frozen=True):
     """The messages that crossed a channel.
 
-    ``dropped`` counts messages that a bounded stream or a stopped actor did not take, ``unheard`` those that had no
-    subscriber; ``last`` is the stamp of the last message in nanoseconds, None before the first.
+    Attributes:
+        name: Of the channel.
+        published: Messages that were published on it.
+        last: The stamp of the last one in nanoseconds; None before the first.
+        dropped: Messages that a bounded stream or a stopped actor did not take.
+        unheard: Messages that had no subscriber.
+        subscribers: Handlers that are subscribed now.
+        streams: Streams that are open now.
     """
 
     name: str
@@ -61,7 +67,17 @@ class ChannelStatistics(_Snapshot, frozen=True):
 
 
 class ActorStatistics(_Snapshot, frozen=True):
-    """The counts of an actor: messages received, failures, restarts, work under way, ticks that came too late."""
+    """The counts of an actor.
+
+    Attributes:
+        path: Its place in the tree of actors.
+        state: Of its life: ``running``, ``stopped``, ``failed`` and others, see `mdm.messages.StateChange`.
+        received: Messages that its handlers were called with.
+        failures: Errors of its handlers, its work and its start.
+        restarts: How often it was started again after one.
+        work: Calls and coroutines that are under way now.
+        skipped_ticks: Ticks of its timers that the event loop came too late for.
+    """
 
     path: str
     state: str
@@ -73,10 +89,15 @@ class ActorStatistics(_Snapshot, frozen=True):
 
 
 class DispatcherStatistics(_Snapshot, frozen=True):
-    """Turns run, turns that were cut short to let the event loop breathe, messages that came from other threads.
+    """The counts of a dispatcher, which runs handlers in turns.
 
-    Of these ``replaced`` counts those that a newer one superseded while they waited, ``lost`` those that were too many,
-    and ``refused`` those that came while the runtime did not run.
+    Attributes:
+        turns: Turns that were run.
+        interrupted: Of these, turns that were cut short to let the event loop breathe.
+        from_threads: Messages that came from other threads.
+        replaced: Of these, messages that a newer one superseded while they waited.
+        lost: Of these, messages that were too many.
+        refused: Messages of other threads that came while the runtime did not run.
     """
 
     turns: int
@@ -88,7 +109,12 @@ class DispatcherStatistics(_Snapshot, frozen=True):
 
 
 class LogStatistics(_Snapshot, frozen=True):
-    """Lines of the log that were written, and lines that were lost: nobody read them in time, or nobody could."""
+    """The lines of the log.
+
+    Attributes:
+        written: Lines that were written.
+        lost: Lines that were not: nobody read them in time, or nobody could.
+    """
 
     written: int
     lost: int
@@ -180,8 +206,9 @@ class Latencies:
 class LoopStatistics(_Snapshot, frozen=True):
     """How an event loop turned, as its watchdog saw it.
 
-    ``stalls`` counts the times that it did not turn for as long as the watchdog's limit; ``delays`` are the times that
-    it took to answer the watchdog, so that a call that held it shows, below the limit too.
+    Attributes:
+        stalls: How often it did not turn for as long as the watchdog's limit.
+        delays: The times that it took to answer the watchdog: a call that held it shows, below the limit too.
     """
 
     stalls: int

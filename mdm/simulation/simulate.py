@@ -62,8 +62,8 @@ def simulate(
             the discounted weight of the rest is below 1e-4.
         progress: Called after each episode with how many have ended, and of how many; where it returns True, the
             result is of these.
-        record: A file, such as ``simulated.mcap``, to which all is recorded, with the world's true states; or a
-            `mdm.recording.Recorder` of one.
+        record: A file, such as ``simulated.mcap``, to which all is recorded, with the world's true states and a second
+            of virtual time from decision to decision; or a `mdm.recording.Recorder` of one.
         options: Options of the control layer, see `ControlOptions`. The ``seed`` is also the world's: the same seed
             gives the same result; by default it is random.
 
@@ -99,7 +99,7 @@ def simulate(
                     runtime.shut_down()
                     ensemble.stop()
 
-            world = World(ensemble, seed=seed, period=0.0, finished=finished)
+            world = World(ensemble, seed=seed, period=0.0 if record is None else 1.0, finished=finished)
             await runtime.start(world)
             await runtime.start(ensemble)
             await runtime.wait()

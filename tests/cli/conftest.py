@@ -21,7 +21,7 @@ def mdm(capsys, monkeypatch):
 
     For what counts episodes no time passes: how far it has come is not told, however long it takes.
     """
-    monkeypatch.setattr("mdm.cli.policies.progress.perf_counter", lambda: 0.0)
+    monkeypatch.setattr("mdm.cli.progress.perf_counter", lambda: 0.0)
 
     def call(*arguments, stdin=""):
         monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(stdin.encode())))
@@ -40,7 +40,7 @@ def facts(mdm, monkeypatch):
 
     How far a solver has come is not told, however long a busy machine takes.
     """
-    monkeypatch.setattr("mdm.cli.policies.progress.ProgressLine.__call__", lambda line, progress: None)
+    monkeypatch.setattr("mdm.cli.progress.ProgressLine.__call__", lambda line, progress: None)
 
     def call(*arguments):
         status, output, errors = mdm(*arguments, "--json")

@@ -14,7 +14,7 @@ from places import EXAMPLES, ROOT, TIGER, TIGER_VECTORS
 
 from mdm import load_policy
 from mdm.cli.interruption import Interruption
-from mdm.cli.policies.progress import ProgressLine
+from mdm.cli.progress import ProgressLine
 
 SIGNALS = [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
 

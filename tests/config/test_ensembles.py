@@ -13,7 +13,7 @@ from sentences import refused
 import mdm
 from mdm import ConfigError, load_system, save_model
 from mdm.models import POMDP, Factor, Space
-from mdm.testing import capture_decisions, run_virtual
+from mdm.testing import capture_decisions, probe, run_virtual
 
 ROOM = """
 [predicates]
@@ -199,3 +199,61 @@ def test_a_safe_action_by_a_function_is_there_whether_or_not_functions_are_calle
     assert safe.function.__name__ == ("rest" if callbacks else "nothing")
     if not callbacks:
         load_system(written(folder, text.replace("robot_code:rest", "no_module:brake"), "n.toml"), callbacks=False)
+
+
+DRIFTING = """
+[predicates]
+Wet = { initial = false }
+Dry = "not Wet"
+[ensembles.robot]
+model = "weather.npz"
+policy = [0, 0]
+drive = 1.0
+drift = ODDS
+[ensembles.robot.states]
+weather = { dry = "Dry", wet = "Wet" }
+[ensembles.robot.actions]
+go = "robot_code:rest"
+"""
+
+
+def drifting(folder, odds="1000"):
+    matrix = [[0.9, 0.1], [0.3, 0.7]]
+    states = Space([Factor("weather", ["dry", "wet"])])
+    model = mdm.models.MDP([matrix], np.zeros((2, 1)), discount=0.9, states=states, actions=["go"])
+    save_model(model, folder / "weather.npz")
+    return load_system(written(folder, DRIFTING.replace("ODDS", odds), "robot.toml"), callbacks=False)
+
+
+def weather(system, seconds):
+    """Return the faults while the weather changes each second, which the model holds for rare."""
+
+    async def main(runtime):
+        faults = probe(runtime.faults)
+        await runtime.start(system)
+        for second in range(seconds):
+            await runtime.clock.sleep(second + 0.5 - runtime.clock.now() / 1e9)
+            system.predicates.sense("Wet", bool(second % 2))
+        return [(fault.source, fault.kind, fault.detail) for fault in faults]
+
+    return run_virtual(main)
+
+
+def test_a_model_that_decisions_contradict_is_a_fault_at_the_odds_of_the_file(folder):
+    (first, second) = weather(drifting(folder), 60)
+    assert first[:2] == second[:2] == ("robot-drift", "drift")
+    sources = {detail.partition(" by ")[0] for _, _, detail in (first, second)}
+    assert sources == {"robot: from 'dry'", "robot: from 'wet'"}
+    assert weather(drifting(folder, "1e30"), 60) == []
+
+
+@pytest.mark.parametrize("odds", ["1", "true", '"high"'])
+def test_odds_of_drift_are_more_than_1(folder, odds):
+    with refused(ConfigError):
+        drifting(folder, odds)
+
+
+def test_drift_needs_a_model(folder):
+    text = DRIFTING.replace('model = "weather.npz"\n', "").replace("ODDS", "10")
+    with refused(ConfigError):
+        load_system(written(folder, text, "robot.toml"), callbacks=False)

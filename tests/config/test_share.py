@@ -206,3 +206,46 @@ actions.robot = { stay = "team_code:stay", go = "team_code:go" }
             return sys.modules["team_code"].done
 
     assert mdm.run(main, virtual=True) == ["robot", "base", "stay", "go"]
+
+
+def test_a_factor_that_the_model_has_not_is_not_asked_for_its_owner(tmp_path):
+    path = write(tmp_path, ("room_b = ", "room_c = "), (', owner = "b"', ""))
+    with pytest.raises(ConfigError) as caught:
+        load_system(path, agent="a")
+    assert [(problem.key, problem.message) for problem in caught.value.problems] == [
+        ("ensembles.joint.states.room_c", "the model has no state factor 'room_c'; did you mean 'room_b' or 'room_a'?")
+    ]
+
+
+@pytest.mark.parametrize(("old", "new", "count"), [("", "", 0), ('owner = "b"', 'owner = "bb"', 1)])
+def test_agents_may_have_events_of_the_same_names(tmp_path, old, new, count):
+    mdm.save_model(mdm.problems.dec_tiger(discount=0.9), tmp_path / "tiger.dpomdp")
+    text = """
+[team]
+name = "tigers"
+agents = ["a", "b"]
+period = 0.5
+
+[events]
+L = {}
+R = {}
+
+[ensembles.doors]
+model = "tiger.dpomdp"
+policy = "tiger.vf"
+
+[ensembles.doors.observations]
+agent0 = { events = { hear-left = "L", hear-right = "R" }, owner = "a" }
+agent1 = { events = { hear-left = "L", hear-right = "R" }, owner = "b" }
+
+[ensembles.doors.actions]
+listen = "team_code:stay"
+open-left = "team_code:go"
+open-right = "team_code:go"
+"""
+    (tmp_path / "tiger.vf").write_text("0 -1\n1 1\n\n")
+    path = write(tmp_path, (old, new), text=text)
+    if not count:
+        assert load_system(path, agent="a").agent == "a"
+        return
+    assert list(problems(path)) == ["ensembles.doors.observations.agent1.owner"]

@@ -15,7 +15,7 @@ from sentences import refused
 import mdm
 from mdm.errors import ConfigError, Error, MapError
 from mdm.maps import Floors, Frame, Graph, Labels, Lift, Map, Node, Places, Pose
-from mdm.messages import PoseUpdate
+from mdm.messages import Journey, PoseUpdate
 from mdm.testing import crash, probe, run_virtual
 
 TWO = row_of_rooms("Hall", "Kitchen")
@@ -704,3 +704,16 @@ def test_a_place_too_shallow_is_told_of_its_floor():
     shallow = {"ground": TWO, "upper": row_of_rooms("Hall", "Slot", "Loft", width=0.4)}
     with refused(MapError):
         Places(Floors(shallow), mdm.PredicateManager())
+
+
+def test_drives_are_heard_on_a_channel_and_count_from_there():
+    async def script(watched):
+        places = watched.places
+        journeys = probe(places.channel("journeys", Journey))
+        watched.see(0.5)
+        places.set_out("Kitchen")
+        await asyncio.sleep(1)
+        places.set_out(None)
+        return [(journey.time, journey.place, journey.arrived) for journey in journeys]
+
+    assert watch(script, max_age=10.0) == [(0, "Kitchen", False), (1_000_000_000, None, False)]

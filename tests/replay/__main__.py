@@ -8,6 +8,7 @@ from __future__ import annotations
 import multiprocessing
 import sys
 import tempfile
+from concurrent.futures import ProcessPoolExecutor, as_completed
 
 from replay import runs
 
@@ -21,8 +22,9 @@ def main(count, first=0, seconds=0.5, busy=1):
         spinner.start()
     decisions = differ = none = 0
     jobs = [(seed, seconds, folder) for seed in range(first, first + count)]
-    with context.Pool(2) as pool:
-        for seed, made, wrong in pool.imap_unordered(runs.work, jobs):
+    with ProcessPoolExecutor(2, context) as pool:
+        for future in as_completed([pool.submit(runs.work, job) for job in jobs]):
+            seed, made, wrong = future.result()
             decisions += made
             none += not made
             if wrong:

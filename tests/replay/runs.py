@@ -16,6 +16,9 @@ from mdm.recording import Record
 from mdm.recording.recorder import Recorder
 from mdm.replay import replay
 
+_LONGEST = 600.0
+"""Seconds after which a system hangs: a machine that is busy with much else may take a minute."""
+
 
 def record(seed, path, seconds):
     """Run the system of a seed in wall time and record it; return what the recorder has counted."""
@@ -60,7 +63,7 @@ def work(job):
     """Return a seed, how many decisions its system made, and what is wrong."""
     seed, seconds, folder = job
     path = Path(folder) / f"{seed}.mcap"
-    faulthandler.dump_traceback_later(60, exit=True)
+    faulthandler.dump_traceback_later(_LONGEST, exit=True)
     try:
         decisions, wrong = violations(seed, path, seconds)
     except Exception:

@@ -110,12 +110,13 @@ def stamp_input_of_threads_when_it_is_sensed(patch):
 
 
 def give_a_turn_many_times(patch):
-    one = Dispatcher.now
+    reader = Dispatcher._reader
 
-    def many(self):
-        return one(self) if self.clock.firing >= 0 else self.clock.now()  # the time of timers is another rule
+    def read(self):
+        one, clock = reader(self), self.clock
+        return lambda: one() if clock.firing >= 0 else clock.now()  # the time of timers is another rule
 
-    patch.setattr(Dispatcher, "now", many)
+    patch.setattr(Dispatcher, "_reader", read)
 
 
 def tick_for_others_in_the_place_of_the_first(patch):
@@ -151,3 +152,37 @@ def test_without_a_rule_a_replay_differs(tmp_path, plant):
         plant(patch)
         run(tmp_path / "run.mcap")
     assert replay(tmp_path / "run.mcap", Robot().tops).differences
+
+
+@pytest.mark.parametrize(
+    ("delivered", "expected"), [(40, [(40, 1), (60, 0)]), (59, [(59, 1), (60, 0)]), (60, [(60, 1), (60, 0)]), (70, [])]
+)
+def test_input_of_threads_is_delivered_late_and_as_old_as_it_was_sensed(tmp_path, delivered, expected):
+    predicates = mdm.PredicateManager("predicates")
+    near = predicates.sensor("Near", max_age=0.02)
+    robot = mdm.Ensemble(
+        "robot",
+        policy=[0, 1],
+        predicates=predicates,
+        states=[mdm.StateFactor("near", ["Near"])],
+        actions={"go": lambda: None, "stay": lambda: None},
+        on_lost_input="continue",
+    )
+    found = []
+
+    async def happen(clock):
+        predicates.updates.subscribe(
+            lambda update: found.append(((update.time - START) / _MS, int(update.rising == ("Near",))))
+        )
+        clock.hold_until(40)
+        thread = threading.Thread(target=near.set, args=(True,))
+        thread.start()
+        thread.join()
+        clock.hold_until(delivered)
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        clock.hold_until(100)
+        clock.let_go()
+
+    recorded(tmp_path / "run.mcap", [robot], happen)
+    assert found == expected

@@ -85,26 +85,35 @@ class ObservationLayer(Layer):
 
     def problems(self) -> Iterator[ConfigError]:
         """Yield the faults of the factors: against the events declared, each other, and the model."""
+        yield from self.shared_events()
+        yield from self.misfits()
+
+    def shared_events(self) -> Iterator[ConfigError]:
+        """Yield the events that several factors of this agent have."""
         owners: dict[str, str] = {}
         for factor in self.own:
-            key = f"{self.key}.{factor.name}"
-            for position, event in enumerate(factor.events):
+            for event in factor.events:
                 if event is None:
                     continue
-                if not self._is_declared(event) and position != factor.idle:
-                    events = [known for known, kind in self.predicates.declared.names.items() if kind == "event"]
-                    yield ConfigError(
-                        f"observation factor {factor.name!r} uses {event!r}, which is no declared event"
-                        f"{similar(event, events)}",
-                        key=key,
-                    )
                 if event in owners:
                     yield ConfigError(
                         f"event {event!r} belongs to the observation factors {owners[event]!r} and {factor.name!r}; "
                         "an event belongs to one factor only",
-                        key=key,
+                        key=f"{self.key}.{factor.name}",
                     )
                 owners[event] = factor.name
+
+    def misfits(self) -> Iterator[ConfigError]:
+        """Yield the faults of each factor by itself, whoever owns it: against the events declared, and the model."""
+        for factor in self.own:
+            for position, event in enumerate(factor.events):
+                if event is not None and not self._is_declared(event) and position != factor.idle:
+                    events = [known for known, kind in self.predicates.declared.names.items() if kind == "event"]
+                    yield ConfigError(
+                        f"observation factor {factor.name!r} uses {event!r}, which is no declared event"
+                        f"{similar(event, events)}",
+                        key=f"{self.key}.{factor.name}",
+                    )
         yield from (ConfigError(p.message, key=".".join(filter(None, (self.key, p.key)))) for p in self._misplaced)
 
     def on_start(self) -> None:

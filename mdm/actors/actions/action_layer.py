@@ -74,10 +74,15 @@ class _Brief:
 
 
 class ActionStatistics(ActorStatistics, frozen=True):
-    """Counts of an action layer: lives started, how they ended, and which are live.
+    """Counts of an action layer.
 
-    ``safe_ended`` counts those of ``ended`` that were run as the safe action; ``skipped`` counts decisions that were
-    overtaken before their action began; ``latency`` is from stimulus to the callback's call.
+    Attributes:
+        started: Lives of actions that began.
+        ended: How many of them ended in each way.
+        safe_ended: How many of those were run as the safe action.
+        skipped: Decisions that were overtaken before their action began.
+        live: The actions that are live now.
+        latency: From each stimulus to the call of the action's callback.
     """
 
     started: int

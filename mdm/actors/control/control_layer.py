@@ -67,10 +67,15 @@ _OWN = ("drive", "on_no_observation", "deadline")
 
 
 class ControlStatistics(ActorStatistics, frozen=True):
-    """Counts of a control layer: actions published, observations that were impossible or superseded.
+    """Counts of a control layer.
 
-    ``undecided`` counts ticks without a known state, ``missed`` those that the event loop came too late for.
-    ``latency`` is from stimulus to decision, and after missed ticks once more from the first of them.
+    Attributes:
+        decisions: Actions that were published.
+        impossible: Observations that have probability 0 by the model.
+        superseded: Observations in whose place a newer one was taken.
+        undecided: Ticks without a known state.
+        missed: Ticks that the event loop came too late for.
+        latency: From each stimulus to its decision, and after missed ticks once more from the first of them.
     """
 
     decisions: int

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.policies.inputs import load, load_for, visibility
-from mdm.cli.policies.progress import counting
+from mdm.cli.progress import counting
 from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError, take_model
 from mdm.config import load_system

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from mdm.cli.files.document import describe_policy
 from mdm.cli.policies.inputs import hidden_times, load, load_durations_for, revealed, visibility, with_false_negatives
-from mdm.cli.policies.progress import ProgressLine, bound
+from mdm.cli.progress import ProgressLine, bound
 from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError
 from mdm.formats import check_policy_file, save_policy

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from mdm.cli.files.document import describe_policy
-from mdm.cli.policies.progress import counting
+from mdm.cli.progress import counting
 from mdm.simulation import Evaluation, evaluate
 from mdm.solvers import exact_values
 

@@ -1,12 +1,21 @@
-"""``mdm completion``: scripts by which shells complete the arguments of the command, made from its parsers."""
+"""``mdm completion``: scripts by which shells complete the arguments of the command, made from its parsers.
+
+A shell asks for its script at each start. So the names of problems and solvers are read from the sources of their
+modules, which are not imported: that would load numpy.
+"""
 
 from __future__ import annotations
 
 import argparse
+import ast
+import inspect
 import shlex
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import mdm
 from mdm.cli import make_parser
+from mdm.cli.projects.examples import EXAMPLES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -47,13 +56,64 @@ def commands(parser: argparse.ArgumentParser, words: str) -> Iterator[Command]:
             verbs = {choice.dest: _text(choice.help) for choice in action._choices_actions}  # noqa: SLF001
             below = [(each, f"{words} {name}") for name, each in action.choices.items()]
         elif action.option_strings:
-            known = tuple(map(str, action.choices or ()))
-            options.append((tuple(action.option_strings), _text(action.help), action.nargs != 0, known))
-        elif action.choices and not values:
-            values = tuple(map(str, action.choices))
-    yield Command(words, verbs, options, values)
+            options.append(
+                (tuple(action.option_strings), _text(action.help), action.nargs != 0, _values(words, action))
+            )
+        else:
+            values = values or _values(words, action)
+    if words == "mdm problem":
+        known = list(_problems(words))
+        verbs = {problem.words.removeprefix("mdm problem "): line for problem, line in known}
+        yield Command(words, verbs, options, values)
+        yield from (problem for problem, _ in known)
+    else:
+        yield Command(words, verbs, options, values)
     for each, its_words in below:
         yield from commands(each, its_words)
+
+
+def _values(words: str, action: argparse.Action) -> tuple[str, ...]:
+    """Return the values that an argument may have; none if they are not known."""
+    if words == "mdm solve" and action.dest == "solver":
+        return (*_declared(_sources("solvers", "solve.py"), "SOLVERS"), "help")
+    if words == "mdm examples" and action.dest == "name":
+        return tuple(EXAMPLES)
+    if action.choices:
+        return tuple(map(str, action.choices))
+    forms = action.metavar.split("|") if isinstance(action.metavar, str) else ()  # such as event|RATE
+    return tuple(form for form in forms if form.islower())
+
+
+def _problems(words: str) -> Iterator[tuple[Command, str]]:
+    """Yield each problem as a command with its parameters as options, and a line about it."""
+    names = _declared(_sources("problems", "__init__.py"), "__all__")
+    found = {node.name: node for node in _sources("problems", "*.py") if isinstance(node, ast.FunctionDef)}
+    common: list[tuple[tuple[str, ...], str, bool, tuple[str, ...]]] = [
+        (("-o", "--output"), "the model to write", True, ()),
+        (("-h", "--help"), "explain the problem and its parameters", False, ()),
+        (("--debug",), "show the traceback of an error", False, ()),
+    ]
+    for name in names:
+        given = found[name].args
+        parameters = [argument.arg for argument in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
+        line = (ast.get_docstring(found[name]) or "").partition("\n")[0].removeprefix("Return ")
+        own = [f"--{parameter.replace('_', '-')}" for parameter in parameters]
+        yield Command(f"{words} {name}", {}, [*common, *(((option,), "", True, ()) for option in own)], ()), line
+
+
+def _sources(package: str, pattern: str) -> list[ast.stmt]:
+    """Return the statements of a package's modules."""
+    paths = sorted((Path(inspect.getfile(mdm)).parent / package).glob(pattern))
+    return [node for path in paths for node in ast.parse(path.read_text(encoding="utf-8")).body]
+
+
+def _declared(statements: list[ast.stmt], name: str) -> Any:
+    """Return the list or table of literals that is assigned to a name."""
+    for node in statements:
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+        if any(isinstance(target, ast.Name) and target.id == name for target in targets):
+            return ast.literal_eval(node.value)  # type: ignore[attr-defined]
+    raise LookupError(f"no {name} is declared")
 
 
 def _text(help_: str | None) -> str:

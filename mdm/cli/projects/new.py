@@ -29,5 +29,8 @@ def run(arguments: argparse.Namespace) -> int:
             if file.is_file():
                 (made / file.name).write_bytes(file.read_bytes().replace(_NAME, name.encode()))
     run_it = "mdm team up team.toml" if arguments.kind == "team" else "mdm run robot.toml"
-    print(f"{target}: a project; README.md says what its files are\nRun it there: {run_it}\nTest it: python -m pytest")
+    print(
+        f"{target}: a project; README.md says what its files are\nRun it there: {run_it}\n"
+        "Test it: python -m pytest (which takes pip install pytest)"
+    )
     return 0

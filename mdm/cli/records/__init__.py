@@ -1,13 +1,13 @@
-"""``mdm record``: look into the record of a run: its verbs and their arguments."""
+"""The verbs of records, and their arguments: ``mdm record``, ``mdm replay``, ``mdm statistics``, ``mdm page``."""
 
 from __future__ import annotations
 
 import argparse
 from typing import Any
 
-from mdm.cli.usage import complete, count, finite, port
+from mdm.cli.usage import add_discount, complete, count, finite, port, seconds, seed
 
-__all__ = ["VERBS", "add_page", "add_record", "add_replay", "add_watch"]
+__all__ = ["VERBS", "add_explain", "add_page", "add_record", "add_replay", "add_statistics", "add_watch"]
 
 VERBS = {
     "info": "what is in a record",
@@ -89,6 +89,76 @@ def add_watch(verbs: Any, line: str) -> None:
     parser.add_argument("--once", action="store_true", help="print one picture, of a record its end, and stop")
     parser.add_argument("--at", metavar="S", type=_moment, help="of a record, begin at second S")
     complete(parser, "watch", "mdm.cli.records.watch")
+def add_explain(verbs: Any, line: str) -> None:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "explain",
+        help=line,
+        description=(
+            "Say in words why a decision in a record was made: the values of all actions, by how much the chosen one "
+            "was ahead, the observation that moved that most, the smallest change that would have decided otherwise, "
+            "and what was expected next. The model and the policy are those in the record, or of --config. No function "
+            "of the configuration is called."
+        ),
+        epilog="example: mdm explain run.mcap --at 12.5s",
+    )
+    parser.add_argument("file", metavar="FILE", help="the record")
+    parser.add_argument(
+        "--at",
+        metavar="EPOCH|TIME",
+        type=_place,
+        help="the decision of that number, such as 12, or the last one by a second of the record, such as 12.0 or 12s "
+        "(the last one of all)",
+    )
+    parser.add_argument("--ensemble", metavar="PATH", help="the ensemble; by default the one that decided then")
+    parser.add_argument("--last", metavar="N", type=count, help="look at the last N observations (10)")
+    parser.add_argument("--config", metavar="OTHER.toml", help="a configuration of the same ensembles")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    complete(parser, "explain", "mdm.cli.records.explain")
+
+
+def _place(text: str) -> float:
+    if text.isascii() and text.isdecimal():
+        return int(text)
+    moment = finite(text.removesuffix("s"))
+    if moment is None or moment < 0:
+        raise argparse.ArgumentTypeError(
+            f"a decision's number such as 12, or a second such as 12.0 or 12s was expected, not {text!r}"
+        )
+    return float(moment)
+
+
+def add_statistics(verbs: Any, line: str) -> None:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "statistics",
+        help=line,
+        description=(
+            "Count what the decisions of records tell of a model, of one ensemble, over several runs: probabilities "
+            "with intervals, and rows that differ from the model, by evidence and by the loss of value; rates and how "
+            "long states last; where states are hidden, what is most likely, by expectation maximisation. The model "
+            "estimated anew, and how long actions take, can be written, solved and evaluated."
+        ),
+        epilog="example: mdm statistics run.mcap --model top.pomdpx --ensemble top -o new.npz --durations times.npz",
+    )
+    parser.add_argument("files", metavar="FILE", nargs="+", help="the record; several are runs of the same ensemble")
+    parser.add_argument("--model", metavar="M", required=True, help="the model that the ensemble had")
+    parser.add_argument("--ensemble", metavar="PATH", help="the ensemble, where several have decided")
+    parser.add_argument("-o", "--output", metavar="NEW_MODEL", help="write the model estimated anew")
+    parser.add_argument(
+        "--durations", metavar="OUT.npz", help="write how long actions take, for --durations of mdm solve"
+    )
+    parser.add_argument(
+        "--step",
+        metavar="S",
+        type=seconds,
+        help="the seconds of the model's time step: rates of changes of the state become its probabilities",
+    )
+    parser.add_argument("--level", metavar="P", type=_share, default=0.95, help="the level of the intervals (0.95)")
+    add_discount(parser)
+    parser.add_argument("--seed", metavar="N", type=seed, help="of the intervals where states are hidden (0)")
+    parser.add_argument("--json", action="store_true", help="one JSON object, with all rows")
+    complete(parser, "statistics", "mdm.cli.records.statistics")
 
 
 def _add_info(verbs: Any, name: str) -> argparse.ArgumentParser:
@@ -159,6 +229,13 @@ def _add_repair(verbs: Any, name: str) -> argparse.ArgumentParser:
     parser.add_argument("file", metavar="FILE", help="the record")
     parser.add_argument("-o", "--output", metavar="OUT", required=True, help="the complete record's file")
     return parser
+
+
+def _share(text: str) -> float:
+    number = finite(text)
+    if number is None or not 0 < number < 1:
+        raise argparse.ArgumentTypeError(f"a number above 0 and below 1 was expected, not {text!r}")
+    return number
 
 
 def _moment(text: str) -> float:

@@ -63,6 +63,11 @@ def add_arguments(parser: argparse.ArgumentParser, *, virtual: bool = True) -> N
     parser.add_argument(
         "--attached", action="store_true", help="stop when standard input ends, as agents do when `mdm team up` ends"
     )
+    parser.add_argument(
+        "--why",
+        action="store_true",
+        help="write why with each decision that is logged; that takes some milliseconds each, beside the decisions",
+    )
     parser.add_argument("--log", choices=("console", "json"), default="console", help="how to write the log")
 
 

@@ -54,6 +54,10 @@ def run(arguments: argparse.Namespace) -> int:
                     if len(seen) >= arguments.epochs:
                         runtime.shut_down()
 
+            if arguments.why:
+                from mdm.cli.robots.why import why_in  # noqa: PLC0415 - for those who ask
+
+                runtime.decisions.subscribe(why_in(log, system.ensembles.values()))
             seen: list[int] = []
             if arguments.epochs is not None:
                 runtime.decisions.subscribe(tally)

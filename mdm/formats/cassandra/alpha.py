@@ -84,6 +84,7 @@ def blocks(
     actions: list[int] = []
     vectors: list[npt.NDArray[np.float64]] = []
     for (number, head), (vector_number, words) in zip_longest(texts[::2], texts[1::2], fillvalue=(0, [])):
+        source.report(min(2 * len(vectors) / len(texts), 1.0))
         action = action_of(number, head)
         if not words:
             source.fail("the file ends after an action, without its vector", line=number)
@@ -96,6 +97,7 @@ def blocks(
             source.fail(f"{len(vectors[0])} values were expected, but {len(words)} are given", line=vector_number)
         actions.append(action)
         vectors.append(vector)
+    source.report(1.0)
     if not vectors:
         source.fail("the file holds no alpha vectors")
     return vectors, actions

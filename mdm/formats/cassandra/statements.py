@@ -80,7 +80,7 @@ class Statements:
         self._sign = sign
         self._field = field
         self._colons = colons
-        self._entries = Entries(words.words, self._symbol, self._add)
+        self._entries = Entries(words.words, words.report, self._symbol, self._add)
         if len(actions) * len(states) > _MOST_ROWS:
             raise ModelError(f"{len(actions)} actions in {len(states)} states exceed the limit of {_MOST_ROWS} pairs")
         count = 0 if observations is None else len(observations)
@@ -101,6 +101,7 @@ class Statements:
         words = self._words
         errors: list[FormatError] = []
         while at < len(words):
+            self._source.report(at)
             kind = words[at]
             if kind not in {"T", "O", "R"} or at + 1 == len(words) or words[at + 1] != ":":
                 self.fail(at, foreign(kind) or f"a statement 'T:', 'O:' or 'R:' was expected, not {kind!r}")
@@ -122,6 +123,7 @@ class Statements:
             rest = "; ".join(f"line {error.line}: {error.message}" for error in errors[1:])
             first = errors[0]
             raise FormatError(f"{first.message}; {rest}", file=first.file, line=first.line, column=first.column)
+        self._source.report(len(words))
 
     def refuse(self, error: RowError) -> NoReturn:
         """Raise a `FormatError` at the last statement for a row that is not a distribution, or for its action."""
@@ -306,6 +308,7 @@ class Entries:
 
     Args:
         words: The file's words.
+        report: Called with the word up to which statements have been read.
         symbol: Returns the index of the single symbol that some words name, else None. Its arguments are the kind of
             statement, the field's letter, the place in the file, and the words.
         store: Called in file order with the entries' kind, action, further symbols and values.
@@ -314,10 +317,12 @@ class Entries:
     def __init__(
         self,
         words: list[str],
+        report: Callable[[int], object],
         symbol: Callable[[str, str, int, list[str]], int | None],
         store: Callable[[str, int | None, list[Places], Any], None],
     ) -> None:
         self._words = words
+        self._report = report
         self._symbol = symbol
         self._store = store
         self._known: dict[str, dict[Any, int]] = {}
@@ -346,6 +351,7 @@ class Entries:
             return 0
         words, length, at, size = self._words, form.length, begin, _FIRST_BLOCK
         while True:
+            self._report(at)
             count = wanted = min(size, (len(words) - at) // length)
             for offset, word in form.same:
                 column = words[at + offset : at + count * length : length]

@@ -6,6 +6,7 @@ Where no log is written, an action that fails is printed all the same, once.
 
 from __future__ import annotations
 
+from collections import deque
 from typing import TYPE_CHECKING, Any, Literal
 
 from mdm.errors import Error
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
     from mdm.runtime.statistics import LogStatistics
 
 __all__ = ["FirstFailures", "Log"]
+
+_RECENT = 64
+"""How many details are remembered, so that a mode does not repeat those of the faults before it."""
 
 
 class FirstFailures:
@@ -84,6 +88,7 @@ class Log:
         self._writer = Writer()
         self._told: list[Fault] = []
         self._helped: set[str] = set()
+        self._details: deque[str] = deque(maxlen=_RECENT)
         self._safe: set[str] = set()
         if not isinstance(target, str) and not all(hasattr(target, level) for level in ("debug", "info", "error")):
             raise _no_log(target)
@@ -108,6 +113,10 @@ class Log:
         """Write a fault at once, from any thread; when it is published, it is not written again."""
         self._told.append(fault)
         self._writer.put(self._fault, fault)
+
+    def write(self, event: str, facts: Callable[[], Mapping[str, object]]) -> None:
+        """Write a line behind those of what was published before, with facts that are made on the log's thread."""
+        self._writer.put(lambda make: self._logger.info(event, **make()), facts)
 
     def close(self) -> None:
         """Write out what waits, within a bound."""
@@ -146,6 +155,7 @@ class Log:
         if fault.kind in KINDS and fault.kind not in self._helped:  # once a kind: who reads it knows then
             self._helped.add(fault.kind)
             help_ = {"help": KINDS[fault.kind].remedy}
+        self._details.append(fault.detail)
         self._logger.error(
             "fault", time=fault.time / 1e9, source=fault.source, kind=fault.kind, detail=fault.detail, **help_
         )
@@ -159,8 +169,11 @@ class Log:
 
     def _mode(self, mode: Mode) -> None:
         causes = ", ".join(cause.kind for cause in mode.causes)
+        untold = [cause.detail for cause in mode.causes if cause.detail not in self._details]
+        self._details.extend(untold)
+        why = {"why": "; ".join(untold)} if untold else {}
         write = self._logger.info if causes == "end" else self._logger.warning  # nothing is wrong with an end
-        write(mode.mode, time=mode.time / 1e9, ensemble=mode.ensemble, since=mode.since / 1e9, causes=causes)
+        write(mode.mode, time=mode.time / 1e9, ensemble=mode.ensemble, since=mode.since / 1e9, causes=causes, **why)
 
     def _life(self, change: StateChange) -> None:
         write = self._logger.debug if "/" in change.actor else self._logger.info

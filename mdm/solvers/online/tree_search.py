@@ -24,7 +24,7 @@ import numpy as np
 from mdm.beliefs import BeliefTracker, Information, KnownState
 from mdm.errors import ConfigError, ModelError
 from mdm.models.matrices import distribution
-from mdm.policies.policy import Kind, observable
+from mdm.policies.policy import Kind, Scores, observable
 from mdm.solvers.online.tables import SearchTables, SentTables, search_tables, sent
 
 if TYPE_CHECKING:
@@ -322,6 +322,14 @@ class TreeSearch(Kind):
     def value(self, x: Any) -> float:
         """Return a lower bound of the value of a state or belief, after a search."""
         return max(self.search(x).lower)
+
+    def scores(self, x: Any, /) -> Scores:
+        """Return bounds of the values of its actions, after a search.
+
+        The search ends by its number of expansions alone where it has one: it is then the same each time.
+        """
+        found = self.search(x, timed=self.expansions is None)
+        return Scores("bound", np.array(found.lower), np.array(found.upper), found.expansions)
 
     def q_values(self, x: Any) -> npt.NDArray[np.float64]:
         """Return a lower bound of the value of each action, after a search; -inf where nothing is known."""

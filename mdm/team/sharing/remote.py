@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mdm.team.link import Link
     from mdm.team.transport.transport import Sample
 
-__all__ = ["CHANNELS", "Exports", "Imports", "Wire"]
+__all__ = ["CHANNELS", "RETAINED", "Exports", "Imports", "Wire"]
 
 CHANNELS: dict[str, type[Any]] = {
     "state": State,
@@ -38,7 +38,8 @@ CHANNELS: dict[str, type[Any]] = {
 }
 """The messages of an ensemble's own channels, by the channels' names."""
 
-_RETAINED = frozenset({"state", "belief", "reward", "mode"})
+RETAINED = frozenset({"state", "belief", "reward", "mode"})
+"""Channels whose last message an agent that comes late asks for."""
 
 
 _NUMBERS = re.compile(r"[<>|=](b1|[iu][1248]|f[248]|c(8|16))")
@@ -143,7 +144,7 @@ class Exports(Actor):
         """Listen to the channels, and answer who asks for their last messages."""
         above = self.parent.path if self.parent is not None else ""
         for name, wire in self._wires.items():
-            retain = name.rsplit("/", 1)[-1] in _RETAINED
+            retain = name.rsplit("/", 1)[-1] in RETAINED
             channel = self.runtime.channel(f"{above}/{name}" if above else name, wire.type, retain=retain)
             self.subscribe(channel, self._sender(name, wire))
             if not self._serves:
@@ -232,7 +233,7 @@ class Imports(Actor):
             raise Error(f"no channel {name!r} is imported; there are {', '.join(self._wires) or 'none'}")
         above = self.parent.path if self.parent is not None else ""
         full = f"{above}/{name}" if above else name
-        return self.runtime.channel(full, self._wires[name].type, retain=name.rsplit("/", 1)[-1] in _RETAINED)
+        return self.runtime.channel(full, self._wires[name].type, retain=name.rsplit("/", 1)[-1] in RETAINED)
 
     def _receiver(self, name: str) -> Callable[[Sample], None]:
         return lambda sample: self._receive(name, sample.body)

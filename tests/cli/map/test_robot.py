@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import re
 import shlex
 from pathlib import Path
 
+import blocks
 import pytest
 from building_file import write_building
 from floor_file import write_floor
-from places import ROOT
 
 from mdm import load_system
 from mdm.testing import probe, run_virtual
@@ -77,8 +76,8 @@ def test_the_page_s_commands_make_a_robot_that_visits_all_rooms_of_a_simulated_b
     folder = tmp_path / "floor"
     write_floor(folder)
     monkeypatch.chdir(folder)
-    page = (ROOT / "docs" / "maps.md").read_text().partition("## From a map to a patrol")[2].partition("## Places")[0]
-    commands, program = (re.search(rf"```{kind}\n(.*?)```", page, re.DOTALL)[1] for kind in ("console", "python"))
+    heading = "## From a map to a patrol"
+    [commands], [program] = (blocks.texts("docs/maps.md", kind, heading, "## Places") for kind in ("console", "python"))
     (folder / "robot.py").write_text(program.replace("speed=0.5", "speed=0.5, radius=0.12"))
     *first, last = [shlex.split(line, comments=True)[1:] for line in commands.splitlines()]
     for command in first:
@@ -126,8 +125,8 @@ def test_the_page_s_commands_make_a_robot_that_visits_all_rooms_of_two_floors(md
     """With its `robot.py`, but for a smaller robot."""
     write_building(tmp_path / "site")
     monkeypatch.chdir(tmp_path / "site")
-    page = (ROOT / "docs" / "maps.md").read_text().partition("**A patrol of all floors**")[2].partition("## Models")[0]
-    commands, program = (re.search(rf"```{kind}\n(.*?)```", page, re.DOTALL)[1] for kind in ("console", "python"))
+    heading = "**A patrol of all floors**"
+    [commands], [program] = (blocks.texts("docs/maps.md", kind, heading, "## Models") for kind in ("console", "python"))
     Path("robot.py").write_text(program.replace("speed=0.5", "speed=0.5, radius=0.12"))
     model, solve, run = [shlex.split(line)[1:] for line in commands.splitlines()]
     assert mdm(*model, "--radius", "0.12")[0] == 0

@@ -61,7 +61,7 @@ def test_the_size_of_the_file_is_told_and_the_time_it_took_if_that_was_long(mdm,
 
 def test_a_certificate_is_printed_and_the_policy_kept(mdm, tmp_path, monkeypatch):
     # On a busy machine it takes more than the second after which progress is told, which is not the matter here.
-    monkeypatch.setattr("mdm.cli.policies.progress.ProgressLine.tell", lambda *_: None)
+    monkeypatch.setattr("mdm.cli.progress.ProgressLine.tell", lambda *_: None)
     policy, history = tmp_path / "tiger.npz", tmp_path / "tiger.json"
     status, output, errors = mdm("solve", TIGER, "-o", policy, "--history", history, "--gap", "0.01", "--json")
     facts = json.loads(output[0])

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import inspect
 import shlex
 import shutil
 import subprocess
+import sys
 
 import pytest
 
+from mdm import problems
 from mdm.cli import VERBS, main, make_parser
 from mdm.cli.projects.completion import commands
+from mdm.cli.projects.examples import EXAMPLES
+from mdm.solvers import SOLVERS
 
 TRIED = [
     ([""], set(VERBS)),
@@ -19,6 +24,12 @@ TRIED = [
     (["solve", "model.pomdp", "--ga"], {"--gap"}),
     (["run", "--log", ""], {"console", "json"}),
     (["completion", ""], {"bash", "zsh", "fish"}),
+    (["problem", "rock"], {"rock_sample"}),
+    (["problem", "rock_sample", "--r"], {"--rocks"}),
+    (["trace", "robot.toml", "--drive", ""], {"event"}),
+    (["solve", "model.pomdp", "--solver", "s"], {"sarsop"}),
+    (["examples", "from"], {"from_arrays"}),
+    (["trace", "robot.toml", "--on-impossible", ""], {"predict", "keep", "reset"}),
 ]
 
 
@@ -82,6 +93,25 @@ def test_every_verb_and_option_is_known():
         if not command.verbs:
             assert any("--debug" in names for names, *_ in command.options)
     assert {names: takes for names, _, takes, _ in known["mdm map model"].options}["--robot",] is True
+
+
+def test_names_are_those_of_the_modules():
+    known = {command.words: command for command in commands(make_parser(), "mdm")}
+    assert list(known["mdm problem"].verbs) == problems.__all__
+    for name, line in known["mdm problem"].verbs.items():
+        function = getattr(problems, name)
+        assert line == inspect.getdoc(function).partition("\n")[0].removeprefix("Return ")
+        options = {option for names, *_ in known[f"mdm problem {name}"].options for option in names}
+        parameters = {f"--{parameter.replace('_', '-')}" for parameter in inspect.signature(function).parameters}
+        assert options == {"-o", "--output", "-h", "--help", "--debug"} | parameters
+    solvers = {names: values for names, _, _, values in known["mdm solve"].options}["--solver",]
+    assert solvers == (*SOLVERS, "help")
+    assert known["mdm examples"].values == tuple(EXAMPLES)
+
+
+def test_the_scripts_are_made_without_numpy():
+    program = "import sys; from mdm.cli import main; main(['completion', 'zsh']); sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], capture_output=True).returncode == 0
 
 
 def test_a_shell_that_is_not_known(capsys):

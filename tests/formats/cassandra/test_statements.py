@@ -239,7 +239,9 @@ def test_names_are_told_from_words_that_stand_for_numbers(tmp_path):
 
 
 def test_no_observations_may_be_said_of_an_mdp():
-    words = SimpleNamespace(words=["O", ":", "0", "uniform"], fail=lambda at, message: pytest.fail(message))
+    words = SimpleNamespace(
+        words=["O", ":", "0", "uniform"], fail=lambda at, message: pytest.fail(message), report=lambda at: None
+    )
     with refused(pytest.fail.Exception):
         Statements(
             words,

@@ -14,7 +14,7 @@ class Stored:
 
     def __init__(self, words, names=9):
         self.found = []
-        self.entries = Entries(words, self.symbol, self.store)
+        self.entries = Entries(words, lambda at: None, self.symbol, self.store)
         self.names = names
 
     def symbol(self, kind, letter, at, words):

@@ -9,7 +9,7 @@ from recorded import Fragile, tell
 from sentences import refused
 
 from mdm import Actor, Ensemble, Error, Runtime
-from mdm.messages import Decision
+from mdm.messages import Cause, Decision, Fault, Mode
 from mdm.policies import DeterministicPolicy, StatePolicy
 from mdm.runtime import Log
 from mdm.testing import run_virtual
@@ -107,6 +107,23 @@ def test_the_console_gets_a_line_each(capsys):
 def test_another_target_is_refused(target):
     with refused(Error):
         Runtime(log=target)
+
+
+def test_the_cause_of_a_safe_mode_is_told_in_words_once():
+    def safe(*causes):
+        return Mode(0, "robot", "safe", 0, tuple(Cause(kind, detail, 0) for kind, detail in causes))
+
+    async def main(runtime):
+        runtime.faults.publish(Fault(0, "robot", "action", "action 'Go' failed"))
+        runtime.modes.publish(safe(("action", "action 'Go' failed")))
+        runtime.modes.publish(safe(("action", "action 'Go' failed"), ("end", "the runtime ends")))
+        runtime.modes.publish(safe(("end", "the runtime ends")))
+        await runtime.clock.sleep(1)
+
+    kept = Kept()
+    run_virtual(main, log=kept)
+    modes = [(fields["causes"], fields.get("why")) for _, event, fields in kept.lines if event == "safe"]
+    assert modes == [("action", None), ("action, end", "the runtime ends"), ("end", None)]
 
 
 class Broken(StatePolicy):

@@ -8,13 +8,15 @@ from contextlib import contextmanager
 from time import perf_counter
 from typing import TYPE_CHECKING, TextIO
 
+from mdm.progress import followed
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from mdm.cli.interruption import Interruption
     from mdm.solvers import Progress
 
-__all__ = ["ProgressLine", "bound", "counting", "to_go"]
+__all__ = ["ProgressLine", "bound", "counting", "to_go", "work_shown"]
 
 _OFTEN = 0.1
 _FIRST = 2.0
@@ -89,6 +91,33 @@ def counting(interruption: Interruption, what: str = "") -> Iterator[Callable[[i
             yield count
         finally:
             line.end()
+
+
+@contextmanager
+def work_shown() -> Iterator[None]:
+    """Show on a terminal how far work has come that reports its share, such as the reading of a large file."""
+    if sys.stderr is None or not sys.stderr.isatty():
+        yield
+        return
+    line, current, began = ProgressLine(), "", 0.0
+
+    def tell(work: str, share: float) -> None:
+        nonlocal line, current, began
+        now = perf_counter()
+        if work != current or not share:
+            line.end()
+            line, current, began = ProgressLine(), work, now
+        seconds = now - began
+        left = f"  about {to_go(seconds * (1 - share) / share)}" if share else ""
+        line.tell(seconds, lambda: f"{seconds:.1f} s  {work}  {share:.0%}{left}")
+        if share == 1:
+            line.end()
+
+    try:
+        with followed(tell):
+            yield
+    finally:
+        line.end()
 
 
 def to_go(seconds: float) -> str:

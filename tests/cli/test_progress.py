@@ -7,7 +7,8 @@ import io
 import pytest
 
 from mdm.cli.interruption import Interruption
-from mdm.cli.policies.progress import ProgressLine, bound, counting, to_go
+from mdm.cli.progress import ProgressLine, bound, counting, to_go, work_shown
+from mdm.progress import report_share
 from mdm.solvers import Progress
 
 
@@ -39,7 +40,7 @@ def test_progress_is_a_line_on_a_terminal_and_a_few_lines_elsewhere():
 
 def test_episodes_are_counted(monkeypatch, capsys):
     seconds = iter(range(100))
-    monkeypatch.setattr("mdm.cli.policies.progress.perf_counter", lambda: float(next(seconds)))
+    monkeypatch.setattr("mdm.cli.progress.perf_counter", lambda: float(next(seconds)))
     interruption = Interruption()
     with counting(interruption, "policy 1 of 2  ") as count:
         assert not any(count(ended, 10) for ended in range(10))
@@ -49,6 +50,34 @@ def test_episodes_are_counted(monkeypatch, capsys):
     assert told[0] == "1.0 s  policy 1 of 2  0 of 10 episodes"
     assert [line.split()[0] for line in told] == ["1.0", "2.0", "4.0", "8.0"]
     assert told[2] == "4.0 s  policy 1 of 2  3 of 10 episodes  about 9 s to go"
+
+
+def test_work_is_shown_on_a_terminal_after_two_seconds(monkeypatch):
+    seconds = iter([10.0, 11.0, 12.5, 15.0, 20.0, 21.0, 30.0])
+    monkeypatch.setattr("mdm.cli.progress.perf_counter", lambda: next(seconds))
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    with work_shown():
+        for share in (0.0, 0.25, 0.5, 1.0):
+            report_share("reading tag.pomdp", share)
+        for share in (0.0, 0.5, 0.75):
+            report_share("drafting the labels", share)
+        assert terminal.getvalue()[-1] != "K"
+    assert lines_of(terminal) == [
+        "2.5 s  reading tag.pomdp  50%  about 2 s to go",
+        "5.0 s  reading tag.pomdp  100%  about 0 s to go",
+        "10.0 s  drafting the labels  75%  about 3 s to go",
+    ]
+    assert terminal.getvalue().endswith("\r\x1b[K")
+
+
+@pytest.mark.parametrize("stream", [io.StringIO(), None])
+def test_work_is_not_shown_elsewhere(monkeypatch, stream):
+    monkeypatch.setattr("sys.stderr", stream)
+    monkeypatch.setattr("mdm.cli.progress.perf_counter", lambda: pytest.fail("nothing is timed"))
+    with work_shown():
+        report_share("reading tag.pomdp", 0.5)
+    assert stream is None or not stream.getvalue()
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,76 @@
+"""``mdm explain``: why a decision in a record was made."""
+
+from __future__ import annotations
+
+import tempfile
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from mdm.cli.report import as_json
+from mdm.cli.robots.why import named
+from mdm.config.recorded import load_recorded
+from mdm.errors import Error
+from mdm.explanation import explain
+from mdm.recording import Record
+from mdm.replay import transports_of
+from mdm.replay.retraced import found, retraced
+
+if TYPE_CHECKING:
+    import argparse
+
+    from mdm.actors import Ensemble
+    from mdm.config import System
+    from mdm.explanation import Explanation
+    from mdm.messages import Decision
+
+__all__ = ["run"]
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Explain; return the exit status."""
+    record = Record(arguments.file)
+    place, decisions = found(record, arguments.ensemble, arguments.at)
+    decision = decisions[place]
+    with tempfile.TemporaryDirectory() as folder:
+        transport = next(iter(transports_of(record).values()), None) if "stimuli" in record.topics else None
+        system = load_recorded(record, folder, arguments.config, transport=transport)
+        ensemble = _ensemble(system, decision.ensemble, record)
+        _check(record, decision.ensemble, ensemble.controller.configuration, given=arguments.config is not None)
+        step = retraced(ensemble.controller, decisions, place)
+        explanation = explain(named(ensemble, step.case(arguments.last or 10)))
+    start = 0 if record.span is None else record.span[0]
+    second = (decision.time - start) / 1e9
+    if arguments.json:
+        print(as_json(_facts(decision, second, explanation)))
+    else:
+        print(f"{decision.ensemble} at {second:.6g} s, because of: {decision.cause}.")
+        print(explanation)
+    return 0
+
+
+def _ensemble(system: System, path: str, record: Record) -> Ensemble:
+    for ensemble in system.ensembles.values():
+        if ensemble.path == path:
+            return ensemble
+    raise Error(f"{record.path}: the configuration has no ensemble {path!r}: a task has started it")
+
+
+def _check(record: Record, path: str, now: str, *, given: bool) -> None:
+    """Refuse to explain a decision by another model or policy than decided.
+
+    Raises:
+        Error: If it is another one.
+    """
+    known = record.metadata.get(f"ensemble {path}", {}).get("configuration")
+    if known is not None and known != now:
+        whose = "of --config" if given else f"in the record, as mdm {record.head['mdm']} has read them"
+        raise Error(
+            f"{record.path}: model, policy or options {whose} are not those that decided in {path!r} "
+            f"(digest {now[:12]}, then {known[:12]}): what they say of its decisions would explain nothing"
+        )
+
+
+def _facts(decision: Decision, second: float, explanation: Explanation) -> dict[str, object]:
+    facts: dict[str, object] = msgspec.to_builtins(explanation)
+    return {"ensemble": decision.ensemble, "time": second, "cause": decision.cause, **facts}

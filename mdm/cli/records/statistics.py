@@ -1,0 +1,91 @@
+"""``mdm statistics``: what the decisions of records tell of their model."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from mdm.cli.policies.inputs import load, revealed
+from mdm.cli.report import as_json
+from mdm.errors import Error, FormatError, ModelError
+from mdm.estimation import as_data, as_text, chains_of_records, check_names, open_records, statistics
+from mdm.formats import save_durations, save_model
+from mdm.formats.target import check_place
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Sequence
+
+    from mdm.estimation import Chains, Report
+    from mdm.models import MDP
+    from mdm.recording import Record
+
+__all__ = ["run"]
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Count, print and write; return the exit status."""
+    records = open_records(arguments.files)
+    inputs = [arguments.model, *(path for record in records for path in record.paths)]
+    for target in filter(None, (arguments.output, arguments.durations)):
+        check_place(target, *inputs)
+    chains = chains_of_records(records, arguments.ensemble)
+    model = _model(arguments, records, chains)
+    report = statistics(chains, model, step=arguments.step, level=arguments.level, seed=arguments.seed or 0)
+    if arguments.durations is not None and report.durations is None:
+        raise Error(f"{arguments.durations}: there are no durations to write: {_why_none(chains)}")
+    if arguments.output is not None:
+        save_model(report.model, arguments.output)
+    if arguments.durations is not None and report.durations is not None:
+        save_durations(report.durations, arguments.durations)
+    if arguments.json:
+        print(as_json(_facts(arguments, records, report)))
+    else:
+        _print(arguments, records, report)
+    return 0
+
+
+def _model(arguments: argparse.Namespace, records: Sequence[Record], chains: Chains) -> MDP:
+    """Return the model as the ensemble had it: with the observations of what it sees of the state, or without."""
+    given = load(arguments.model, arguments.discount)
+    seen = revealed(given)
+    if seen is not given and chains.hidden:
+        with suppress(ModelError):
+            check_names(records, chains.ensemble, seen)
+            return seen
+    try:
+        check_names(records, chains.ensemble, given)
+    except ModelError as error:
+        raise FormatError(str(error), file=arguments.model) from None
+    return given
+
+
+def _why_none(chains: Chains) -> str:
+    if any(decision.cause == "tick" for chain in chains.chains for decision in chain.decisions):
+        return f"{chains.ensemble!r} decides at a fixed rate, so that each action takes the time between two ticks"
+    return "no action was seen to take time"
+
+
+def _facts(arguments: argparse.Namespace, records: Sequence[Record], report: Report) -> dict[str, Any]:
+    return {
+        "files": [str(path) for record in records for path in record.paths],
+        "torn": [record.torn for record in records if record.torn is not None],
+        "lost": sum(record.lost for record in records),
+        "model": arguments.model,
+        **as_data(report),
+        "new_model": arguments.output,
+        "durations": arguments.durations,
+    }
+
+
+def _print(arguments: argparse.Namespace, records: Sequence[Record], report: Report) -> None:
+    print(as_text(report))
+    for record in records:
+        if record.torn is not None:
+            print(f"torn: {record.torn}: these are the decisions before")
+        if record.lost:
+            print(f"{record.path}: {record.lost:,} messages are lost: nothing is counted across a lost decision")
+    if arguments.output is not None:
+        print(f"{arguments.output}: the model estimated anew")
+    if arguments.durations is not None:
+        print(f"{arguments.durations}: how long actions take, for --durations of mdm solve and mdm evaluate")

@@ -1,0 +1,50 @@
+"""Why decisions of a run were made, for its log: they are noted within the turn, and explained on the log's thread."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mdm.errors import ModelError
+from mdm.explanation import brief, explain
+from mdm.models import Factor, Space
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from mdm.actors import Ensemble
+    from mdm.explanation import Case
+    from mdm.messages import Decision
+    from mdm.runtime import Log
+
+__all__ = ["named", "why_in"]
+
+
+def named(ensemble: Ensemble, case: Case) -> Case:
+    """Return a case with the names of the wiring, where no model has names of states."""
+    if case.states is not None or ensemble.state is None:
+        return case
+    factors = ensemble.state.factors
+    states = Space(Factor(each.name, [str(wire.source) for wire in each.wires()]) for each in factors)
+    return case._replace(states=states if len(states) == ensemble.controller.symbols.num_states else None)
+
+
+def why_in(log: Log, ensembles: Iterable[Ensemble]) -> Callable[[Decision], None]:
+    """Return a handler that writes why with each decision of these ensembles.
+
+    Decisions of others, as of a task's or of another agent that decides for all, have no line.
+    """
+    known = {ensemble.path: ensemble for ensemble in ensembles}
+
+    def note(decision: Decision) -> None:
+        ensemble = known.get(decision.ensemble)
+        if ensemble is None:
+            return
+        try:
+            case = ensemble.controller.case()
+        except ModelError:
+            return
+        if (case.epoch, case.action) == (decision.epoch, decision.action):
+            head = {"time": decision.time / 1e9, "ensemble": decision.ensemble, "epoch": decision.epoch}
+            log.write("why", lambda: head | brief(explain(named(ensemble, case))))
+
+    return note

@@ -1,0 +1,144 @@
+"""Re-estimation: the model in use, with what was counted in place of what was assumed.
+
+A row of the old model weighs as much as one visit: its estimate is (n_j + p_j) / (n + 1). So rows that were never
+visited stay as they are, rows that were visited often are their frequencies, and what the old model holds possible
+stays possible: beliefs meet no observation of probability 0 that they did not meet before.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdm.estimation.rows import support
+from mdm.models.matrices import csr, is_compressed, read_only
+from mdm.models.mdp import MDP
+from mdm.models.pomdp import POMDP
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    import numpy.typing as npt
+
+    from mdm.estimation.rows import Row
+    from mdm.models.matrices import Matrix, Vector
+
+__all__ = ["WEIGHT", "blended", "expected_reward", "reestimated", "replaced"]
+
+WEIGHT = 1.0
+"""The visits that a row of the old model weighs as much as."""
+
+
+def blended(row: Row) -> Vector:
+    """Return the probabilities of a row in the new model."""
+    result: Vector = (row.counts + WEIGHT * row.model) / (row.counts.sum() + WEIGHT)
+    return result
+
+
+def reestimated(
+    model: MDP,
+    transitions: Iterable[Row],
+    observations: Iterable[Row] = (),
+    *,
+    staying: Mapping[tuple[int, int], float] | None = None,
+) -> MDP:
+    """Return a model with the rows that were estimated, and all else of the old one; flat, and of the same kind.
+
+    Args:
+        model: The model in use.
+        transitions: Rows of T.
+        observations: Rows of O.
+        staying: By action and state, the probability of staying that rows of jumps leave out: the old model's stays.
+    """
+    flat = model.flatten()
+    actions = range(len(flat.action_space))
+    stays = staying or {}
+    changes: dict[int, list[tuple[int, Any, Vector]]] = {}
+    for row in transitions:
+        if len(row.symbols):
+            share = 1 - stays.get((row.action, row.state), 0.0)
+            changes.setdefault(row.action, []).append((row.state, row.symbols, share * blended(row)))
+    return replaced(
+        flat,
+        [_with_rows(flat.transition_matrix(action), changes.get(action, [])) for action in actions],
+        None if flat.pomdp is None or flat.event_observations else _seen(flat.pomdp, observations),
+    )
+
+
+def _seen(model: POMDP, rows: Iterable[Row]) -> list[Matrix]:
+    changes: dict[int, list[tuple[int, Any, Vector]]] = {}
+    for row in rows:
+        changes.setdefault(row.action, []).append((row.state, row.symbols, blended(row)))
+    actions = range(len(model.action_space))
+    return [_with_rows(model.observation_matrix(action), changes.get(action, [])) for action in actions]
+
+
+def _with_rows(matrix: Matrix, changes: Sequence[tuple[int, Any, Vector]]) -> Matrix:
+    """Return a matrix with other numbers at some places of some rows."""
+    if not changes:
+        return matrix
+    if is_compressed(matrix):
+        other = csr(matrix).tolil()
+        for row, columns, values in changes:
+            other[row, columns] = values
+        return other.tocsr()
+    dense = np.array(matrix)
+    for row, columns, values in changes:
+        dense[row, columns] = values
+    return dense
+
+
+def replaced(flat: MDP, transitions: Sequence[Matrix], observations: Sequence[Matrix] | None) -> MDP:
+    """Return a flat model with other matrices; observations of events stay as they are."""
+    names: dict[str, Any] = {
+        "discount": flat.discount,
+        "states": flat.state_space,
+        "actions": flat.action_space,
+        "initial_belief": flat.initial_belief,
+        "sparse": flat.is_sparse,
+    }
+    if flat.pomdp is None:
+        return _earning(flat, MDP(transitions, flat.rewards, outcome_rewards=flat.outcome_rewards, **names))
+    seen: Any = observations
+    if observations is None:
+        count = range(len(flat.pomdp.observation_space))
+        seen = [[flat.pomdp.event_matrix(a, o) for o in count] for a in range(len(flat.action_space))]
+    result = POMDP(
+        transitions,
+        seen,
+        flat.rewards,
+        observation_names=flat.pomdp.observation_space,
+        event_observations=observations is None,
+        outcome_rewards=flat.outcome_rewards,
+        **names,
+    )
+    return _earning(flat, result.with_false_negatives(flat.false_negative))
+
+
+def _earning(old: MDP, new: MDP) -> MDP:
+    """Return a new model with the expectations of the old one's rewards of outcomes."""
+    if old.outcome_rewards is None:
+        return new
+    rewards = np.array(new.rewards)
+    for state, action in np.ndindex(*rewards.shape):
+        symbols, row = support(new.transition_matrix(action), state)
+        rewards[state, action] = expected_reward(new, action, state, symbols, row)
+    other = copy(new)
+    vars(other)["_rewards"] = read_only(rewards)
+    return other
+
+
+def expected_reward(model: MDP, action: int, state: int, symbols: npt.NDArray[np.intp], row: Vector) -> float:
+    """Return R(s, a) of rewards of outcomes, where so probable states follow."""
+    outcomes, pomdp, total = model.outcome_rewards, model.pomdp, 0.0
+    assert outcomes is not None
+    for following, probability in zip(symbols.tolist(), row.tolist(), strict=True):
+        if pomdp is None:
+            total += probability * outcomes.at(action, state, following, None)
+            continue
+        chances = pomdp.observation(action, following, state=state)
+        told = np.flatnonzero(chances).tolist()
+        total += probability * sum(float(chances[o]) * outcomes.at(action, state, following, o) for o in told)
+    return total

@@ -1,0 +1,114 @@
+"""Rendering: the report about a model as text for people, and as plain data for JSON."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+
+if TYPE_CHECKING:
+    from mdm.estimation.report import Report
+
+__all__ = ["as_data", "as_text"]
+
+_SHOWN = 20
+
+
+def as_data(report: Report) -> dict[str, Any]:
+    """Return a report as plain data for JSON, without the new model and the durations; no number is not finite."""
+    fields = {name: getattr(report, name) for name in report.__struct_fields__ if name not in {"model", "durations"}}
+    result: dict[str, Any] = _finite(msgspec.to_builtins(fields))
+    return result
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _finite(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def as_text(report: Report) -> str:
+    """Return a report as lines for people: at most 20 rows of each kind, all of which `as_data` has."""
+    lines = [*_head(report), *_rows_text(report), *_rates_text(report), *_frequencies_text(report)]
+    lines += [f"note: {note}" for note in report.notes]
+    return "\n".join(lines)
+
+
+def _head(report: Report) -> list[str]:
+    states = "hidden states" if report.hidden else "known states"
+    lines = [f"{report.ensemble}: {report.decisions} decisions in {report.chains} chains, {report.kind}, {states}"]
+    factors = [factor.name for factor in report.model.state_space.factors]
+    if len(factors) > 1:
+        lines.append(f"a state is {', '.join(factors)}")
+    if report.discarded:
+        lines.append(f"{report.discarded} decisions are left out: neither state nor observation is known")
+    if report.returns:
+        values = np.asarray(report.returns)
+        spread = f" ± {values.std(ddof=1) / math.sqrt(len(values)):.4g}" if len(values) > 1 else ""
+        promised = "" if report.value is None else f"; the model promises {report.value:.4g}"
+        lines.append(f"returns of {len(values)} episodes: {values.mean():.4g}{spread}{promised}")
+    if report.fit is not None:
+        lines.append(
+            f"log likelihood {report.fit.before:.2f} by the model, {report.fit.after:.2f} by the estimate "
+            f"({report.fit.rounds} rounds)"
+        )
+    counts = ", ".join(f"{report.count(says)} {says}" for says in ("differs", "agrees", "certain", "too few"))
+    lines.append(f"rows: {counts}; {len(report.unvisited)} not visited")
+    return lines
+
+
+def _rows_text(report: Report) -> list[str]:
+    lines = []
+    impossible = [(row, symbol, count) for row in report.rows for symbol, count in row.impossible]
+    for row, symbol, count in impossible[:_SHOWN]:
+        lines.append(f"impossible by the model: {row.state} -{row.action}-> {symbol}, {count} times")
+    for action, symbol, count in report.impossible[:_SHOWN]:
+        lines.append(f"impossible by the model: {symbol} after {action}, {count} times")
+    shown = [row for row in report.rows if row.says == "differs" and row.entries][:_SHOWN]
+    if not shown:
+        return lines
+    lines += ["", "rows that differ" + " " * 24 + f"visits    model  estimate  {report.level:.0%} interval"]
+    for row in shown:
+        loss = "" if row.loss is None else f", loss {row.loss:.4g}"
+        odds = f", odds {_odds(row.log_odds)}" if math.isfinite(row.log_odds) else ""
+        p_value = "" if row.p_value is None else f"p {row.p_value:.2g}"
+        lines.append(f"{row.matrix} {row.action} {row.state}: {p_value}{odds}{loss}".rstrip(": "))
+        lines += [
+            f"  {entry.symbol:36}{entry.count:8.6g} {entry.model or 0:8.4f}  {entry.estimate:8.4f}  "
+            f"{entry.low:.4f} to {entry.high:.4f}"
+            for entry in row.entries
+        ]
+    return lines
+
+
+def _odds(logarithm: float) -> str:
+    power = logarithm / math.log(10)
+    return f"10^{power:.0f} to 1" if power >= 4 else f"{10**power:.3g} to 1"
+
+
+def _rates_text(report: Report) -> list[str]:
+    if not report.rates:
+        return []
+    lines = ["", "how long states last" + " " * 20 + "  ends   seconds  interval"]
+    for each in report.rates[:_SHOWN]:
+        form = "" if each.stages == 1 else f"  Erlang, {each.stages} stages"
+        lines.append(
+            f"{each.state + ', ' + each.action:40}{each.ends:6} {each.mean:9.4g}  "
+            f"{each.low:.4g} to {each.high:.4g}{form}"
+        )
+    return lines
+
+
+def _frequencies_text(report: Report) -> list[str]:
+    if not report.frequencies:
+        return []
+    lines = ["", "observations" + " " * 28 + "  times  expected"]
+    for each in report.frequencies[:_SHOWN]:
+        lines += [
+            f"{each.action + ', ' + name:40}{count:7.6g} {expected:9.6g}" for name, count, expected in each.observations
+        ]
+    return lines

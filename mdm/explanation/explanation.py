@@ -1,0 +1,236 @@
+"""Explanations: why an action was decided, computed from what decided.
+
+Nothing is made up: values are the policy's own, the margin is their difference, observations are removed and the belief
+computed anew, and the smallest change is the solution of a linear program or of an enumeration. A policy that cannot
+tell something says so in a sentence.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
+import numpy as np
+
+from mdm.beliefs import Drawn
+from mdm.errors import ModelError
+from mdm.explanation.belief_change import BeliefChange, Move, moved, nearest_belief
+from mdm.explanation.case import belief_of, state_of
+from mdm.explanation.expectation import Chance, expected_next, likeliest
+from mdm.explanation.influence import Influence, influences, strongest
+from mdm.explanation.observation_change import ObservationChange, observation_changes
+from mdm.explanation.state_change import StateChange, state_changes
+from mdm.explanation.weighing import margin, scores_at, second
+from mdm.explanation.words import in_words
+
+if TYPE_CHECKING:
+    from mdm.explanation.case import Case
+
+__all__ = ["Explanation", "Weighed", "explain"]
+
+_TOLD = 3
+_SMALL = 1e-12
+"""A change of probability that is rounding."""
+
+
+class Weighed(msgspec.Struct, frozen=True):
+    """An action, and its number among those compared.
+
+    Attributes:
+        action: Its index.
+        name: Its name.
+        value: Its value, vote or chance, of a search the lower bound; None where the policy does not weigh it.
+        upper: Of a search, the upper bound; else None.
+    """
+
+    action: int
+    name: str
+    value: float | None
+    upper: float | None = None
+
+
+class Explanation(msgspec.Struct, frozen=True):
+    """Why an action was decided. `str` tells it in words; msgspec encodes it as JSON.
+
+    Attributes:
+        epoch: The number of the decision in its episode.
+        action: The action's index.
+        action_name: Its name.
+        policy: The kind of policy.
+        state: The name of the state that it was decided on; None where that is not known.
+        nodes: The nodes of a plan; else None.
+        belief: The most probable states of the belief that it was decided on.
+        by: What was compared (see `mdm.policies.Scores`); None where nothing was.
+        effort: How many leaves a search has expanded; None without one.
+        values: All actions, the best one first.
+        second: The name of the best other action; None where there is none.
+        margin: By how much the chosen action is ahead of that; below 0 where it is behind.
+        moved_by: The observation that has changed the margin most, by its removal; None where there is none.
+        influences: The same of each of the last observations, the first one first.
+        otherwise: The smallest changes that would have decided otherwise.
+        ways: How many changes of that size there are, of which ``otherwise`` has the first.
+        next_states: The most probable next states.
+        next_observations: The most probable next observations.
+        cannot: What cannot be told, a sentence each.
+    """
+
+    epoch: int
+    action: int
+    action_name: str
+    policy: str
+    state: str | None = None
+    nodes: tuple[int, ...] | None = None
+    belief: tuple[Chance, ...] = ()
+    by: Literal["value", "bound", "vote", "chance"] | None = None
+    effort: int | None = None
+    values: tuple[Weighed, ...] = ()
+    second: str | None = None
+    margin: float | None = None
+    moved_by: Influence | None = None
+    influences: tuple[Influence, ...] = ()
+    otherwise: tuple[BeliefChange | StateChange | ObservationChange, ...] = ()
+    ways: int = 0
+    next_states: tuple[Chance, ...] = ()
+    next_observations: tuple[Chance, ...] = ()
+    cannot: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return in_words(self)
+
+
+def explain(case: Case) -> Explanation:
+    """Explain a decision.
+
+    Args:
+        case: The decision, such as `Step.case` returns.
+
+    Example::
+
+        step = controller.observe("hear-left")
+        print(step.explain())
+    """
+    return _Making(case).explanation()
+
+
+class _Making:
+    """An explanation that is being made, part by part; a part that cannot be told leaves a sentence."""
+
+    def __init__(self, case: Case) -> None:
+        self._case = case
+        self._kind = getattr(case.policy, "input", "belief")
+        self._form = str(getattr(case.policy, "form", f"the policy {type(case.policy).__name__}"))
+        self._belief = belief_of(case)
+        self._cannot: list[str] = []
+
+    def explanation(self) -> Explanation:
+        facts: dict[str, Any] = {}
+        for part in (self._where, self._weighed, self._moved, self._otherwise, self._next):
+            try:
+                facts |= part()
+            except ModelError as error:
+                self._cannot.append(str(error))
+        action = self._case.action
+        head = self._case.epoch, action, self._case.action_name(action), self._form
+        return Explanation(*head, cannot=tuple(dict.fromkeys(self._cannot)), **facts)
+
+    def _where(self) -> dict[str, Any]:
+        case, belief = self._case, self._belief
+        at = case.at.by if isinstance(case.at, Drawn) else case.at
+        if self._kind == "state":
+            state = state_of(at)
+            return {"state": None if state is None else case.state_name(state)}
+        facts: dict[str, Any] = {}
+        if self._kind == "observation":
+            facts["nodes"] = tuple(int(node) for node in at)
+        if belief is not None:
+            top = np.argsort(-belief, kind="stable")[:_TOLD].tolist()
+            facts["belief"] = likeliest(((case.state_name(state), belief[state]) for state in top), _TOLD)
+        return facts
+
+    def _weighed(self) -> dict[str, Any]:
+        case = self._case
+        scores = scores_at(case, case.at, self._belief)
+        if scores is None:
+            raise ModelError(self._no_values())
+        numbers, upper = scores.numbers, scores.upper
+        if scores.by == "bound" and int(numbers.argmax()) != case.action:
+            self._cannot.append("the search was made once more, and has found another action best")
+        other = second(numbers, case.action)
+        return {
+            "by": scores.by,
+            "effort": scores.effort,
+            "values": tuple(
+                Weighed(
+                    *(action, case.action_name(action), _finite(numbers[action])),
+                    None if upper is None else _finite(upper[action]),
+                )
+                for action in np.argsort(-numbers, kind="stable").tolist()
+            ),
+            "second": None if other is None else case.action_name(other),
+            "margin": margin(numbers, case.action),
+        }
+
+    def _no_values(self) -> str:
+        plans = getattr(self._case.policy, "controllers", ())
+        if any(each.values is not None for each in plans):
+            return "the values of the plan's nodes are of a belief, which is not known here"
+        return f"the policy, {self._form}, has no values to compare"
+
+    def _moved(self) -> dict[str, Any]:
+        case = self._case
+        if self._kind == "state" or (not case.updates and case.before is not None):
+            return {}
+        found = influences(case)
+        return {"influences": tuple(found), "moved_by": strongest(found)}
+
+    def _otherwise(self) -> dict[str, Any]:
+        case, change = self._case, self._other_belief
+        if self._kind == "state":
+            change = self._other_states
+        elif self._kind == "observation":
+            change = self._other_observations
+        if not hasattr(case.policy, "deliberates") and int(case.policy.action(case.at)) != case.action:
+            if isinstance(case.at, Drawn):
+                raise ModelError("the action was drawn, by a number that is not known here")
+            raise ModelError("the action was chosen elsewhere, and not by the policy, which decides otherwise here")
+        return change()
+
+    def _other_states(self) -> dict[str, Any]:
+        found, ways = state_changes(self._case)
+        if not found:
+            self._cannot.append("in every other state it decides the same")
+        return {"otherwise": tuple(found), "ways": ways}
+
+    def _other_observations(self) -> dict[str, Any]:
+        if not self._case.updates and self._case.before is not None:
+            return {}
+        found, ways = observation_changes(self._case)
+        if not found:
+            self._cannot.append("no change of two of the last observations leads to another action")
+        return {"otherwise": tuple(found), "ways": ways}
+
+    def _other_belief(self) -> dict[str, Any]:
+        case, belief = self._case, self._belief
+        if belief is None:
+            raise ModelError("the belief is not known")
+        after = nearest_belief(case.policy, belief)
+        if after is None:
+            raise ModelError("at every other belief it decides the same")
+        change = after - belief
+        moves = tuple(
+            Move(case.state_name(state), float(belief[state]), float(after[state]))
+            for state in np.argsort(-np.abs(change), kind="stable").tolist()
+            if abs(change[state]) > _SMALL
+        )
+        action = case.action_name(int(case.policy.action(after)))
+        return {"otherwise": (BeliefChange(moved(belief, after), moves, action),), "ways": 1}
+
+    def _next(self) -> dict[str, Any]:
+        if self._belief is None:
+            raise ModelError("what comes next needs a belief, which is not known here")
+        states, observations = expected_next(self._case, self._belief, _TOLD)
+        return {"next_states": states, "next_observations": observations}
+
+
+def _finite(number: float) -> float | None:
+    return float(number) if np.isfinite(number) else None

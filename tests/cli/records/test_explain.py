@@ -1,0 +1,85 @@
+"""``mdm explain``: why a decision in a record was made."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+from places import EXAMPLES
+
+from mdm.explanation import Explanation
+
+TIGER = EXAMPLES / "tiger.toml"
+PATROL = EXAMPLES / "patrol" / "patrol.toml"
+
+
+@pytest.fixture
+def record(mdm, tmp_path):
+    """Run a file in virtual time, and return the record."""
+
+    def run(file, epochs):
+        path = tmp_path / "run.mcap"
+        mdm("run", file, "--virtual", "--epochs", epochs, "--record", path)
+        return path
+
+    return run
+
+
+def test_in_words(mdm, record):
+    path = record(TIGER, 3)
+    status, output, errors = mdm("explain", path)
+    assert (status, errors) == (0, "")
+    assert output[0] == "tiger at 1 s, because of: tick."
+    assert output[1] == "Decision 2: 'listen', by alpha vectors."
+    assert output[2] == "The most probable states were tiger-left (0.5), tiger-right (0.5)."
+    assert mdm("explain", path, "--at", "1")[1][1].startswith("Decision 1:")
+    assert mdm("explain", path, "--at", "0.6s", "--ensemble", "tiger")[1][0] == "tiger at 0.5 s, because of: tick."
+
+
+def test_as_json(facts, record):
+    found = facts("explain", record(TIGER, 2), "--at", "0")
+    assert (found.pop("ensemble"), found.pop("time"), found.pop("cause")) == ("tiger", 0.0, "tick")
+    assert msgspec.convert(found, Explanation).action_name == "listen"
+
+
+def test_states_of_a_hierarchy(mdm, record):
+    path = record(PATROL, 4)
+    status, output, _ = mdm("explain", path, "--ensemble", "top/patrol")
+    assert status == 0
+    assert [line for line in output if line.startswith("The state was position=")]
+    assert [line for line in output if line.startswith("The smallest change")]
+
+
+def test_another_configuration_explains_nothing(mdm, record, tmp_path):
+    path = record(TIGER, 2)
+    other = tmp_path / "other.toml"
+    text = TIGER.read_text().replace("drive = 2.0", "drive = 2.0\ndiscount = 0.5")
+    for name in ("tiger.pomdp", "tiger.vf"):
+        text = text.replace(f'"{name}"', f'"{EXAMPLES / name}"')
+    other.write_text(text)
+    status, output, errors = mdm("explain", path, "--config", other)
+    assert (status, output) == (1, [])
+    assert "are not those that decided in 'tiger'" in errors
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (("--at", "9"), 1, "there is no decision 9; the last of an episode is 1"),
+        (("--at", "soon"), 2, "a decision's number such as 12"),
+        (("--at", "-3.0"), 2, "--at"),
+        (("--ensemble", "lion"), 1, "'lion' decided nothing; there is tiger"),
+        (("--last", "0"), 2, "a whole number of 1 or more"),
+    ],
+)
+def test_what_is_wrong_is_said(mdm, record, arguments, status, words):
+    found, output, errors = mdm("explain", record(TIGER, 2), *arguments)
+    assert (found, output) == (status, [])
+    assert words in errors
+    assert "Traceback" not in errors
+
+
+def test_files_that_are_no_record(mdm, tmp_path):
+    for path in (TIGER, tmp_path, tmp_path / "nothing.mcap"):
+        status, output, errors = mdm("explain", path)
+        assert (status, output) == (1, [])
+        assert errors.startswith("mdm explain: ")

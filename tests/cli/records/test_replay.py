@@ -1,0 +1,191 @@
+"""`mdm replay`: what differs, where, and what cannot be replayed."""
+
+from __future__ import annotations
+
+import json
+import signal
+
+import pytest
+import team_file
+import team_processes
+from places import EXAMPLES
+from records import Writing
+
+from mdm import Ensemble
+from mdm.messages import Decision
+from mdm.policies import DeterministicPolicy
+from mdm.recording import Record
+from mdm.recording.stimuli import Stimulus
+from mdm.testing import run_virtual
+
+CODE = """
+import asyncio
+
+async def sense(system):
+    for number in range(20):
+        await asyncio.sleep(0.1)
+        system.predicates.sense("Near", number % 3 == 0)
+
+def act():
+    pass
+"""
+
+FILE = """
+tasks = ["walking:sense"]
+
+[predicates]
+Near = { initial = false }
+
+[ensembles.robot]
+policy = [0, 1]
+
+[ensembles.robot.states]
+near = ["Near"]
+
+[ensembles.robot.actions]
+go = "walking:act"
+turn = "walking:act"
+"""
+
+
+@pytest.fixture
+def run(mdm, tmp_path):
+    """Record a robot in virtual time; return its file and the record."""
+    (tmp_path / "walking.py").write_text(CODE)
+    (tmp_path / "robot.toml").write_text(FILE)
+    path = tmp_path / "run.mcap"
+    assert mdm("run", tmp_path / "robot.toml", "--virtual", "--seconds", "3", "--record", path)[0] == 0
+    return tmp_path / "robot.toml", path
+
+
+def test_a_run_is_repeated_without_its_files(mdm, run):
+    file, path = run
+    (file.parent / "walking.py").unlink()
+    file.unlink()
+    status, output, errors = mdm("replay", path)
+    assert (status, errors) == (0, "")
+    assert output == ["15 decisions recorded, 15 replayed: all the same (bit by bit)"]
+
+
+def test_it_is_one_json_object(mdm, run):
+    (line,) = mdm("replay", run[1], "--json")[1]
+    assert json.loads(line) == {
+        "recorded": 15,
+        "replayed": 15,
+        "same": True,
+        "exact": True,
+        "lost": 0,
+        "differences": [],
+    }
+
+
+def test_another_configuration_is_compared(mdm, run):
+    file, path = run
+    file.write_text(FILE.replace("[0, 1]", "[0, 0]"))
+    status, output, errors = mdm("replay", path, "--config", file)
+    assert (status, errors) == (1, "")
+    assert output[0] == "15 decisions recorded, 15 replayed: not the same (bit by bit)"
+    assert output[1] == "decision 1, of 'robot' at 0.100000 s: action 'turn', now 'go'"
+    assert output[2].startswith("  before it: ")
+    assert any("said channel predicates/sensed" in line and "('Near', True)" in line for line in output[2:7])
+    (line,) = mdm("replay", path, "--config", file, "--json", "--most", "2")[1]
+    assert [each["decision"] for each in json.loads(line)["differences"]] == [1, 3]
+    (difference, _) = json.loads(line)["differences"]
+    assert (difference["recorded"], difference["replayed"], difference["fields"]) == ("turn", "go", ["action"])
+
+
+def rewritten(path, new, *, head=None, metadata=None, stimuli=True, files=True):
+    """Write a record once more, with changes; return the new one."""
+    record = Record(path)
+    writing = Writing(new, record.head | (head or {}))
+    for name, facts in (record.metadata | (metadata or {})).items():
+        if name.startswith("ensemble "):
+            writing.writer.metadata(name, facts)
+    for each in record.attachments if files else []:
+        writing.writer.attach(each.name, each.media_type, each.data)
+    kinds = {"stimuli": Stimulus, "decisions": Decision}
+    for each in record.messages(["stimuli", "decisions"] if stimuli else ["decisions"]):
+        writing.write(each.topic, each.message, kinds[each.topic])
+        writing.writer.flush()
+    return writing.close()
+
+
+def test_the_environment_decides_whether_numbers_are_compared_exactly(mdm, run, tmp_path):
+    other = rewritten(run[1], tmp_path / "other.mcap", head={"numpy": "1.0"})
+    assert mdm("replay", other)[:2] == (
+        0,
+        ["15 decisions recorded, 15 replayed: all the same (numbers to 1e-9, for the environment differs)"],
+    )
+
+
+def test_a_model_whose_digest_differs_is_refused(mdm, run, tmp_path):
+    metadata = {"ensemble robot": {"configuration": "0123456789abcdef"}}
+    other = rewritten(run[1], tmp_path / "other.mcap", metadata=metadata)
+    status, output, errors = mdm("replay", other)
+    assert (status, output) == (1, [])
+    assert "ensemble 'robot' are not those of the run (digest " in errors
+    assert ", then 0123456789ab)" in errors
+    assert errors.rstrip().endswith("with --config a configuration of yours is compared")
+    assert mdm("replay", other, "--config", run[0])[0] == 0
+
+
+def test_a_record_without_a_start_is_refused(mdm, run, tmp_path):
+    other = rewritten(run[1], tmp_path / "other.mcap", stimuli=False)
+    status, output, errors = mdm("replay", other)
+    assert (status, output) == (1, [])
+    assert errors == f"mdm replay: {other}: the record has no beginning: nothing in it says when an actor started\n"
+
+
+def test_a_record_without_a_configuration_names_the_way_out(mdm, tmp_path):
+    path = tmp_path / "run.mcap"
+    robot = Ensemble("robot", policy=DeterministicPolicy([0], 1), actions={"go": lambda: None})
+    run_virtual(lambda runtime: runtime.start(robot), record=path)
+    status, output, errors = mdm("replay", path)
+    assert (status, output) == (1, [])
+    assert "the record has no configuration" in errors
+    assert "--config" in errors
+
+
+def test_what_is_no_record_is_refused(mdm, tmp_path):
+    (tmp_path / "other.mcap").write_text("no record")
+    (tmp_path / "empty").mkdir()
+    for path in ("other.mcap", "none.mcap", "empty"):
+        status, output, errors = mdm("replay", tmp_path / path)
+        assert (status in {1, 2}, output) == (True, [])
+        assert errors.startswith("mdm replay: ")
+        assert str(tmp_path / path) in errors
+        assert errors.count("\n") == 1
+
+
+def test_a_simulation_is_repeated(mdm, tmp_path):
+    path = tmp_path / "run.mcap"
+    options = ["--episodes", "3", "--steps", "10", "--seed", "7"]
+    model, policy = EXAMPLES / "tiger.pomdp", EXAMPLES / "tiger.vf"
+    assert mdm("simulate", "--model", model, "--policy", policy, *options, "--record", path)[0] == 0
+    status, output, _ = mdm("replay", path)
+    assert status == 0
+    assert output[0].startswith("30 decisions recorded, 30 replayed: all the same")
+
+
+def test_a_team_of_two_is_repeated_agent_by_agent(mdm, tmp_path):
+    code = team_file.CODE.replace(
+        "    import asyncio\n    await asyncio.Event().wait()",
+        "    import asyncio\n    for number in range(10**9):\n"
+        '        system.predicates.sense("InLab", number % 2 == (system.agent == "a"))\n'
+        "        await asyncio.sleep(0.05)",
+    )
+    file = team_file.write(tmp_path)
+    (tmp_path / "team_code.py").write_text(code.replace('done.append("go")', 'print("go", flush=True)'))
+    file.write_text(team_processes.on_free_ports(file.read_text().replace("port = 7600\n", "")))
+    with team_processes.up(file, "--record", tmp_path / "records") as running:
+        for agent in "ab":
+            running.hear(agent=agent, event="output", text="go", times=10)
+        running.process.send_signal(signal.SIGINT)
+        assert running.end()[0] == 130
+    status, output, errors = mdm("replay", tmp_path / "records", "--json")
+    assert (status, errors) == (0, "")
+    facts = json.loads(output[0])
+    assert [agent["same"] for agent in facts["agents"].values()] == [True, True]
+    assert all(agent["recorded"] >= 10 for agent in facts["agents"].values())
+    assert facts["messages"] > 20
+    assert facts["messages_not_sent"] == 0

@@ -1,0 +1,115 @@
+"""Configurations in records: the files that a TOML file names are kept, and laid out as they were."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+from places import EXAMPLES
+from records import Writing
+from sentences import refused
+
+import mdm
+from mdm.config.recorded import attach_configuration, check_digests, load_recorded
+from mdm.errors import ConfigError, Error
+from mdm.recording import Record, Recorder
+from mdm.testing import run_virtual
+
+FILE = """
+[ensembles.robot]
+model = "../models/room.npz"
+policy = "robot.policy"
+
+[ensembles.robot.actions]
+stay = "robot_code:stay"
+go = "robot_code:go"
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    """A file whose model stands beside its folder, and whose functions can be imported by nobody."""
+    for folder in ("robot", "models"):
+        (tmp_path / folder).mkdir()
+    transitions = [np.eye(2), [[0, 1], [1, 0]]]
+    model = mdm.models.MDP(transitions, np.zeros((2, 2)), discount=0.9, actions=["stay", "go"])
+    mdm.save_model(model, tmp_path / "models" / "room.npz")
+    mdm.save_policy(mdm.policies.DeterministicPolicy([1, 0], 2), tmp_path / "robot" / "robot.policy")
+    (tmp_path / "robot" / "robot.toml").write_text(FILE)
+    return tmp_path / "robot" / "robot.toml"
+
+
+def recorded(file, path):
+    recorder = Recorder(path)
+    attach_configuration(recorder, file)
+    system = mdm.load_system(file, callbacks=False)
+    run_virtual(lambda runtime: runtime.start(system), record=recorder)
+    return Record(path), system
+
+
+def test_the_files_of_a_run_are_kept_and_loaded_from_the_record(file, tmp_path):
+    record, system = recorded(file, tmp_path / "run.mcap")
+    assert sorted(each.name for each in record.attachments) == [
+        "files/../models/room.npz",
+        "files/robot.policy",
+        "files/robot.toml",
+    ]
+    assert (record.head["configuration"], record.head["folder"]) == ("robot.toml", str(file.parent))
+    shutil.rmtree(file.parent)
+    shutil.rmtree(tmp_path / "models")
+    (tmp_path / "laid").mkdir()
+    again = load_recorded(record, tmp_path / "laid")
+    check_digests(record, again.ensembles.values())
+    assert again.ensembles["robot"].controller.configuration == system.ensembles["robot"].controller.configuration
+
+
+def test_the_demo_is_kept_with_its_map(tmp_path):
+    recorder = Recorder(tmp_path / "run.mcap")
+    attach_configuration(recorder, EXAMPLES / "patrol" / "patrol.toml")
+    names = {name.removeprefix("files/") for name, _, _ in recorder._attached}
+    assert names == {
+        *("patrol.toml", "floor.xml", "floor.yaml", "floor.pgm", "labels.png"),
+        *("patrol.npz", "patrol.policy", "top.pomdpx", "top.policy"),
+    }
+
+
+def test_another_configuration_may_stand_in_its_place(file, tmp_path):
+    record, _ = recorded(file, tmp_path / "run.mcap")
+    mdm.save_policy(mdm.policies.DeterministicPolicy([0, 0], 2), file.parent / "robot.policy")
+    other = load_recorded(record, tmp_path, file)
+    with pytest.raises(Error) as caught:
+        check_digests(record, other.ensembles.values())
+    assert "model, policy or options of ensemble 'robot' are not those of the run" in str(caught.value)
+
+
+def test_a_record_without_a_configuration_is_refused(tmp_path):
+    robot = mdm.Ensemble("robot", policy=mdm.policies.DeterministicPolicy([0], 1), actions={"go": lambda: None})
+    run_virtual(lambda runtime: runtime.start(robot), record=tmp_path / "run.mcap")
+    with refused(ConfigError):
+        load_recorded(Record(tmp_path / "run.mcap"), tmp_path)
+
+
+@pytest.mark.parametrize("name", ["../" * 6 + "elsewhere", "/elsewhere", "robot.py", "robot.pyc", "robot.so"])
+def test_a_file_that_would_leave_the_folder_or_be_imported_is_refused(tmp_path, name):
+    writing = Writing(tmp_path / "run.mcap", {"format": "1", "mdm": "0.1.0", "configuration": "robot.toml"})
+    writing.writer.attach(f"files/{name}", "application/octet-stream", b"")
+    record = Record(writing.close())
+    (tmp_path / "laid").mkdir()
+    with refused(Error):
+        load_recorded(record, tmp_path / "laid")
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [tmp_path / "run.mcap"]
+
+
+def test_a_configuration_that_would_be_elsewhere_is_refused(tmp_path):
+    writing = Writing(tmp_path / "run.mcap", {"format": "1", "mdm": "0.1.0", "configuration": "../../robot.toml"})
+    with refused(Error):
+        load_recorded(Record(writing.close()), tmp_path)
+
+
+def test_code_is_kept_with_no_record(file, tmp_path):
+    (file.parent / "robot_code.py").write_text("")
+    file.write_text(f'tasks = ["robot_code.py"]\n{FILE}')
+    recorder = Recorder(tmp_path / "run.mcap")
+    attach_configuration(recorder, file)
+    assert [name for name, _, _ in recorder._attached if name.endswith(".py")] == []

@@ -1,0 +1,159 @@
+"""Chains of an ensemble from records: several runs, restarts, stops, torn files, and whether the model is right."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+from estimated import ran as recorded_run
+from records import Writing, decision, written
+from sentences import refused
+
+from mdm import ModelError
+from mdm.estimation import chains_of_records, check_names, open_records
+from mdm.messages import Mode
+from mdm.models import MDP
+from mdm.recording import Record
+
+MODEL = MDP([[[0.9, 0.1], [0.3, 0.7]]], np.zeros((2, 1)), discount=0.9, states=["dry", "wet"], actions=["go"])
+MS = 1_000_000
+
+
+def told(*epochs, **fields):
+    return [("decisions", decision(number, **fields)) for number in epochs]
+
+
+def records(tmp_path, *contents):
+    return [written(tmp_path / f"{place}.mcap", each) for place, each in enumerate(contents)]
+
+
+def ran(path, **options):
+    return recorded_run(path, MODEL, **options)
+
+
+def test_chains_are_those_of_the_decisions_as_they_were_made(tmp_path):
+    path = tmp_path / "run.mcap"
+    decisions = ran(path)
+    chains = chains_of_records([Record(path)])
+    assert [each.epoch for chain in chains.chains for each in chain.decisions] == [each.epoch for each in decisions]
+    assert (chains.ensemble, chains.kind, chains.hidden) == ("robot", "jumps", False)
+    *ended, last = chains.stays()
+    assert all(stay.seconds == 3 and stay.ended for stay in ended)
+    assert (last.seconds, last.ended) == (3.0, False)  # cut short when it stopped, and not at the record's end
+
+
+def test_in_a_simulated_world_decisions_are_steps(tmp_path):
+    path = tmp_path / "run.mcap"
+    decisions = ran(path, world=True)
+    chains = chains_of_records([Record(path)])
+    assert chains.kind == "steps"
+    assert len(list(chains.stays())) == len(decisions) - 1
+
+
+def test_several_runs_are_counted_together_and_nothing_goes_from_one_into_the_next(tmp_path):
+    first, second = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    decisions = ran(first), ran(second, seconds=12)
+    together = chains_of_records(open_records([first, second]))
+    assert together.decisions == sum(map(len, decisions))
+    assert len(together.chains) == 2
+    assert sum(stay.seconds for stay in together.stays()) == 42
+
+
+def test_a_restart_and_a_safe_mode_break_chains(tmp_path):
+    modes = [
+        ("modes", Mode(time=4 * MS, ensemble="patrol", mode="safe", since=3 * MS + MS // 2)),
+        ("modes", Mode(time=4 * MS, ensemble="other", mode="safe", since=MS)),
+    ]
+    again = [("decisions", decision(7, epoch=0, cause="start")), ("decisions", decision(8, epoch=1))]
+    (path,) = records(tmp_path, [*told(0, 1, 2, 3), *modes, *again])
+    chains = chains_of_records(open_records([path]))
+    assert [len(chain.decisions) for chain in chains.chains] == [4, 2]
+    assert [chain.end for chain in chains.chains] == [3 * MS + MS // 2, 8 * MS]
+
+
+def test_lost_decisions_break_chains(tmp_path):
+    (path,) = records(tmp_path, told(0, 1, 4, 5))
+    assert [len(chain.decisions) for chain in chains_of_records(open_records([path])).chains] == [2, 2]
+
+
+def test_a_torn_record_counts_to_its_tear(tmp_path):
+    path = tmp_path / "whole.mcap"
+    decisions = ran(path, seconds=300)
+    torn = tmp_path / "torn.mcap"
+    data = path.read_bytes()
+    torn.write_bytes(data[: len(data) - 2_000])
+    (record,) = open_records([torn])
+    assert record.torn is not None
+    assert 0 < chains_of_records([record]).decisions <= len(decisions)
+
+
+def test_the_files_of_a_split_record_are_counted_once_in_any_order(tmp_path):
+    writing = Writing(tmp_path / "run.mcap", split_seconds=0.01)
+    for topic, message in told(*range(60)):
+        writing.write(topic, message)
+        writing.writer.flush()
+    writing.close()
+    files = sorted(tmp_path.glob("run*.mcap"))
+    assert len(files) > 2
+    for given in (files, files[::-1], [tmp_path / "run.mcap", tmp_path / "run.mcap"]):
+        opened = open_records(given)
+        assert len(opened) == 1
+        assert chains_of_records(opened).decisions == 60
+
+
+def test_a_run_given_twice_is_refused(tmp_path):
+    (path,) = records(tmp_path, told(0, 1))
+    shutil.copyfile(path, tmp_path / "copy.mcap")
+    with refused(ModelError):
+        open_records([path, tmp_path / "copy.mcap"])
+
+
+def test_an_ensemble_is_named_where_several_have_decided(tmp_path):
+    (path,) = records(tmp_path, [*told(0, 1), *told(0, ensemble="top")])
+    opened = open_records([path])
+    assert chains_of_records(opened, "patrol").decisions == 2
+    with refused(ModelError):
+        chains_of_records(opened)
+    with refused(ModelError):
+        chains_of_records(opened, "tpo")
+
+
+def test_runs_in_which_it_has_not_decided_count_for_nothing(tmp_path):
+    first, second = records(tmp_path, told(0, 1), [])
+    assert chains_of_records(open_records([first, second])).decisions == 2
+    with refused(ModelError):
+        chains_of_records(open_records([second]))
+
+
+def test_runs_that_decide_otherwise_are_not_counted_together(tmp_path):
+    ticks = [("decisions", decision(number, cause="tick")) for number in range(3)]
+    first, second = records(tmp_path, told(0, 1, 2), ticks)
+    with refused(ModelError):
+        chains_of_records(open_records([first, second]))
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"states": ["dry", "damp"]},
+        {"actions": ["run"]},
+        {"transitions": [np.eye(3)], "rewards": np.zeros((3, 1)), "states": ["a", "b", "c"]},
+    ],
+)
+def test_a_model_of_other_names_is_refused_with_the_first_difference(tmp_path, other):
+    path = tmp_path / "run.mcap"
+    ran(path, seconds=6)
+    record = Record(path)
+    check_names([record], "robot", MODEL)
+    given = {"transitions": [np.eye(2)], "rewards": np.zeros((2, 1)), "states": ["dry", "wet"], "actions": ["go"]}
+    given |= other
+    model = MDP(given.pop("transitions"), given.pop("rewards"), discount=0.9, **given)
+    with refused(ModelError):
+        check_names([record], "robot", model)
+
+
+def test_a_record_without_names_is_no_difference(tmp_path):
+    (path,) = records(tmp_path, told(0, 1))
+    assert not Record(path).metadata.keys() - {"mdm", "mdm.file", "mdm.end"}
+    check_names([Record(path)], "patrol", MODEL)

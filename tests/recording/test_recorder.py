@@ -1,0 +1,193 @@
+"""The recorder: what a run leaves in its record, beside what the same run publishes."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+
+import pytest
+from sentences import refused
+
+import mdm
+from mdm.errors import ConfigError, Error
+from mdm.messages import ActionLife, Control, SensorUpdate, State
+from mdm.recording import Record, Recorder
+from mdm.recording.stimuli import Began, Ended, Finished, Lasts, Raised, Said, Ticked
+from mdm.testing import probe, run_virtual
+
+
+def robot(acts=lambda: None, **options):
+    predicates = mdm.PredicateManager("predicates")
+    near = predicates.sensor("Near", initial=False)
+    ensemble = mdm.Ensemble(
+        "robot",
+        policy=mdm.policies.DeterministicPolicy([0, 1], 2),
+        predicates=predicates,
+        states=[mdm.StateFactor("near", ["Near"])],
+        actions={"go": acts, "stay": lambda: None},
+        **options,
+    )
+    return ensemble, near
+
+
+def tiger():
+    vectors = mdm.policies.AlphaVectors([[0.0, 0.0]], [0], 3)
+    actions = dict.fromkeys(range(3), lambda: None)
+    return mdm.Ensemble("robot", model=mdm.problems.tiger(), policy=vectors, actions=actions)
+
+
+def record(path, ensemble, happen, **options):
+    """Record an ensemble in virtual time while things happen; return the record, and messages of some channels."""
+    heard = {}
+
+    async def main(runtime):
+        for name in ("decisions", "modes", "faults", "lives"):
+            heard[name] = probe(getattr(runtime, name))
+        heard["robot/lives"] = probe(runtime.channel("robot/lives", ActionLife))
+        await runtime.start(ensemble)
+        await happen()
+
+    run_virtual(main, record=Recorder(path, **options))
+    return Record(path), heard
+
+
+def messages(found, topic):
+    return [each.message for each in found.messages([topic])]
+
+
+def test_decisions_lives_modes_and_actors_are_those_that_are_published(tmp_path):
+    ensemble, near = robot()
+
+    async def happen():
+        for value in (True, False, True):
+            await asyncio.sleep(0.5)
+            near.set(value)
+
+    found, heard = record(tmp_path / "run.mcap", ensemble, happen)
+    assert messages(found, "decisions") == heard["decisions"]
+    assert messages(found, "lives") == heard["robot/lives"]
+    assert messages(found, "modes") == heard["modes"]
+    assert [each for each in messages(found, "actors") if each.actor] == [each for each in heard["lives"] if each.actor]
+
+
+def test_each_kind_of_stimulus_is_kept_with_its_time_and_its_source(tmp_path):
+    async def go():
+        near.set(True)
+        await asyncio.sleep(0.3)
+        raise ValueError("as it was meant to be")
+
+    ensemble, near = robot(go)
+
+    async def happen():
+        await asyncio.sleep(1)
+        near.set(False)
+        await asyncio.sleep(1)
+        ensemble.stop()
+
+    found, _ = record(tmp_path / "run.mcap", ensemble, happen)
+    stimuli = messages(found, "stimuli")
+    said = [each for each in stimuli if isinstance(each, Said)]
+    assert [(each.time, each.type, each.where, each.ensemble, each.life) for each in said] == [
+        (0, SensorUpdate.__name__, "task", "robot", 1),
+        (1_000_000_000, SensorUpdate.__name__, "outside", "", 0),
+        (1_000_000_000, SensorUpdate.__name__, "task", "robot", 3),
+        (2_000_000_000, Control.__name__, "outside", "", 0),
+    ]
+    assert [(each.life, each.time) for each in stimuli if isinstance(each, Lasts)] == [(1, 0), (3, 1_000_000_000)]
+    ended = [(each.life, each.cancelled, each.error) for each in stimuli if isinstance(each, Ended)]
+    assert [life for life, _, _ in ended] == [1, 3]
+    begun = [(each.actor, each.step) for each in stimuli if isinstance(each, Began)]
+    own = [step for actor, step in begun if actor == "robot"]
+    assert own[:2] == ["start", "run"]
+    (finished,) = (each for each in stimuli if isinstance(each, Finished))
+    assert finished.time == 2_000_000_000
+
+
+def test_ticks_and_failures_of_calls_are_kept(tmp_path):
+    def go():
+        raise ValueError("as it was meant to be")
+
+    ensemble, _ = robot(go, drive=2.0)
+
+    async def happen():
+        await asyncio.sleep(1.2)
+
+    found, heard = record(tmp_path / "run.mcap", ensemble, happen)
+    stimuli = messages(found, "stimuli")
+    ticks = [(each.time, each.number, each.missed) for each in stimuli if isinstance(each, Ticked)]
+    assert ticks == [(0, 0, 0), (500_000_000, 1, 0), (1_000_000_000, 2, 0)]
+    (raised, *_) = (each.error for each in stimuli if isinstance(each, Raised))
+    assert raised.startswith("ValueError: as it was meant to be (at ")
+    assert messages(found, "faults") == heard["faults"]
+
+
+def test_channels_that_are_asked_for_are_kept(tmp_path):
+    ensemble, near = robot()
+
+    async def happen():
+        await asyncio.sleep(1)
+        near.set(True)
+
+    found, _ = record(tmp_path / "run.mcap", ensemble, happen, channels=["robot/state"])
+    kept = messages(found, "robot/state")
+    assert [(each.time, each.index) for each in kept] == [(0, 0), (1_000_000_000, 1)]
+    assert all(isinstance(each, State) for each in kept)
+
+
+@pytest.mark.parametrize(("largest", "kept"), [(1, False), (2, True)])
+def test_large_beliefs_are_left_out(tmp_path, largest, kept):
+    found, heard = record(tmp_path / "run.mcap", tiger(), lambda: asyncio.sleep(0), largest_belief=largest)
+    (decision,) = messages(found, "decisions")
+    assert (decision.belief is not None) == kept
+    assert heard["decisions"][0].belief is not None
+
+
+def test_the_head_says_what_ran_and_names(tmp_path):
+    ensemble = tiger()
+    recorder = Recorder(tmp_path / "run.mcap")
+    recorder.head(note="in the hall")
+    recorder.attach("map.txt", "text/plain", b"a map")
+    run_virtual(lambda runtime: runtime.start(ensemble), record=recorder)
+    found = Record(tmp_path / "run.mcap")
+    assert found.head["mdm"] == mdm.__version__
+    assert (found.head["clock"], found.head["epoch"], found.head["note"]) == ("virtual", "0", "in the hall")
+    facts = found.metadata["ensemble robot"]
+    assert facts["configuration"] == ensemble.controller.configuration
+    assert json.loads(facts["actions"]) == ["listen", "open-left", "open-right"]
+    assert json.loads(facts["states"]) == ["tiger-left", "tiger-right"]
+    assert [(each.name, each.data) for each in found.attachments if each.name == "map.txt"] == [("map.txt", b"a map")]
+
+
+def test_beyond_the_bound_items_are_lost_counted_and_told(tmp_path):
+    ensemble, near = robot()
+
+    async def happen():
+        for number in range(200):
+            near.set(number % 2 == 0)  # in one go: nothing is encoded meanwhile
+        await asyncio.sleep(1)
+
+    recorder = Recorder(tmp_path / "run.mcap", bound=100)
+    faults = []
+
+    async def main(runtime):
+        runtime.faults.subscribe(faults.append)
+        await runtime.start(ensemble)
+        await happen()
+
+    run_virtual(main, record=recorder)
+    assert recorder.lost > 100
+    assert recorder.statistics().dropped == recorder.lost
+    (fault,) = (each for each in faults if each.kind == "record")
+    assert fault.detail.endswith("messages of the record are lost: more was recorded than could be written")
+
+
+def test_a_path_that_cannot_be_written_is_refused_at_the_start(tmp_path):
+    ensemble, _ = robot()
+    with refused(Error):
+        run_virtual(lambda runtime: runtime.start(ensemble), record=tmp_path / "none" / "run.mcap")
+
+
+@pytest.mark.parametrize("given", [-1, 2.5, "many", True])
+def test_a_largest_belief_is_a_number_of_states(tmp_path, given):
+    with refused(ConfigError):
+        Recorder(tmp_path / "run.mcap", largest_belief=given)

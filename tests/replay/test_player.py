@@ -1,0 +1,160 @@
+"""The player: it answers what the record says, and compares what is decided with it."""
+
+from __future__ import annotations
+
+import asyncio
+
+import numpy as np
+import pytest
+from records import decision
+
+from mdm.recording.stimuli import Began, GoesOn, Kept, Lasts, Late, Raised, Said, Ticked
+from mdm.replay.player import Player
+from mdm.replay.stand_in import AsRecordedError, StandIn
+
+
+def player(*stimuli, decisions=(), most=10):
+    return Player(stimuli, decisions, tolerance=0.0, most=most)
+
+
+class Layer:
+    """An action layer whose functions are stand-ins."""
+
+    started = 0
+
+    def substitute(self, call):
+        self.call = call
+
+
+class Output:
+    """Where an ensemble decides."""
+
+    ensemble = "patrol"
+
+    def name_of(self, action):
+        return "Go"
+
+    def belief_of(self, current):
+        return np.array(current)
+
+
+def decide(tape, number, **fields):
+    """Decide what `records.decision` does."""
+    told = decision(number)
+    given = {
+        name: getattr(told, name) for name in ("time", "epoch", "cause", "state", "observation", "action")
+    } | fields
+    current, reward = given.pop("current", None), 0.5
+    tape.decided(
+        *(Output(), given["time"], given["epoch"], given["cause"], given["state"], given["observation"], current),
+        *(given["action"], reward),
+    )
+
+
+def test_questions_are_answered_as_they_were():
+    tape = player(
+        GoesOn(5, "patrol", 3, True),
+        Late(6, "patrol", 4, 700),
+        Kept(0, "predicates", {"Near": True}, {"Near": -5}),
+    )
+    assert tape.goes_on("patrol", 3, 5, lambda: pytest.fail("it is asked"))
+    assert not tape.goes_on("patrol", 3, 6, lambda: pytest.fail("it is asked"))
+    assert tape.latency("patrol", 4, 6, 3, 500) == 700
+    assert tape.latency("patrol", 5, 6, 800, 500) == 0
+    assert tape.kept("predicates", {"Near": False}, {}, 0) == ({"Near": True}, {"Near": -5})
+    assert tape.kept("predicates", {"Near": False}, {}, 9) == ({}, {})
+
+
+def test_calls_say_raise_and_last_as_they_did():
+    said = Said(1, "sensed", "SensorUpdate", None, "call", "patrol", 1)
+    tape = player(
+        said,
+        Lasts(1, "patrol", 1),
+        Raised(2, "patrol", 2, "ValueError: as it was"),
+        Raised(3, "patrol", 3, "a generator", unrun=True),
+    )
+    found = []
+    tape.say = found.append
+    layer = Layer()
+    tape.acts("patrol", layer)
+    layer.started = 1
+    assert isinstance(layer.call(), StandIn)
+    assert found == [said]
+    layer.started = 2
+    with pytest.raises(AsRecordedError, match="ValueError: as it was"):
+        layer.call()
+    layer.started = 3
+    assert list(layer.call()) == []
+    layer.started = 4
+    assert layer.call() is None
+    assert found == [said]
+
+
+def test_the_same_decisions_are_no_difference():
+    tape = player(decisions=[decision(0), decision(1)])
+    for number in range(2):
+        decide(tape, number)
+    tape.missed(10_000_000)
+    assert (tape.differences, tape.count, tape.made) == ([], 2, 2)
+
+
+def test_differences_tell_the_number_and_what_came_before():
+    tape = player(decisions=[decision(0), decision(1), decision(2)])
+    tape.since.append(Ticked(0, "patrol/control", 0, 0))
+    decide(tape, 0)
+    decide(tape, 1, action=2)
+    tape.missed(10_000_000)
+    wrong, missing = tape.differences
+    assert (wrong.number, wrong.fields, wrong.since) == (1, ("action",), (Ticked(0, "patrol/control", 0, 0),))
+    assert (missing.number, missing.recorded, missing.replayed) == (2, decision(2), None)
+
+
+def test_a_decision_more_has_the_number_of_the_next():
+    tape = player(decisions=[decision(0)])
+    decide(tape, 0)
+    decide(tape, 1)
+    (more,) = tape.differences
+    assert (more.number, more.recorded, more.replayed.time) == (1, None, 1_000_000)
+
+
+def test_decisions_behind_the_end_are_not_missed():
+    tape = player(decisions=[decision(0), decision(5)])
+    decide(tape, 0)
+    tape.missed(4_999_999)
+    decide(tape, 6)  # of the end of the replay itself
+    assert tape.differences == []
+
+
+def test_so_many_differences_are_kept():
+    tape = player(decisions=[decision(number) for number in range(5)], most=2)
+    for number in range(5):
+        decide(tape, number, action=0)
+    assert [difference.number for difference in tape.differences] == [0, 1]
+
+
+def test_actors_come_to_their_steps_when_the_record_does():
+    async def main():
+        tape = player(Began(3, "robot", "start"))
+        coming = asyncio.ensure_future(tape.comes("robot", "start"))
+        await asyncio.sleep(0)
+        assert not coming.done()
+        admitting = asyncio.ensure_future(tape.admit(Began(3, "robot", "start"), 1.0))
+        await coming
+        tape.came("robot", "start", 3)
+        assert await admitting
+        await tape.comes("robot", "start")  # once more than it did: nobody holds it
+        assert not await tape.admit(Began(3, "robot", "run"), 0.001)  # and for what never comes nobody waits for ever
+
+    asyncio.run(main())
+
+
+def test_at_the_end_nobody_is_held():
+    async def main():
+        tape = player(Began(3, "robot", "start"), Began(4, "robot", "run"))
+        coming = asyncio.ensure_future(tape.comes("robot", "start"))
+        await asyncio.sleep(0)
+        tape.release()
+        await coming
+        await tape.comes("robot", "run")
+
+    asyncio.run(main())

@@ -1,0 +1,53 @@
+"""The transport of a replay: it hands on what the record has, and keeps what is sent."""
+
+from __future__ import annotations
+
+import asyncio
+
+from mdm.recording.stimuli import Received
+from mdm.replay.transport import ReplayTransport
+
+
+def test_recorded_messages_come_to_those_who_listen():
+    transport = ReplayTransport("a", 7)
+    found, live = [], []
+    transport.subscribe("team/*/votes", found.append)
+    transport.watch(live.append)
+    transport.receive(Received(5, "a", "team/*/votes", "team/b/votes", "b", 3, 4, b"yes"))
+    transport.receive(Received(6, "a", "team/*/others", "team/b/others", "b", 3, 4, b"no"))
+    transport.see({"a": 7, "b": 3})
+    (sample,) = found
+    assert (sample.key, sample.owner, sample.incarnation, bytes(sample.body), sample.time) == (
+        *("team/b/votes", "b", 3, b"yes", 4),
+    )
+    assert live == [{"a": 7, "b": 3}]
+
+
+def test_messages_that_were_held_back_are_again():
+    transport = ReplayTransport("a", 7, frozenset({2}))
+    assert [transport.put("key", body) for body in (b"1", b"2", b"3")] == [True, False, True]
+    assert transport.sent == [("key", b"1"), ("key", b"3")]
+
+
+def test_it_opens_when_the_record_did():
+    async def main():
+        transport = ReplayTransport("a", 7)
+        opening = asyncio.ensure_future(transport.open())
+        await asyncio.sleep(0)
+        assert not opening.done()
+        transport.release()
+        await opening
+        await transport.close()
+
+    asyncio.run(main())
+
+
+def test_nobody_answers_in_a_replay():
+    async def main():
+        transport = ReplayTransport("a", 7)
+        asking = asyncio.ensure_future(transport.ask("team/*/state"))
+        await asyncio.sleep(0)
+        assert not asking.done()
+        asking.cancel()
+
+    asyncio.run(main())

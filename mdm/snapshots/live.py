@@ -6,6 +6,7 @@ read. Modes, faults, idleness and actions that last are rare, and each of them i
 
 from __future__ import annotations
 
+import asyncio
 import time as times
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from mdm.snapshots.events import Ring
 from mdm.snapshots.floors import floors_of, robot_frame
 from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, Frame, LifeFrame, Spread, StatisticsFrame
 from mdm.snapshots.scene import EnsembleScene, FactorScene, PredicateScene, Scene
+from mdm.snapshots.why import Why, case_of, why
 from mdm.team import Member
 from mdm.version import __version__
 
@@ -411,9 +413,16 @@ class LiveRun:
                 return
         raise Error(f"there is no predicate {predicate!r} that a page may set")
 
-    def explain(self, ensemble: str, time: float | None = None) -> Any:
-        """Return why an ensemble has decided as it did; None where nothing is known of it."""
-        return None
+    async def explain(self, ensemble: str, _: float | None = None) -> Why | None:
+        """Return why an ensemble has decided as it did last, computed on a thread; None where there is no such one."""
+        found = next((each.ensemble for each in self._ensembles if each.path == ensemble), None)
+        if found is None:
+            return None
+        try:
+            case = case_of(found)
+        except Error as error:
+            return Why(f"Nothing tells why: {error}.")
+        return await asyncio.to_thread(why, case)
 
 
 def _scenes(ensembles: list[Ensemble]) -> Iterable[EnsembleScene]:

@@ -6,6 +6,7 @@ values of predicates, `restore` has from a replay, where the record has its conf
 
 from __future__ import annotations
 
+import asyncio
 from bisect import bisect_left, bisect_right
 from collections import OrderedDict, defaultdict
 from typing import TYPE_CHECKING, Any, Literal
@@ -33,6 +34,7 @@ from mdm.snapshots.floors import floors_of, robot_at
 from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, Frame, LifeFrame, StatisticsFrame
 from mdm.snapshots.live import factors_of, observed, remedy_of
 from mdm.snapshots.scene import EnsembleScene, PredicateScene, Scene
+from mdm.snapshots.why import Why, why_recorded
 from mdm.version import __version__
 
 if TYPE_CHECKING:
@@ -472,6 +474,9 @@ class RecordedRun:
             return self._seconds(time)
         return self._seconds(max(found) if back else min(found))
 
-    def explain(self, ensemble: str, seconds: float | None = None) -> Any:
-        """Return why an ensemble decided as it did at a time; None where nothing is known of it."""
-        return None
+    async def explain(self, ensemble: str, seconds: float | None = None) -> Why | None:
+        """Return why an ensemble decided as it did at a time; None where its configuration is not known."""
+        if ensemble not in self._models:
+            return None
+        at = self.last if seconds is None else seconds
+        return await asyncio.to_thread(why_recorded, self._record, self._models[ensemble], at)

@@ -89,6 +89,8 @@ def add_watch(verbs: Any, line: str) -> None:
     parser.add_argument("--once", action="store_true", help="print one picture, of a record its end, and stop")
     parser.add_argument("--at", metavar="S", type=_moment, help="of a record, begin at second S")
     complete(parser, "watch", "mdm.cli.records.watch")
+
+
 def add_explain(verbs: Any, line: str) -> None:
     """Add the verb and its arguments."""
     parser: argparse.ArgumentParser = verbs.add_parser(

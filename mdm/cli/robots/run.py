@@ -43,10 +43,10 @@ def run(arguments: argparse.Namespace) -> int:
     attached = Attached() if arguments.attached else None
     system = _load(arguments)
     first, ended = system.top[0], Counter[str]()
+    log = _log(arguments, system)
 
     async def main() -> None:
-        log = False if arguments.quiet else _log(arguments, system)
-        async with Runtime(log=log, record=_recorder(arguments), page=_page(arguments)) as runtime:
+        async with Runtime(log=log or False, record=_recorder(arguments), page=_page(arguments)) as runtime:
 
             def tally(decision: Decision) -> None:
                 if decision.ensemble == first.path and decision.epoch >= 0:
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
                     if len(seen) >= arguments.epochs:
                         runtime.shut_down()
 
-            if arguments.why:
+            if log is not None and arguments.why:
                 from mdm.cli.robots.why import why_in  # noqa: PLC0415 - for those who ask
 
                 runtime.decisions.subscribe(why_in(log, system.ensembles.values()))
@@ -83,7 +83,12 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if failings else 0
 
 
-def _log(arguments: argparse.Namespace, system: System) -> Log:
+def _log(arguments: argparse.Namespace, system: System) -> Log | None:
+    """Return the log; None where it should be quiet."""
+    if arguments.quiet:
+        if arguments.why:
+            raise UsageError("--why is told in the log, which --quiet leaves out")
+        return None
     return Log(arguments.log, debug=arguments.debug, decisions=in_words(system.ensembles.values()))
 
 

@@ -91,7 +91,7 @@ class Source(Protocol):
     def scene(self) -> Scene:
         """Return what stays as it is."""
 
-    def explain(self, ensemble: str, time: float | None = None, /) -> Any:
+    async def explain(self, ensemble: str, time: float | None = None, /) -> Any:
         """Return why an ensemble decided as it did."""
 
 
@@ -192,7 +192,7 @@ class Reader:
                 raise Error("too many commands")
             return [_encode(self._commanded(said))]
         if isinstance(said, Why):
-            return [_encode({"why": self._source.explain(said.ensemble, said.time), "ensemble": said.ensemble})]
+            return [_encode({"why": await self._source.explain(said.ensemble, said.time), "ensemble": said.ensemble})]
         self.close = said.close
         if self._newest is not None:
             if not isinstance(said, Drawn):

@@ -16,7 +16,7 @@ export function Headline({ scene, frame }) {
   return html`<section class=${`headline ${kind}`} aria-label="What matters most" aria-live="polite">
     ${!told.length && html`<div class="line">No ensemble has started yet.</div>`}
     ${!lines.length && told.length > 0 && html`<div class="line"><strong class="deciding">${SIGNS.deciding} ${
-      decide.length === told.length ? (told.length === 1 ? "decides" : `all ${told.length} ensembles decide`)
+      decide.length === told.length ? (told.length === 1 ? `${told[0].path} decides` : `all ${told.length} ensembles decide`)
         : decide.length ? `${decide.length} of ${told.length} ensembles decide` : "every ensemble is stopped"}</strong>
       <span>${doing(scene, frame)}</span></div>`}
     ${lines.slice(0, most).map(({ each, path, how }) => html`<div class="line" key=${path}>
@@ -31,7 +31,7 @@ export function Headline({ scene, frame }) {
 
 function doing(scene, frame) {
   const acting = frame.ensembles.map((each, place) => [scene.ensembles[place], each]).filter(([, each]) => each.live?.length);
-  if (!acting.length) return "";
+  if (!acting.length) return frame.ensembles.length === 1 ? frame.ensembles[0].action : "";
   return acting.slice(0, 3).map(([of, each]) => `${name(of.path)}: ${each.live.map((life) => life.action).join(", ")}`).join(" › ");
 }
 

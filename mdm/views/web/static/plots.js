@@ -54,7 +54,7 @@ export function Plots({ seen, path, scheme }) {
     const sums = [];
     lists.forEach((list, place) => sums.push(list.map((value, index) => value + (place ? sums[place - 1][index] : 0))));
     const series = names.map((state, place) => ({ label: `${place + 1} ${state}`, stroke: colour(`s${place}`), width: 1.5,
-      fill: `${colour(`s${place}`)}55`, dash: [[], [8, 3], [2, 3], [10, 3, 2, 3], [4, 4]][place], paths: window.uPlot.paths.stepped({ align: 1 }) }));
+      fill: `color-mix(in srgb, ${colour(`s${place}`)} 35%, ${colour("paper")})`, dash: [[], [8, 3], [2, 3], [10, 3, 2, 3], [4, 4]][place], paths: window.uPlot.paths.stepped({ align: 1 }) }));
     // The highest line first, so that those below are drawn over it.
     const made = plot(belief.current, [seen.times, ...sums.reverse()], { scales: { x: { time: false }, y: { range: [0, 1] } }, axes: axes(), series: [{}, ...series.reverse()] });
     return () => made.destroy();

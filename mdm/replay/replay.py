@@ -23,14 +23,14 @@ from mdm.replay.transport import ReplayTransport
 from mdm.runtime import Actor, Runtime, run
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from mdm.messages import Decision
     from mdm.recording.stimuli import Stimulus
     from mdm.runtime.tape import Tape
 
-__all__ = ["Replayed", "replay", "transports_of"]
+__all__ = ["Replayed", "check_beginning", "replay", "transports_of"]
 
 _BITS = ("numpy", "numba", "blas", "machine")
 
@@ -58,6 +58,16 @@ class Replayed(msgspec.Struct, frozen=True):
         return not self.differences
 
 
+def check_beginning(record: Record) -> None:
+    """Refuse a record in which no actor starts: there is nothing to run once more.
+
+    Raises:
+        Error: If it has no beginning.
+    """
+    if not any(isinstance(each.message, Began) for each in record.messages(_there(record, "stimuli"))):
+        raise _no_beginning(record)
+
+
 def transports_of(record: Record) -> dict[str, ReplayTransport]:
     """Return the transports of the recorded agents of teams, by agent: their members are to be built with these.
 
@@ -83,6 +93,7 @@ def replay(
     *,
     most: int = 100,
     transports: Mapping[str, ReplayTransport] = {},
+    listen: Callable[[Runtime], object] = lambda _: None,
 ) -> Replayed:
     """Run what a record has once more, in virtual time, and compare every decision.
 
@@ -92,15 +103,15 @@ def replay(
             called.
         most: How many differences are kept; at the last of them the replay ends.
         transports: Of agents of a team, those that `transports_of` returned, with which their members were built.
+        listen: Called with the runtime before it begins, to subscribe to channels that the record does not keep.
 
     Raises:
         Error: If the record has no beginning.
     """
     found = record if isinstance(record, Record) else Record(record)
     tops = [actors] if isinstance(actors, Actor) else list(actors)
+    check_beginning(found)
     stimuli, decisions = _contents(found)
-    if not any(isinstance(stimulus, Began) for stimulus in stimuli):
-        raise _no_beginning(found)
     now = environment()
     exact = all(found.head.get(name) == now[name] for name in _BITS)
     player = Player(stimuli, decisions, tolerance=0.0 if exact else 1e-9, most=most)
@@ -113,6 +124,7 @@ def replay(
         runtime = Runtime(clock=clock, log=False, watchdog=None, signals=False)
         tape: Tape = player
         runtime.dispatcher.tape = tape
+        listen(runtime)
         await Driver(runtime, player, clock, tops, transports).play(stimuli, most)
 
     run(main, virtual=True)
@@ -126,7 +138,11 @@ def _no_beginning(record: Record) -> Error:
 def _contents(record: Record) -> tuple[list[Stimulus], list[Decision]]:
     stimuli: list[Stimulus] = []
     decisions: list[Decision] = []
-    topics = [topic for topic in ("stimuli", "decisions") if topic in record.topics]
-    for each in record.messages(topics):
+    for each in record.messages(_there(record, "stimuli", "decisions")):
         (stimuli if each.topic == "stimuli" else decisions).append(each.message)
     return stimuli, decisions
+
+
+def _there(record: Record, *topics: str) -> list[str]:
+    """Return those topics that a record has: one torn at its start has none."""
+    return [topic for topic in topics if topic in record.topics]

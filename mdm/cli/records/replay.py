@@ -12,6 +12,7 @@ from mdm.config.recorded import check_digests
 from mdm.errors import Error
 from mdm.recording import Record
 from mdm.replay import Exchange, replay
+from mdm.replay.replay import check_beginning
 
 if TYPE_CHECKING:
     import argparse
@@ -71,6 +72,7 @@ def _replay_team(folder: Path, arguments: argparse.Namespace) -> int:
 
 def _replayed(record: Record, arguments: argparse.Namespace) -> tuple[Replayed, dict[str, ReplayTransport]]:
     """Return what became of the replay of a record, and what its agents of a team sent by."""
+    check_beginning(record)  # first: of one that was torn early, its files may be missing as well
     with tempfile.TemporaryDirectory() as folder:
         run = rebuilt(record, folder, arguments.config)
         if arguments.config is None:

@@ -78,7 +78,7 @@ wheel-test:
 # teams that are sent forged messages; then all that may happen, in a few steps, to three ensembles above each other;
 # then patrols of random floors, which must go on; then
 # random schedules of what happens to a team's agreement; then random systems in wall time, which are recorded and
-# replayed; then hours of many robots on a floor; then days of the demo, 6 minutes of a processor each.
+# replayed; then damaged records, which are read; then hours of many robots on a floor; then days of the demo, 6 minutes of a processor each.
 # Violations are printed with their seeds.
 MDM_CHAOS ?= 100000
 MDM_CHAOS_PROCESSES ?= 1000
@@ -87,6 +87,7 @@ MDM_LADDER ?= 20000
 MDM_PATROLS ?= 2000
 MDM_SCHEDULES ?= 100000
 MDM_REPLAYS ?= 1000
+MDM_DAMAGED ?= 10000
 MDM_CROWDS ?= 3600
 MDM_DAYS ?= 20
 chaos: $(READY)
@@ -96,6 +97,7 @@ chaos: $(READY)
 	PYTHONPATH=tests $(BIN)/python -m patrols $(MDM_PATROLS)
 	PYTHONPATH=tests $(BIN)/python -m team.schedules $(MDM_SCHEDULES)
 	PYTHONPATH=tests $(BIN)/python -m replay $(MDM_REPLAYS)
+	PYTHONPATH=tests $(BIN)/python -m damage $(MDM_DAMAGED)
 	PYTHONPATH=tests $(BIN)/python -m crowds $(MDM_CROWDS)
 	PYTHONPATH=tests $(BIN)/python -m days $(MDM_DAYS)
 
@@ -118,6 +120,7 @@ pictures: $(READY)
 bench: $(READY)
 	$(BIN)/python benchmarks/decision_latency.py
 	$(BIN)/python benchmarks/ticks.py
+	$(BIN)/python benchmarks/recording.py
 	$(BIN)/python benchmarks/startup.py
 	$(BIN)/python benchmarks/parse.py
 	$(BIN)/python benchmarks/simulation.py

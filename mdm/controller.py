@@ -609,16 +609,31 @@ class Controller:
     def configuration(self) -> str:
         """The digest of the constant part: model, policy and options."""
         if self._configuration is None:
-            policy = [type(self.policy).__name__, self._num_actions, *getattr(self.policy, "parameters", list)()]
-            model = None if self.model is None else digest(self.model)
-            tracked = type(self.information).__name__
-            rewards: Any = self._rewards if self._own_rewards else []  # the model's are in its digest
-            self._configuration = of_parts([model, *policy, tracked, self.horizon, self.on_impossible, *rewards])
+            model, policy, options = self._constants()
+            self._configuration = of_parts([*model, *policy, *options])
         return self._configuration
 
     _configuration: str | None = None
     _updates: tuple[tuple[int, int, Any], ...]
     _past: Past
+
+    def digests(self) -> dict[str, str]:
+        """Return the digests of ``model``, ``policy`` and ``options``, each by itself."""
+        return dict(zip(("model", "policy", "options"), map(of_parts, self._constants()), strict=True))
+
+    def _constants(self) -> tuple[list[Any], list[Any], list[Any]]:
+        """Return what model, policy and options are, as parts of a digest."""
+        if self._model_digest is None and self.model is not None:
+            self._model_digest = digest(self.model)
+        policy = [type(self.policy).__name__, self._num_actions, *getattr(self.policy, "parameters", list)()]
+        rewards: Any = self._rewards if self._own_rewards else []  # the model's are in its digest
+        return (
+            [self._model_digest],
+            policy,
+            [type(self.information).__name__, self.horizon, self.on_impossible, *rewards],
+        )
+
+    _model_digest: str | None = None
 
     def snapshot(self) -> bytes:
         """Return a snapshot to go on from here: with `restore`, the same calls then give the same steps.

@@ -11,6 +11,7 @@ from mdm import replay as replays
 from mdm.config.recorded import check_digests, load_recorded
 from mdm.errors import Error
 from mdm.recording import Record
+from mdm.replay.replay import check_beginning
 from mdm.runtime import Runtime, run
 
 if TYPE_CHECKING:
@@ -102,6 +103,7 @@ def replay(path: str | Path, actors: Actor | Sequence[Actor] | None = None, *, c
             raise Error("a replay takes either actors or config, not both")
         result = replays.replay(record, actors, most=1)
     else:
+        check_beginning(record)
         with tempfile.TemporaryDirectory() as folder:
             transports = replays.transports_of(record)
             system = load_recorded(record, folder, config, transport=next(iter(transports.values()), None))

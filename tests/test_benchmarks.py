@@ -17,6 +17,7 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
     [
         "decision_latency",
         "ticks",
+        "recording",
         "startup",
         "parse",
         "sarsop",
@@ -26,7 +27,7 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
         "solvers",
         "tree_search",
         "communication",
-        "coverage",
+        "intervals",
         "places",
         "maps",
         "building",
@@ -40,6 +41,8 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 def test_benchmark(tmp_path, name):
     if name == "decision_latency":
         pytest.importorskip("pykka")
+    if name == "recording":
+        pytest.importorskip("mcap")
     if name in {"team_bridge", "team_latency", "team_memory"}:
         pytest.importorskip("zenoh")
     if name == "page":
@@ -68,6 +71,12 @@ def test_benchmark(tmp_path, name):
         (saturation,) = results["saturation"]
         assert saturation["lost"] == 0
         assert saturation["stream took"] + saturation["stream dropped (counted)"] == saturation["states"] + 1
+    elif name == "recording":
+        (written,) = results["written"]
+        assert written["messages"] >= 4 * written["decisions"]  # a stimulus, a decision, and a life's begin and end
+        assert written["dropped"] == 0
+        for rows in (results["latency"], results["share"]):
+            assert [row["case"] for row in rows] == ["alone", "recorded"]
     elif name == "solvers":
         assert {row["problem"] for row in results["mdps"]} == {"forest", "grid", "large grid"}
         assert all(float(row["error"]) <= 1e-3 for row in results["mdps"])
@@ -114,7 +123,7 @@ def test_benchmark(tmp_path, name):
         messages = {(row["problem"], row["policy"]): row["% of messages"] for row in results["communication"]}
         assert messages["dec-tiger", "Always"] == 100
         assert messages["dec-tiger", "Never"] == 0
-    elif name == "coverage":
+    elif name == "intervals":
         assert {row["of"] for row in results["coverage"]} == {"T", "rates", "rates, without cut stays"}
         assert {row["of"] for row in results["hidden"]} == {"T, hidden", "O, hidden"}
         assert all(row["alarms"] <= row["runs"] for row in results["drift"])

@@ -26,6 +26,7 @@ from team_file import running
 from team_processes import histories, on_free_ports, up
 
 import mdm
+from mdm import estimation
 from mdm.team import Committed
 
 
@@ -67,6 +68,35 @@ STEPS = [(each.info["of"], each.text) for each in blocks.blocks("docs/tutorial.m
 def test_the_steps_of_the_tutorial_print_what_its_page_says(step, told):
     pytest.importorskip("navground")
     assert run(f"tutorial/{step}") == told
+
+
+def burning(folder, name):
+    """Record ten minutes of the demo that is in a folder; return the record, and for how long it knew of fires."""
+    command = [sys.executable, "-m", "mdm", "run", "patrol.toml", "--virtual", "--seconds", "600", "--record", name]
+    subprocess.run(command, cwd=folder, capture_output=True, timeout=250, check=True)
+    record = mdm.recording.Record(folder / name)
+    told = [each.message for each in record.messages(["decisions"]) if each.message.ensemble == "top"]
+    ends = [each.time for each in told[1:]] + [record.span[1]]
+    fires = [end - each.time for each, end in zip(told, ends, strict=True) if each.state % 2]  # the last factor is it
+    return record, sum(fires) / 1e9
+
+
+def test_what_a_record_of_the_demo_tells_of_its_model_makes_it_better(tmp_path):
+    """Not in the model that was estimated alone, but in the building, of which no model is known."""
+    pytest.importorskip("navground")
+    folder = tmp_path / "patrol"
+    shutil.copytree(EXAMPLES / "patrol", folder)
+    program = "import mdm, make_models as made; mdm.save_model(made.top(goes_out=0.75), 'top.pomdpx')"
+    subprocess.run([sys.executable, "-c", program], cwd=folder, timeout=100, check=True)
+    hopeful = mdm.load_model(folder / "top.pomdpx")
+    mdm.save_policy(mdm.solve(hopeful).policy, folder / "top.policy", hopeful)
+    record, before = burning(folder, "before.mcap")
+    report = estimation.statistics(estimation.chains_of_records([record], "top"), hopeful, step=1.0)
+    assert report.rows[0].says == "differs"
+    better = mdm.solve(report.model, durations=report.durations).policy
+    mdm.save_policy(better, folder / "top.policy", report.model)
+    _, after = burning(folder, "after.mcap")
+    assert after < before / 2
 
 
 def test_the_patrol_of_the_tutorial_goes_safe_and_on():

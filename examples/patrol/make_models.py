@@ -29,14 +29,19 @@ PATROLLING = 1.0
 ARRIVES = 0.9  # of all drives, the rest end where they began
 
 
-def top() -> mdm.models.FactoredMDP:
-    """Return what the robot attends to: three troubles that come by themselves and go when attended to."""
+def top(goes_out: float = 0.0) -> mdm.models.FactoredMDP:
+    """Return what the robot attends to: three troubles that come by themselves and go when attended to.
+
+    Args:
+        goes_out: The chance that a fire that nobody fights goes out; 0 in the building.
+    """
     tasks = mdm.models.Node("action", 0)
     initial, transitions, utilities = [], [], [mdm.models.Table([tasks], [PATROLLING, 0, 0, 0])]
-    for place, (chance, task, cost) in enumerate(TROUBLES.values()):
+    for place, (trouble, (chance, task, cost)) in enumerate(TROUBLES.items()):
         now, later = mdm.models.Node("state", place), mdm.models.Node("next_state", place)
         initial.append(mdm.models.Table([now], [0.5, 0.5]))
-        arises = mdm.models.Table([now, later], [[1 - chance, chance], [0, 1]])
+        goes = goes_out if trouble == "fire" else 0.0
+        arises = mdm.models.Table([now, later], [[1 - chance, chance], [goes, 1 - goes]])
         attended = mdm.models.Table([now, later], [[1 - chance, chance], [ENDS, 1 - ENDS]])
         transitions.append(mdm.models.Tree(tasks, [int(name == task) for name in TASKS], [arises, attended]))
         utilities.append(mdm.models.Table([now], [0, -cost]))

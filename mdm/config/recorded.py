@@ -133,6 +133,11 @@ def load_recorded(
         )
     if PurePosixPath(name).name != name:
         raise Error(f"{record.path}: its configuration has the name {name!r}, which is no name of a file")
+    if not any(attached.name == _FOLDER + name for attached in record.attachments):
+        raise ConfigError(
+            f"{record.path}: its configuration {name!r} is not in the record, as of one that was torn early: give the "
+            f"file of the same system with --config"
+        )
     return load_system(lay_out(record, folder) / name, agent=agent, callbacks=False, transport=transport)
 
 
@@ -163,11 +168,16 @@ def check_digests(record: Record, ensembles: Iterable[Ensemble]) -> None:
         Error: Of the first ensemble whose digest differs.
     """
     for ensemble in ensembles:
-        known = record.metadata.get(f"ensemble {ensemble.path}", {}).get("configuration")
-        now = ensemble.controller.configuration
-        if known is not None and known != now:
-            raise Error(
-                f"{record.path}: model, policy or options of ensemble {ensemble.path!r} are not those of the run "
-                f"(digest {now[:12]}, then {known[:12]}): mdm {record.head['mdm']} may have read them otherwise; with "
-                f"--config a configuration of yours is compared"
-            )
+        known = record.metadata.get(f"ensemble {ensemble.path}", {})
+        now = {"configuration": ensemble.controller.configuration}
+        if known.get("configuration", now["configuration"]) == now["configuration"]:
+            continue
+        now |= ensemble.controller.digests()
+        different = [name for name in ("model", "policy", "options") if known.get(name, now[name]) != now[name]]
+        name = different[0] if different else "configuration"
+        raise Error(
+            f"{record.path}: the {' and '.join(different) or name} of ensemble {ensemble.path!r} is not that "
+            f"of the run (digest of the {name} {now[name][:12]}, then {known[name][:12]}): mdm "
+            f"{record.head.get('mdm', 'unknown')} may have read them otherwise, or a function makes them; with "
+            f"--config a configuration of yours is compared"
+        )

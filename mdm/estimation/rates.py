@@ -34,13 +34,24 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
     from mdm.models.mdp import MDP
 
-__all__ = ["Holding", "Rates", "durations_of", "erlang", "holding", "moran", "rates_of", "transitions_after"]
+__all__ = [
+    "MOST_STAGES",
+    "Holding",
+    "Rates",
+    "durations_of",
+    "erlang",
+    "holding",
+    "moran",
+    "rates_of",
+    "transitions_after",
+]
 
 _FEWEST = 5
 """The number of ends from which on stays are tested."""
 _REFUSED = 0.01
 """The p-value below which stays are not taken for exponential."""
-_MOST_STAGES = 200
+MOST_STAGES = 200
+"""The stages of what takes, as good as always, the same time."""
 
 
 class Holding(msgspec.Struct, frozen=True):
@@ -121,7 +132,7 @@ def erlang(ended: Vector, cut: Vector) -> tuple[float, int]:
         cut: The lengths so far of those that did not, each of which counts by the probability of being longer.
     """
     best = (-math.inf, float(ended.mean()), 1)
-    for stages in range(1, _MOST_STAGES + 1):
+    for stages in range(1, MOST_STAGES + 1):
         likelihood, mean = _best_mean(stages, ended, cut)
         if likelihood < best[0]:
             break
@@ -210,7 +221,9 @@ def rates_of(model: MDP, stays: Iterable[Stay], *, level: float = LEVEL) -> tupl
     return tuple(result)
 
 
-def durations_of(model: MDP, stays: Iterable[Stay], kind: Kind) -> Durations:
+def durations_of(
+    model: MDP, stays: Iterable[Stay], kind: Kind, *, lasting: npt.NDArray[np.float64] | None = None
+) -> Durations:
     """Return how long actions take, as `mdm.solve` and ``mdm solve --durations`` take it.
 
     A model that stays in a state with the probability p takes 1 / (1 - p) steps to leave it, on the average. So of
@@ -223,6 +236,7 @@ def durations_of(model: MDP, stays: Iterable[Stay], kind: Kind) -> Durations:
         model: The model in use, or one estimated from it, whose probabilities of staying are the same.
         stays: Those of chains.
         kind: Of the chains.
+        lasting: How long states last, S x A, where an action was never seen to end; 0 where it is not known.
 
     Raises:
         ModelError: If no stay has ended, or none lasted any time.
@@ -243,6 +257,8 @@ def durations_of(model: MDP, stays: Iterable[Stay], kind: Kind) -> Durations:
     if any(stay.state is None for stay in listed):
         return Durations(means, stages)
     table, counts = np.tile(means, (len(model.state_space), 1)), np.ones((len(model.state_space), actions))
+    if lasting is not None:
+        table = np.where(lasting > 0, lasting, table)
     for (action, state), row in _by_row(listed).items():
         held = holding(row)
         if _lasts(held):
@@ -265,15 +281,19 @@ def _lasts(held: Holding) -> bool:
     return held.ends > 0 and held.mean > 0
 
 
-def transitions_after(model: MDP, found: Iterable[Rates], step: float) -> Mapping[int, Matrix]:
-    """Return P(s' | s, a) after a step of some seconds, expm(Q * step), for each action that was seen.
-
-    Rows of Q that were not seen are those of the model to first order, (T - I) / step.
+def transitions_after(
+    model: MDP,
+    found: Iterable[Rates],
+    step: float,
+    generators: Mapping[int, Vector] | None = None,
+) -> Mapping[int, Matrix]:
+    """Return P(s' | s, a) after a step of some seconds, expm(Q * step), for each action of which there are rates.
 
     Args:
         model: The model.
-        found: The rates.
+        found: The rates that were seen; those that were not are the model's to first order, (T - I) / step.
         step: The seconds that a time step of the model stands for.
+        generators: In place of these, Q of each action.
 
     Raises:
         ModelError: If a step takes no time.
@@ -282,6 +302,8 @@ def transitions_after(model: MDP, found: Iterable[Rates], step: float) -> Mappin
 
     if not (math.isfinite(step) and step > 0):
         raise ModelError(f"a time step of the model takes more than 0 seconds, not {step:g}")
+    if generators is not None:
+        return {action: np.asarray(expm(generator * step)) for action, generator in generators.items()}
     flat, size = model.flatten(), len(model.state_space)
     by_action: dict[int, list[Rates]] = defaultdict(list)
     for each in found:

@@ -10,25 +10,28 @@ from __future__ import annotations
 from copy import copy
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
+import numpy.typing as npt
 
 from mdm.estimation.rows import support
-from mdm.models.matrices import csr, is_compressed, read_only
+from mdm.models.matrices import Vector, csr, is_compressed, read_only
 from mdm.models.mdp import MDP
 from mdm.models.pomdp import POMDP
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    import numpy.typing as npt
+    from collections.abc import Iterable, Sequence
 
     from mdm.estimation.rows import Row
-    from mdm.models.matrices import Matrix, Vector
+    from mdm.models.matrices import Matrix
 
-__all__ = ["WEIGHT", "blended", "expected_reward", "reestimated", "replaced"]
+__all__ = ["WEIGHT", "blended", "expected_reward", "reestimated", "replaced", "rewritten"]
 
 WEIGHT = 1.0
 """The visits that a row of the old model weighs as much as."""
+
+Changes = dict[int, list[tuple[int, npt.NDArray[np.intp], Vector]]]
+"""Other rows of T, by action: the state, those that follow, and their probabilities."""
 
 
 def blended(row: Row) -> Vector:
@@ -37,45 +40,49 @@ def blended(row: Row) -> Vector:
     return result
 
 
-def reestimated(
-    model: MDP,
-    transitions: Iterable[Row],
-    observations: Iterable[Row] = (),
-    *,
-    staying: Mapping[tuple[int, int], float] | None = None,
-) -> MDP:
+def reestimated(model: MDP, transitions: Iterable[Row], observations: Iterable[Row] = ()) -> MDP:
     """Return a model with the rows that were estimated, and all else of the old one; flat, and of the same kind.
 
+    Rows of jumps, which leave out staying, share what the old row leaves for them.
+
     Args:
-        model: The model in use.
+        model: The model in use, whose rows weigh as much as one visit.
         transitions: Rows of T.
         observations: Rows of O.
-        staying: By action and state, the probability of staying that rows of jumps leave out: the old model's stays.
     """
     flat = model.flatten()
-    actions = range(len(flat.action_space))
-    stays = staying or {}
-    changes: dict[int, list[tuple[int, Any, Vector]]] = {}
+    changes: Changes = {}
     for row in transitions:
-        if len(row.symbols):
-            share = 1 - stays.get((row.action, row.state), 0.0)
-            changes.setdefault(row.action, []).append((row.state, row.symbols, share * blended(row)))
-    return replaced(
-        flat,
-        [_with_rows(flat.transition_matrix(action), changes.get(action, [])) for action in actions],
-        None if flat.pomdp is None or flat.event_observations else _seen(flat.pomdp, observations),
-    )
+        matrix = flat.transition_matrix(row.action)
+        before = np.array([matrix[row.state, symbol] for symbol in row.symbols.tolist()])
+        share = float(before.sum())
+        if share > 0:
+            new = share * blended(msgspec.structs.replace(row, model=before / share))
+            changes.setdefault(row.action, []).append((row.state, row.symbols, new))
+    seen = None if flat.pomdp is None or flat.event_observations else _seen(flat.pomdp, observations)
+    return _changed(flat, changes, seen)
+
+
+def rewritten(flat: MDP, changes: Changes) -> MDP:
+    """Return a flat model with other rows of T: by action, states with the states that follow, and probabilities."""
+    return _changed(flat, changes, None if flat.pomdp is None or flat.event_observations else _seen(flat.pomdp, ()))
+
+
+def _changed(flat: MDP, changes: Changes, observations: Sequence[Matrix] | None) -> MDP:
+    actions = range(len(flat.action_space))
+    matrices = [_with_rows(flat.transition_matrix(action), changes.get(action, [])) for action in actions]
+    return replaced(flat, matrices, observations)
 
 
 def _seen(model: POMDP, rows: Iterable[Row]) -> list[Matrix]:
-    changes: dict[int, list[tuple[int, Any, Vector]]] = {}
+    changes: Changes = {}
     for row in rows:
         changes.setdefault(row.action, []).append((row.state, row.symbols, blended(row)))
     actions = range(len(model.action_space))
     return [_with_rows(model.observation_matrix(action), changes.get(action, [])) for action in actions]
 
 
-def _with_rows(matrix: Matrix, changes: Sequence[tuple[int, Any, Vector]]) -> Matrix:
+def _with_rows(matrix: Matrix, changes: Sequence[tuple[int, npt.NDArray[np.intp], Vector]]) -> Matrix:
     """Return a matrix with other numbers at some places of some rows."""
     if not changes:
         return matrix

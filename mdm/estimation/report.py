@@ -11,12 +11,13 @@ import numpy as np
 from mdm.errors import ModelError
 from mdm.estimation.agreement import FALSE_DISCOVERIES, LEAST, Verdict, verdicts
 from mdm.estimation.chains import Chains, Kind, chains_of
+from mdm.estimation.factors import pool_of
 from mdm.estimation.gibbs import sample
 from mdm.estimation.hidden import Matrices, evidence_of, fit, likelihood_ratios
 from mdm.estimation.intervals import LEVEL, check_level
 from mdm.estimation.loss import Values, decided_policy, losses
 from mdm.estimation.observations import frequencies
-from mdm.estimation.rates import durations_of, rates_of, transitions_after
+from mdm.estimation.rates import MOST_STAGES, durations_of, rates_of, transitions_after
 from mdm.estimation.reestimation import reestimated, replaced
 from mdm.estimation.returns import returns_of
 from mdm.estimation.rows import Row, counted, support, transition_rows
@@ -26,6 +27,7 @@ from mdm.models.mdp import MDP
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from mdm.estimation.factors import Pool
     from mdm.estimation.hidden import Fit
     from mdm.estimation.rates import Rates
     from mdm.messages import Decision
@@ -155,7 +157,8 @@ class Report(msgspec.Struct, frozen=True):
         impossible: Observations that the model holds impossible, by action, with their count.
         notes: What was not computed, and why.
         model: The re-estimated model.
-        durations: How long actions take; None where they take no time, or the period of a rate.
+        durations: How long actions take in the re-estimated model; None where they take no time, or the period of a
+            rate.
     """
 
     ensemble: str
@@ -206,8 +209,9 @@ def statistics(
         ensemble: Its path; it has to be given where several have decided. Chains have theirs.
         kind: See `mdm.estimation.chains.chains_of`; chains have theirs.
         stops: See there; chains have theirs.
-        step: The seconds that a time step of the model stands for. With them rates become the rows of the re-estimated
-            model, expm(Q * step); without them its probabilities of staying are the old ones.
+        step: The seconds that a time step of the model stands for, by which its rewards are paid. Rates then become the
+            rows of the re-estimated model, expm(Q * step), and each action takes so long; without it its probabilities
+            of staying are the old ones, and actions take as long as they were seen to.
         policy: The action of each state, for the loss of value; by default the actions that were decided.
         level: The probability of the intervals.
         false_discoveries: The share of rows said to differ that agree, in expectation.
@@ -265,13 +269,15 @@ def _of_states(
     found = rates_of(model, stays, level=level) if jumps else ()
     notes: list[str] = []
     value, lost = _losses(model, chains, rows, staying, policy, notes)
-    new = reestimated(model, rows, staying=staying)
+    pool = pool_of(model, stays, chains.kind)
+    base = model if pool is None else pool.model()
+    new = reestimated(base, rows)
     if step is not None:
         if not jumps:
             raise ModelError("a step in seconds is for rates, of an ensemble that decides when its state changes")
-        new = _after(model, found, step)
+        new = _after(model, found, step, pool)
     told = verdicts(rows, rate=rate)
-    durations = _durations(model, chains, notes)
+    durations = _durations(model, chains, notes, pool) if step is None else Durations(step, MOST_STAGES)
     names = model.state_space
     reports = [_row("T", row, verdict, loss, model, names) for row, verdict, loss in zip(rows, told, lost, strict=True)]
     return Report(
@@ -391,25 +397,28 @@ def _losses(
     return values.start, losses(model, values, rows, staying)
 
 
-def _after(model: MDP, found: Iterable[Rates], step: float) -> MDP:
+def _after(model: MDP, found: Iterable[Rates], step: float, pool: Pool | None) -> MDP:
     """Return the model whose rows are those of rates after a step, on its support."""
     flat, listed = model.flatten(), list(found)
-    after = transitions_after(model, listed, step)
+    after = transitions_after(model, listed, step, None if pool is None else pool.generators(listed))
+    seen = {(each.action, each.state) for each in listed}
     rows = []
-    for each in listed:
-        symbols, probability = support(flat.transition_matrix(each.action), each.state)
-        row = after[each.action][each.state, symbols]
-        shares = row / row.sum()
-        # So many visits that the old row, which counts as one, tells nothing.
-        rows.append(Row(each.action, each.state, symbols, probability, shares * 1e12, shares, shares, shares))
+    for action, matrix in after.items():
+        for state in range(len(flat.state_space)):
+            if pool is not None or (action, state) in seen:
+                symbols, probability = support(flat.transition_matrix(action), state)
+                shares = matrix[state, symbols] / matrix[state, symbols].sum()
+                # So many visits that the old row, which counts as one, tells nothing.
+                rows.append(Row(action, state, symbols, probability, shares * 1e12, shares, shares, shares))
     return reestimated(model, rows)
 
 
-def _durations(model: MDP, chains: Chains, notes: list[str]) -> Durations | None:
+def _durations(model: MDP, chains: Chains, notes: list[str], pool: Pool | None = None) -> Durations | None:
     if any(decision.cause == "tick" for chain in chains.chains for decision in chain.decisions):
         return None  # each takes its rate's period
     try:
-        return durations_of(model, chains.stays(), chains.kind)
+        lasting = pool.lasting() if pool is not None and chains.kind == "jumps" else None
+        return durations_of(model, chains.stays(), chains.kind, lasting=lasting)
     except ModelError as error:
         notes.append(str(error))
         return None

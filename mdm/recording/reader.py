@@ -8,6 +8,7 @@ alone. Reading stops at the first chunk that is cut off or damaged: behind it, n
 from __future__ import annotations
 
 import os
+import stat
 import struct
 import zlib
 from collections import Counter
@@ -114,6 +115,8 @@ class _File:
         self._schemas: dict[int, tuple[str, bytes]] = {}
         self._decompress: Callable[[bytes, int], bytes] | None = None
         try:
+            if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():
+                raise FormatError("this is a pipe or a device, not a file: save its content to a file first", file=path)
             with path.open("rb") as file:
                 self.size = os.fstat(file.fileno()).st_size
                 start = file.read(len(MAGIC))

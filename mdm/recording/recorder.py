@@ -58,7 +58,7 @@ _SLICE = 100_000
 """Nanoseconds that encoding takes before the event loop has its turn."""
 _BOUND = 100_000
 _Kept = tuple[dict[str, "bool | None"], dict[str, int]]
-_SAID, _CALLED, _LIVED, _DECIDED, _SENT = range(5)
+_HEARD, _SAID, _CALLED, _LIVED, _DECIDED, _SENT = range(6)
 
 
 class Recorder:
@@ -111,6 +111,7 @@ class Recorder:
         self._failed = False
         self._told_lost = 0
         self._runtime: _Runtime | None = None
+        self._dispatcher: Any = None
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def head(self, **facts: str) -> None:
@@ -135,6 +136,7 @@ class Recorder:
         self._writer.metadata("mdm", {**environment(), **self._head, **_clock(runtime, virtual=virtual)})
         for name, media_type, data in self._attached:
             self._writer.attach(name, media_type, data)
+        self._dispatcher = runtime.dispatcher
         runtime.dispatcher.tape = self
         for topic, kind in (("stimuli", Stimulus), ("decisions", Decision), ("lives", ActionLife)):
             self._topics[topic] = self._writer.topic(topic, schemas.name(kind), schemas.schema(kind))
@@ -219,8 +221,12 @@ class Recorder:
         kind = item[0]
         if kind.__class__ is not int:
             self._add("stimuli", kind)
+        elif kind == _HEARD:
+            _, time, channel, message = item
+            self._add("stimuli", Said(time, channel.name, type(message).__name__, message))
         elif kind == _DECIDED:
-            self._add("decisions", self._decision(*item[1:]))
+            _, output, decision = item
+            self._add("decisions", self._decision(output, *decision))
         elif kind == _SAID:
             _, time, name, message, *source = item
             self._add("stimuli", Said(time, name, type(message).__name__, message, *source))
@@ -264,9 +270,16 @@ class Recorder:
 
     def said(self, channel: Any, message: Any, time: int) -> None:
         """Note a message on a channel of input, and whose code has said it."""
+        dispatcher = self._dispatcher
+        if not dispatcher.active and not self._tasks:
+            # Hot path, as `decided` is: appended here where `_put` would do no more than that.
+            if self._waits and len(self._items) < self._bound:
+                self._items.append((_HEARD, time, channel, message))
+            else:
+                self._put((_HEARD, time, channel, message))
+            return
         runtime = self._runtime
         assert runtime is not None
-        dispatcher = runtime.dispatcher
         if dispatcher.active and dispatcher.time >= 0:
             for ensemble, layer in self._layers.items():
                 if life := layer.calls:
@@ -353,7 +366,7 @@ class Recorder:
         """Note what an ensemble decides by."""
         if output.ensemble not in self._controlled:
             self._controlled.add(output.ensemble)
-            facts = {"configuration": output.configuration}
+            facts = {"configuration": output.configuration, **output.digests()}
             if output.draws:
                 facts["draws"] = output.draws
             for key in ("state", "action", "observation"):
@@ -370,7 +383,10 @@ class Recorder:
 
     def decided(self, output: _Deciding, *decision: Any) -> None:
         """Note a decision."""
-        self._put((_DECIDED, output, *decision))
+        if self._waits and len(self._items) < self._bound:
+            self._items.append((_DECIDED, output, decision))
+        else:
+            self._put((_DECIDED, output, decision))
 
 
 _NAMED = 10_000
@@ -388,6 +404,8 @@ class _Deciding(Protocol):
 
     @property
     def configuration(self) -> str: ...
+
+    def digests(self) -> dict[str, str]: ...
 
     @property
     def symbols(self) -> Any: ...
@@ -456,7 +474,10 @@ def _numba() -> str:
 
 
 def _blas() -> str:
-    """Return the kernel of numpy's linear algebra; empty where nothing tells it."""
+    """Return the kernel of numpy's linear algebra; empty where nothing tells it.
+
+    A library that scipy brings with it is loaded in some programs alone, and decides nothing.
+    """
     try:
         threadpoolctl = importlib.import_module("threadpoolctl")  # which numba or scikit-learn may have brought
     except ImportError:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mdm import messages
-from mdm.actors import Ensemble
-from mdm.messages import Control, Tick
+from mdm.messages import Tick
 from mdm.recording.stimuli import Began, Ended, Failed, Finished, Said, Ticked, count_messages
+from mdm.replay.input import give
 from mdm.replay.stand_in import AsRecordedError
 from mdm.replay.teammates import Teammates
 from mdm.runtime.actor import descendants
@@ -173,23 +173,4 @@ class Driver:
         kind = getattr(messages, said.type, None)
         if kind is None or not isinstance(said.message, kind):
             return  # of a type that only the program knew
-        if kind is Control and self._command(said):
-            return
-        for channel in self._runtime.channels:
-            if channel.name == said.channel:
-                channel.publish(said.message)
-                return
-
-    def _command(self, said: Said) -> bool:
-        """Give an ensemble a command, by which one that has not started keeps it; return whether there is one."""
-        path = said.channel.rpartition("/")[0]
-        ensembles = (actor for actor in descendants(self._runtime.root) if isinstance(actor, Ensemble))
-        ensemble: Any = next((one for one in ensembles if one.path == path), None)
-        if ensemble is None:
-            return False
-        command = said.message.command
-        if command == "resume":
-            ensemble.start(resume=True)
-        else:
-            getattr(ensemble, command)()
-        return True
+        give(self._runtime, said.channel, said.message)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from mdm.recording.stimuli import Stimulus
     from mdm.runtime.tape import Tape
 
-__all__ = ["Replayed", "replay", "transports_of"]
+__all__ = ["Replayed", "check_beginning", "replay", "transports_of"]
 
 _BITS = ("numpy", "numba", "blas", "machine")
 
@@ -56,6 +56,16 @@ class Replayed(msgspec.Struct, frozen=True):
     def same(self) -> bool:
         """Whether all decisions were the same."""
         return not self.differences
+
+
+def check_beginning(record: Record) -> None:
+    """Refuse a record in which no actor starts: there is nothing to run once more.
+
+    Raises:
+        Error: If it has no beginning.
+    """
+    if not any(isinstance(each.message, Began) for each in record.messages(_there(record, "stimuli"))):
+        raise _no_beginning(record)
 
 
 def transports_of(record: Record) -> dict[str, ReplayTransport]:
@@ -100,9 +110,8 @@ def replay(
     """
     found = record if isinstance(record, Record) else Record(record)
     tops = [actors] if isinstance(actors, Actor) else list(actors)
+    check_beginning(found)
     stimuli, decisions = _contents(found)
-    if not any(isinstance(stimulus, Began) for stimulus in stimuli):
-        raise _no_beginning(found)
     now = environment()
     exact = all(found.head.get(name) == now[name] for name in _BITS)
     player = Player(stimuli, decisions, tolerance=0.0 if exact else 1e-9, most=most)
@@ -129,7 +138,11 @@ def _no_beginning(record: Record) -> Error:
 def _contents(record: Record) -> tuple[list[Stimulus], list[Decision]]:
     stimuli: list[Stimulus] = []
     decisions: list[Decision] = []
-    topics = [topic for topic in ("stimuli", "decisions") if topic in record.topics]
-    for each in record.messages(topics):
+    for each in record.messages(_there(record, "stimuli", "decisions")):
         (stimuli if each.topic == "stimuli" else decisions).append(each.message)
     return stimuli, decisions
+
+
+def _there(record: Record, *topics: str) -> list[str]:
+    """Return those topics that a record has: one torn at its start has none."""
+    return [topic for topic in topics if topic in record.topics]

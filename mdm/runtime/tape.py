@@ -68,6 +68,9 @@ class Deciding(Protocol):
     def configuration(self) -> str:
         """The digest of its model, policy and options."""
 
+    def digests(self) -> dict[str, str]:
+        """Return the digests of its model, its policy and its options, each by itself."""
+
     @property
     def symbols(self) -> Symbols:
         """The names of its states, actions and observations."""

@@ -105,7 +105,7 @@ def run_figure(record: Record, ensembles: Sequence[str] | None = None) -> Any:
         if found[name].beliefs:
             _draw_belief(next(axes), found[name], names.get(name, Names()), end)
     if rewarded:
-        _draw_rewards(next(axes), {name: found[name] for name in chosen if found[name].rewards})
+        _draw_rewards(next(axes), {name: found[name] for name in chosen if found[name].rewards}, end)
     grid[-1, 0].set_xlim(0, end or 1.0)
     grid[-1, 0].set_xlabel("seconds")
     return figure
@@ -162,11 +162,11 @@ def _draw_belief(axes: Any, ensemble: _Ensemble, names: Names, end: float) -> No
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=7)
 
 
-def _draw_rewards(axes: Any, ensembles: dict[str, _Ensemble]) -> None:
-    """Draw the sum of rewards since the start."""
+def _draw_rewards(axes: Any, ensembles: dict[str, _Ensemble], end: float) -> None:
+    """Draw the sum of rewards since the start, to the end of the record."""
     for name, ensemble in ensembles.items():
         seconds, rewards = zip(*ensemble.rewards, strict=True)
-        axes.step(seconds, np.cumsum(rewards), where="post", label=name)
-    axes.set_ylabel("rewards", fontsize=8)
+        axes.step([*seconds, end], np.cumsum([*rewards, 0.0]), where="post", label=name)
+    axes.set_ylabel("sum of rewards", fontsize=8)
     axes.grid(alpha=0.3)
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=7)

@@ -44,7 +44,7 @@ def test_jumps_leave_the_probability_of_staying_as_it_was():
     model = MDP([[[0.8, 0.1, 0.1], [0, 1, 0], [0, 0, 1]]], np.zeros((3, 1)), discount=0.9)
     told = chains_of([*visits([0, 1]), *visits([0, 1]), *visits([0, 2])])
     rows = transition_rows(model, counted(told.stays()), "jumps")
-    new = reestimated(model, rows, staying={(0, 0): 0.8})
+    new = reestimated(model, rows)
     assert new.transition(0, 0) == pytest.approx([0.8, 0.2 * 2.5 / 4, 0.2 * 1.5 / 4])
 
 

@@ -46,8 +46,10 @@ def test_beliefs_and_rewards_are_those_of_the_decisions(tmp_path):
     }
     assert [text.get_text() for text in belief.get_legend().get_texts()] == ["tiger-left", "tiger-right"]
     line = rewards.lines[0]
-    np.testing.assert_allclose(line.get_ydata(), np.cumsum([each.reward for each in decisions]))
-    np.testing.assert_allclose(line.get_xdata(), [each.time / 1e9 for each in decisions])
+    total = np.cumsum([each.reward for each in decisions])
+    _, last = record.span
+    np.testing.assert_allclose(line.get_ydata(), [*total, total[-1]])
+    np.testing.assert_allclose(line.get_xdata(), [*(each.time / 1e9 for each in decisions), last / 1e9])
     lower = belief.collections[0].get_paths()[0].vertices
     for each in decisions[:-1]:
         at = lower[np.isclose(lower[:, 0], each.time / 1e9 + 0.0)]

@@ -228,6 +228,10 @@ class Output:
         """The digest of its model, policy and options."""
         return self._controller.configuration
 
+    def digests(self) -> dict[str, str]:
+        """Return the digests of its model, its policy and its options, each by itself."""
+        return self._controller.digests()
+
     @property
     def symbols(self) -> Symbols:
         """The names of its states, actions and observations."""

@@ -61,8 +61,8 @@ EXAMPLES = {
         "behaviour trees and state machines of five libraries as actions", ("actions",), "python ensemble_within.py"
     ),
     "tutorial": Example(
-        "the tutorial's steps, from predicates to a safe patrol (needs mdm[simulation])",
-        ("tutorial", *_FLOOR),
+        "the tutorial's steps, from predicates to a model's statistics (needs mdm[record,simulation])",
+        ("tutorial", "patrol"),
         "python tutorial/step1_predicates.py",
     ),
     "patrol": Example(

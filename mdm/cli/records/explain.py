@@ -7,20 +7,17 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from mdm.cli.records.rebuilt import rebuilt
 from mdm.cli.report import as_json
 from mdm.cli.robots.why import named
-from mdm.config.recorded import load_recorded
 from mdm.errors import Error
 from mdm.explanation import explain
 from mdm.recording import Record
-from mdm.replay import transports_of
 from mdm.replay.retraced import found, retraced
 
 if TYPE_CHECKING:
     import argparse
 
-    from mdm.actors import Ensemble
-    from mdm.config import System
     from mdm.explanation import Explanation
     from mdm.messages import Decision
 
@@ -33,9 +30,11 @@ def run(arguments: argparse.Namespace) -> int:
     place, decisions = found(record, arguments.ensemble, arguments.at)
     decision = decisions[place]
     with tempfile.TemporaryDirectory() as folder:
-        transport = next(iter(transports_of(record).values()), None) if "stimuli" in record.topics else None
-        system = load_recorded(record, folder, arguments.config, transport=transport)
-        ensemble = _ensemble(system, decision.ensemble, record)
+        ensemble = rebuilt(record, folder, arguments.config).ensembles.get(decision.ensemble)
+        if ensemble is None:
+            raise Error(
+                f"{record.path}: the configuration has no ensemble {decision.ensemble!r}: a task has started it"
+            )
         _check(record, decision.ensemble, ensemble.controller.configuration, given=arguments.config is not None)
         step = retraced(ensemble.controller, decisions, place)
         explanation = explain(named(ensemble, step.case(arguments.last or 10)))
@@ -47,13 +46,6 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{decision.ensemble} at {second:.6g} s, because of: {decision.cause}.")
         print(explanation)
     return 0
-
-
-def _ensemble(system: System, path: str, record: Record) -> Ensemble:
-    for ensemble in system.ensembles.values():
-        if ensemble.path == path:
-            return ensemble
-    raise Error(f"{record.path}: the configuration has no ensemble {path!r}: a task has started it")
 
 
 def _check(record: Record, path: str, now: str, *, given: bool) -> None:

@@ -67,7 +67,11 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
         **facts["head"],
     }
     for name, values in facts["metadata"].items():
-        told |= {f"{name}: {key}": value for key, value in values.items() if not value.startswith("[")}
+        told |= {
+            f"{name.removeprefix('ensemble ')}: {key}": value
+            for key, value in values.items()
+            if not value.startswith("[")
+        }
     yield from (f"{'file':24}{path}" for path in facts["files"])
     for key, value in told.items():
         if value is not None:

@@ -6,19 +6,17 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mdm.cli.policies.simulate import recorded_simulation
+from mdm.cli.records.rebuilt import rebuilt
 from mdm.cli.report import as_json
-from mdm.config.recorded import check_digests, load_recorded
+from mdm.config.recorded import check_digests
 from mdm.errors import Error
 from mdm.recording import Record
-from mdm.replay import Exchange, replay, transports_of
+from mdm.replay import Exchange, replay
+from mdm.replay.replay import check_beginning
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterable
 
-    from mdm.actors import Ensemble
-    from mdm.config import System
     from mdm.replay import Replayed
     from mdm.replay.transport import ReplayTransport
 
@@ -74,20 +72,13 @@ def _replay_team(folder: Path, arguments: argparse.Namespace) -> int:
 
 def _replayed(record: Record, arguments: argparse.Namespace) -> tuple[Replayed, dict[str, ReplayTransport]]:
     """Return what became of the replay of a record, and what its agents of a team sent by."""
+    check_beginning(record)  # first: of one that was torn early, its files may be missing as well
     with tempfile.TemporaryDirectory() as folder:
-        transports = transports_of(record)
-        actors: System | Ensemble
-        if "simulation" in record.head:
-            actors = recorded_simulation(record, folder, arguments.config)
-            ensembles: Iterable[Ensemble] = [actors]
-        else:
-            transport = next(iter(transports.values()), None)
-            actors = load_recorded(record, folder, arguments.config, transport=transport)
-            ensembles = actors.ensembles.values()
+        run = rebuilt(record, folder, arguments.config)
         if arguments.config is None:
-            check_digests(record, ensembles)
+            check_digests(record, run.ensembles.values())
         most = arguments.most or (1 if arguments.config is None else 20)
-        return replay(record, actors, transports=transports, most=most), transports
+        return replay(record, run.actors, transports=run.transports, most=most), run.transports
 
 
 def _summary(record: Record, result: Replayed) -> str:

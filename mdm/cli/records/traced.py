@@ -1,4 +1,8 @@
-"""The stimuli of a record in the words of `mdm trace`."""
+"""The stimuli of a record in the words of `mdm trace`, which people type as well: names, no channels or lives.
+
+Both a replay and `mdm trace` give input by `mdm.replay.input`; these words have nothing for ticks, poses and ends of
+calls, which a replay repeats.
+"""
 
 from __future__ import annotations
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import IO, TYPE_CHECKING, Any, Literal
 
 import msgspec
+import numpy as np
 
 from mdm.config.functions import Lasting
 from mdm.errors import Error
-from mdm.messages import Observation, State
+from mdm.messages import Belief, Control, Observation, SensorUpdate, State
 from mdm.models.matrices import distribution
+from mdm.replay.input import give
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -63,25 +65,22 @@ class Stimulus:
 
     def apply(self, system: System) -> None:
         """Give the inputs to the system."""
-        line, ensemble = self._line, system.ensembles[self._name]
+        line, path, runtime = self._line, system.ensembles[self._name].path, system.runtime
+        now = runtime.clock.now()
         if line.control is not None:
-            getattr(ensemble, line.control)()
-        if line.predicates is not None or line.events is not None:
-            with system.predicates.batch():
-                for name, value in (line.predicates or {}).items():
-                    system.predicates.sense(name, value)
-                declared = system.predicates.declared
-                others = [event for event in line.events or () if not _end(system, event)]
-                heard = [event for event in others if event in declared.used or event in declared.names]
-                if heard:
-                    system.predicates.occur(*heard)
-        now = system.runtime.clock.now()
+            give(runtime, f"{path}/control", Control(now, line.control))
+        declared = system.predicates.declared
+        others = [event for event in line.events or () if not _end(system, event)]
+        heard = tuple(event for event in others if event in declared.used or event in declared.names)
+        if line.predicates or heard:
+            sensed = SensorUpdate(now, tuple((line.predicates or {}).items()), heard)
+            give(runtime, f"{system.predicates.path}/sensed", sensed)
         if self._state is not None:
-            ensemble.channel("state", State, retain=True).publish(State(now, *self._state))
+            give(runtime, f"{path}/state", State(now, *self._state))
         if line.belief is not None:
-            ensemble.publish_belief(line.belief)
+            give(runtime, f"{path}/external_belief", Belief(now, np.array(line.belief)))
         if self._observation is not None:
-            ensemble.channel("observation", Observation).publish(Observation(now, *self._observation))
+            give(runtime, f"{path}/observation", Observation(now, *self._observation))
 
 
 def _ends(system: System, event: str) -> Iterator[tuple[Ensemble, Lasting]]:

@@ -83,3 +83,11 @@ def test_files_that_are_no_record(mdm, tmp_path):
         status, output, errors = mdm("explain", path)
         assert (status, output) == (1, [])
         assert errors.startswith("mdm explain: ")
+
+
+def test_a_decision_of_a_recorded_simulation_is_explained(mdm, tmp_path):
+    model, policy, file = EXAMPLES / "tiger.pomdp", EXAMPLES / "tiger.vf", tmp_path / "run.mcap"
+    mdm("simulate", "--model", model, "--policy", policy, "--episodes", "1", "--steps", "5", "--record", file)
+    status, lines, _ = mdm("explain", file, "--at", "0")
+    assert status == 0
+    assert lines[1] == "Decision 0: 'listen', by alpha vectors."

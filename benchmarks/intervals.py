@@ -229,7 +229,7 @@ def main() -> None:
     table("Coverage of intervals of 95 %, states hidden", behind)
     heard = tiger(quick=options.quick)
     table("The tiger is heard right with 0.85, estimated from 2,000 decisions", heard)
-    report("coverage", {"coverage": coverage, "hidden": behind, "tiger": heard, "drift": drifts}, options.output)
+    report("intervals", {"coverage": coverage, "hidden": behind, "tiger": heard, "drift": drifts}, options.output)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,9 @@ export function standing(frame) {
   return frame.mode;
 }
 
+// Since when: of an ensemble without anything to do, since when that is so.
+export const since = (frame) => (standing(frame) === "idle" ? frame.idle : frame.since);
+
 export function seconds(value) {
   if (value < 0) return "0 s";
   if (value < 10) return `${value.toFixed(1)} s`;

@@ -1,10 +1,9 @@
 // The headline, the tree of ensembles, and one of them at close range.
 import { html, useState } from "./vendor/htm-preact.js";
 import { VirtualList } from "./list.js";
-import { number, percent, seconds, SIGNS, since, standing } from "./words.js";
+import { called, number, percent, seconds, SIGNS, since, standing } from "./words.js";
 
 const PAUSE = 2;   // Seconds without anything to do that nobody need be told of.
-const name = (path) => path.slice(path.lastIndexOf("/") + 1);
 
 export function Headline({ scene, frame }) {
   const told = frame.ensembles.map((each, place) => ({ each, path: scene.ensembles[place]?.path ?? "", how: standing(each) }));
@@ -34,7 +33,7 @@ export function Headline({ scene, frame }) {
 function doing(scene, frame) {
   const acting = frame.ensembles.map((each, place) => [scene.ensembles[place], each]).filter(([, each]) => each.live?.length);
   if (!acting.length) return frame.ensembles.length === 1 ? frame.ensembles[0].action : "";
-  return acting.slice(0, 3).map(([of, each]) => `${name(of.path)}: ${each.live.map((life) => life.action).join(", ")}`).join(" › ");
+  return acting.slice(0, 3).map(([of, each]) => `${called(of)}: ${each.live.map((life) => life.action).join(", ")}`).join(" › ");
 }
 
 function depths(ensembles) {
@@ -59,7 +58,7 @@ export function Tree({ scene, frame, selected, choose }) {
         aria-selected=${of.path === selected} onClick=${() => choose(of.path)}>
       <span style=${`width:${1.1 * depth[place]}rem;flex:none`}></span>
       <span class=${`sign ${how}`} aria-hidden="true">${SIGNS[how]}</span>
-      <span class="name">${name(of.path)}</span><span class=${how}>${how}</span>
+      <span class="name">${called(of)}</span><span class=${how}>${how}</span>
       <span class="grow">${live.length
         ? live.map((life) => `${life.action}${life.remaining == null ? "" : `, ${number(life.remaining)} m to go`}`).join(", ")
         : each.action && how !== "stopped" ? html`<span class="soft">${each.action}</span>` : ""}</span>

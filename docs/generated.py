@@ -42,6 +42,8 @@ PACKAGES = (
     "mdm.team",
     "mdm.recording",
     "mdm.replay",
+    "mdm.snapshots",
+    "mdm.views.web",
     "mdm.testing",
     "mdm.errors",
 )

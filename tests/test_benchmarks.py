@@ -31,6 +31,7 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
         "places",
         "maps",
         "building",
+        "page",
         "team_bridge",
         "team_latency",
         "team_memory",
@@ -44,6 +45,8 @@ def test_benchmark(tmp_path, name):
         pytest.importorskip("mcap")
     if name in {"team_bridge", "team_latency", "team_memory"}:
         pytest.importorskip("zenoh")
+    if name == "page":
+        pytest.importorskip("websockets")
     output = tmp_path / "out.json"
     done = subprocess.run(
         [sys.executable, str(BENCHMARKS / f"{name}.py"), "--quick", "--output", str(output)],

@@ -42,6 +42,8 @@ VERBS = {
     "explain": ("records", "say why a decision in a record was made"),
     "statistics": ("records", "tell from records how good a model is, and estimate it anew"),
     "record": ("records", "describe, print, export and repair the record of a run"),
+    "page": ("records", "show the record of a run on a page for this machine's browsers"),
+    "watch": ("records", "watch a running system, or a record, in the terminal"),
     "map": ("map", "propose, draft, check and show the map of a floor, and make a model from it"),
     "new": ("projects", "make a small project that runs, and has a test"),
     "examples": ("projects", "list the examples, or copy one of them"),

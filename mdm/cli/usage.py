@@ -17,6 +17,7 @@ __all__ = [
     "count",
     "finite",
     "limit",
+    "port",
     "seconds",
     "seed",
 ]
@@ -114,6 +115,13 @@ def count(text: str) -> int:
     if number < 1:
         raise argparse.ArgumentTypeError(f"a whole number of 1 or more was expected, not {text!r}")
     return number
+
+
+def port(text: str) -> int:
+    """Parse an argument as a port, 0 for any that is free."""
+    if not (text.isascii() and text.isdecimal() and int(text) < 65_536):
+        raise argparse.ArgumentTypeError(f"a port, up to 65535, was expected, not {text!r}")
+    return int(text)
 
 
 def seed(text: str) -> int:

@@ -136,7 +136,7 @@ def _mixed(policy: MixedAlphaVectors, belief: Vector) -> Vector | None:
         first: Vector = np.eye(others.num_states)[0]
         hidden = first if others.action(first) != action else nearest_belief(others, first)
         if hidden is not None:
-            kept = 0.5 if others.action(hidden) < action else 0.5 - 1e-9
+            kept = 0.5 - _TIES[0]  # whichever of equal votes would win, and whatever rounding adds
             found.append(kept * belief + (1 - kept) * _placed(hidden, policy.states[other], len(belief)))
     decides = _otherwise(policy, action)
     return min(filter(decides, found), key=lambda after: moved(belief, after), default=None)

@@ -201,6 +201,11 @@ class Places(Actor):
         """The last pose that counts; None where there is none."""
         return self._pose
 
+    @property
+    def heading_for(self) -> str | None:
+        """The name of the place to whose goal a drive is under way; None where there is no drive."""
+        return None if self._heads_for is None else self._goal_names[self._heads_for].removeprefix(self.prefix)
+
     # -- What navigation calls -----------------------------------------------------------------------------------
 
     def set_out(self, place: str | None) -> None:

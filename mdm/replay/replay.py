@@ -23,7 +23,7 @@ from mdm.replay.transport import ReplayTransport
 from mdm.runtime import Actor, Runtime, run
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from mdm.messages import Decision
@@ -93,6 +93,7 @@ def replay(
     *,
     most: int = 100,
     transports: Mapping[str, ReplayTransport] = {},
+    listen: Callable[[Runtime], object] = lambda _: None,
 ) -> Replayed:
     """Run what a record has once more, in virtual time, and compare every decision.
 
@@ -102,6 +103,7 @@ def replay(
             called.
         most: How many differences are kept; at the last of them the replay ends.
         transports: Of agents of a team, those that `transports_of` returned, with which their members were built.
+        listen: Called with the runtime before it begins, to subscribe to channels that the record does not keep.
 
     Raises:
         Error: If the record has no beginning.
@@ -122,6 +124,7 @@ def replay(
         runtime = Runtime(clock=clock, log=False, watchdog=None, signals=False)
         tape: Tape = player
         runtime.dispatcher.tape = tape
+        listen(runtime)
         await Driver(runtime, player, clock, tops, transports).play(stimuli, most)
 
     run(main, virtual=True)

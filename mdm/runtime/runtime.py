@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import builtins
+import importlib
 import os
 import threading
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
 
 import anyio
@@ -51,6 +52,16 @@ __all__ = ["Runtime", "RuntimeStatistics", "end_all"]
 T = TypeVar("T")
 
 _OPEN: WeakKeyDictionary[asyncio.AbstractEventLoop, WeakSet[Runtime]] = WeakKeyDictionary()
+
+
+class Showing(Protocol):
+    """What shows a runtime, as `mdm.views.web.Page` does."""
+
+    async def open(self, runtime: Runtime) -> None:
+        """Show a runtime, which begins."""
+
+    async def close(self) -> None:
+        """Show nothing more."""
 
 
 class RuntimeStatistics(msgspec.Struct, frozen=True):
@@ -114,6 +125,8 @@ class Runtime:
         signals: Whether signals end the runtime; by default in the main thread, under a wall clock.
         record: The file, such as ``run.mcap``, to which the run is recorded, or a `Recorder` with options of its own.
             It needs the extra ``record``. What cannot be recorded is told by a fault, and lets the run go on.
+        page: The port of a page for browsers of this machine, which shows the run live, or a `mdm.views.web.Page` with
+            options of its own. It needs the extra ``page``, and real time.
 
     Raises:
         Error: If ``emergency`` cannot be called so, or the times contradict each other.
@@ -122,6 +135,7 @@ class Runtime:
     Attributes:
         ending: Whether it ends: no decided action starts any more.
         recorder: What the run is recorded by; None where it is not.
+        page: The page that shows it; None where there is none.
     """
 
     def __init__(
@@ -135,6 +149,7 @@ class Runtime:
         emergency_after: float | None = None,
         signals: bool | None = None,
         record: str | os.PathLike[str] | Recorder | None = None,
+        page: int | Showing | None = None,
     ) -> None:
         check_watch(watchdog, emergency, emergency_after)
         check_flag(debug, "debug")
@@ -168,6 +183,7 @@ class Runtime:
             self._watchdog = Watchdog(watchdog, self._alarm, self.emergency, after)
         self._signals = Signals(self._leave, self._break_off)
         self.recorder = recorder_of(record)
+        self.page = page_of(page)
         self._hears = isinstance(self.clock, WallClock) if signals is None else signals
         self._must_hear = signals is True
         self._host: asyncio.Task[Any] | None = None
@@ -347,6 +363,7 @@ class Runtime:
         self.clock.open(loop)
         self.dispatcher.open(loop)
         self._open_record()
+        await self._open_page()
         watch(loop)
         if self._log is not None:
             self._log.open(self)
@@ -376,6 +393,17 @@ class Runtime:
             try:
                 self.recorder.open(self, virtual=isinstance(self.clock, VirtualClock))
             except BaseException:
+                self.dispatcher.close()
+                self.clock.close()
+                raise
+
+    async def _open_page(self) -> None:
+        if self.page is not None:
+            try:
+                await self.page.open(self)
+            except BaseException:
+                if self.recorder is not None:
+                    self.recorder.close()
                 self.dispatcher.close()
                 self.clock.close()
                 raise
@@ -419,6 +447,9 @@ class Runtime:
             if self._watchdog is not None:
                 self._watchdog.close()
             self._emergency.close()
+            if self.page is not None:
+                with anyio.CancelScope(shield=True):
+                    await self.page.close()
             for channel in self._channels.values():
                 channel.close()
             self.dispatcher.close()
@@ -499,6 +530,18 @@ def recorder_of(given: object) -> Recorder | None:
     if isinstance(given, str | os.PathLike):
         return Recorder(os.fspath(given))
     raise Error(f"a record is the path of a file, such as 'run.mcap', or a Recorder, not {given!r}")
+
+
+def page_of(given: object) -> Showing | None:
+    """Return the page that is given as itself or by its port."""
+    if given is None:
+        return None
+    if hasattr(given, "open") and hasattr(given, "close"):
+        own: Any = given
+        return own  # type: ignore[no-any-return]
+    # By its name, for it lies above: what runs a robot knows no pictures, and loads them only where it is asked to.
+    web: Any = importlib.import_module("mdm.views.web")
+    return web.Page(given)  # type: ignore[no-any-return]
 
 
 def _clock_of_the_loop() -> Clock:

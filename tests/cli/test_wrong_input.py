@@ -79,7 +79,6 @@ OUTPUTS = [
 
 TWO = [
     ("run tiger.toml --agent a", "--agent"),
-    ("run tiger.toml --decisions d.jsonl", "--decisions"),
     ("check tiger.toml --model tiger.pomdp", "--model"),
     ("check tiger.pomdp --import", "--import"),
     ("check tiger.pomdp --model tiger.pomdp", "--model"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import example, given, strategies as st
 from nearest import (
     SMALL,
     check,
@@ -60,12 +60,13 @@ def test_masked_vectors_for_every_support(seed):
 
 
 @given(SEEDS)
+@example(418)  # half of the votes, which rounding had not let win
 def test_vectors_of_what_is_observed(seed):
     random = np.random.default_rng(seed)
     policy = random_mixed(random, int(random.integers(2, 5)))
     belief = np.zeros(policy.num_states)
     belief[policy.states[random.integers(3)]] = drawn(random, policy.states.shape[1])
-    check(random, policy, belief)
+    check(random, policy, belief, tries=200)
 
 
 def test_a_mask_that_next_to_nothing_breaks():

@@ -110,6 +110,8 @@ class ActionLayer(Layer):
         ends: Told how an action has ended, by its name, binding, status, whether it took time, and in words; says
             whether it is given up.
         clears: Notified when a replaced life has ended, too; its end as ``preempted`` was reported before.
+        observer: Notified of lives that begin and end, but for plain functions that succeed, which costs decisions
+            nothing; None where nobody observes.
     """
 
     # The attributes that each decision reads or writes, close together: many ensembles do not all fit the cache.
@@ -147,6 +149,7 @@ class ActionLayer(Layer):
         self.begins: Callable[[str], None] = lambda _: None
         self.ends: Callable[[str, Binding, ActionStatus, bool, str], bool] = lambda *_: False
         self.clears: Callable[[], None] = lambda: None
+        self.observer: Callable[[ActionLife], None] | None = None
         self.lives: Lives[_Run] = Lives()
         self.names = names
         self.predicates = predicates
@@ -421,6 +424,8 @@ class ActionLayer(Layer):
         life.number = self.started
         if self._tape is not None:
             self._tape.lived(self._path, life.number, life.name, "running", "", action.time)
+        if self.observer is not None:
+            self.observer(ActionLife(action.time, self._path, life.number, life.name, "running"))
         return life
 
     def _returned(self, life: _Run, result: object, jobs: Jobs) -> None:
@@ -508,7 +513,7 @@ class ActionLayer(Layer):
             self.begins(life.name)
         if self._left:
             self._tell_left(life.name)
-        if self._told.heard or self._tape is not None:
+        if self._told.heard or self._tape is not None or self.observer is not None:
             self._tell(life, "running")
         ensemble = binding.ensemble
         if ensemble is not None:
@@ -624,7 +629,7 @@ class ActionLayer(Layer):
             self.report("action", text)
         lasted = life.work is not None or life.binding.ensemble is not None
         gave_up = not life.secures and self.ends(life.name, life.binding, status, lasted, text)
-        if self._told.heard or self._tape is not None:
+        if self._told.heard or self._tape is not None or self.observer is not None:
             self._tell(life, status, detail)
         if self.predicates is not None and self.predicates.action_ends:
             self._raise_end(life.name, status)
@@ -648,5 +653,7 @@ class ActionLayer(Layer):
         time = self.runtime.now()
         if self._tape is not None:
             self._tape.lived(self._path, life.number, life.name, status, detail, time)
+        if self.observer is not None:
+            self.observer(ActionLife(time, self._path, life.number, life.name, status, detail))
         if self._told.heard:
             self._told.publish(ActionLife(time, self._path, life.number, life.name, status, detail))

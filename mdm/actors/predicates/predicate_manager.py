@@ -310,6 +310,12 @@ class PredicateManager(Actor):
         """The names of all predicates in the running network."""
         return self._known
 
+    @property
+    def settable(self) -> tuple[str, ...]:
+        """The names of predicates that code sets, and no channel or sensor whose values grow old does."""
+        grounded = {name for name, _, _ in self._groundings} | self.declared.aged
+        return tuple(name for name in self._sensors if name not in grounded)
+
     # -- Life ----------------------------------------------------------------------------------------------------
 
     def on_start(self) -> None:

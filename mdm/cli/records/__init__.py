@@ -1,13 +1,13 @@
-"""The verbs of records, and their arguments: ``mdm record``, ``mdm replay``, ``mdm statistics``."""
+"""The verbs of records, and their arguments: ``mdm record``, ``mdm replay``, ``mdm statistics``, ``mdm page``."""
 
 from __future__ import annotations
 
 import argparse
 from typing import Any
 
-from mdm.cli.usage import add_discount, complete, count, finite, seconds, seed
+from mdm.cli.usage import add_discount, complete, count, finite, port, seconds, seed
 
-__all__ = ["VERBS", "add_explain", "add_record", "add_replay", "add_statistics"]
+__all__ = ["VERBS", "add_explain", "add_page", "add_record", "add_replay", "add_statistics", "add_watch"]
 
 VERBS = {
     "info": "what is in a record",
@@ -51,6 +51,44 @@ def add_replay(verbs: Any, line: str) -> None:
     parser.add_argument("--most", metavar="N", type=count, help="tell at most N differences (1; with --config, 20)")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     complete(parser, "replay", "mdm.cli.records.replay")
+
+
+def add_page(verbs: Any, line: str) -> None:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "page",
+        help=line,
+        description=(
+            "Show the record of a run on a page for this machine's browsers: at any time of the run, with steps "
+            "to the next decision, fault and mode. Open the address that is printed; Ctrl-C ends it. What a record "
+            "does not keep, as predicates, is had from a replay, where the record has its configuration. A run "
+            "that goes on is shown by mdm run FILE.toml --page."
+        ),
+        epilog="example: mdm page run.mcap",
+    )
+    parser.add_argument("file", metavar="FILE", help="the record")
+    parser.add_argument("--port", metavar="PORT", type=port, default=8765, help="where the page is (8765)")
+    parser.add_argument("--no-replay", action="store_true", help="begin at once, without the values of predicates")
+    complete(parser, "page", "mdm.cli.records.page")
+
+
+def add_watch(verbs: Any, line: str) -> None:
+    """Add the verb and its arguments."""
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "watch",
+        help=line,
+        description=(
+            "Watch a system that runs with a page, by the address that it has printed, or the record of a run, in this "
+            "terminal: the tree of ensembles, modes, live actions, predicates, beliefs as bars, and the last events. "
+            "Keys: q ends, up and down choose an ensemble; of a record, space plays, left and right move, d, f and m "
+            "step to the next decision, fault and mode, with shift to the one before."
+        ),
+        epilog="example: mdm watch run.mcap",
+    )
+    parser.add_argument("source", metavar="URL|FILE", help="the address of a page, or a record")
+    parser.add_argument("--once", action="store_true", help="print one picture, of a record its end, and stop")
+    parser.add_argument("--at", metavar="S", type=_moment, help="of a record, begin at second S")
+    complete(parser, "watch", "mdm.cli.records.watch")
 
 
 def add_explain(verbs: Any, line: str) -> None:

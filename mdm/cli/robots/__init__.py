@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import add_discount, add_false_negative, add_file, complete, count, seconds, seed
+from mdm.cli.usage import add_discount, add_false_negative, add_file, complete, count, port, seconds, seed
 
 if TYPE_CHECKING:
     import argparse
@@ -38,6 +38,20 @@ def add_arguments(parser: argparse.ArgumentParser, *, virtual: bool = True) -> N
     parser.add_argument(
         "--record", metavar="PATH", help="record the run to this file, such as run.mcap, which mdm replay runs again"
     )
+    parser.add_argument(
+        "--page",
+        metavar="PORT",
+        nargs="?",
+        type=port,
+        const=8765,
+        help="show the run live on a page for this machine's browsers, at port PORT (8765)",
+    )
+    parser.add_argument(
+        "--page-control",
+        action="store_true",
+        help="let the page start, stop, reset and release ensembles, and set predicates that no sensor tells",
+    )
+    parser.add_argument("--quiet", action="store_true", help="write no log")
     if virtual:
         parser.add_argument(
             "--virtual", action="store_true", help="in virtual time: without waiting, until nothing is pending"

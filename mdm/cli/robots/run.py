@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from mdm.config import System
     from mdm.messages import Decision
+    from mdm.views.web import Page
 
 __all__ = ["run"]
 
@@ -42,10 +43,10 @@ def run(arguments: argparse.Namespace) -> int:
     attached = Attached() if arguments.attached else None
     system = _load(arguments)
     first, ended = system.top[0], Counter[str]()
+    log = _log(arguments, system)
 
     async def main() -> None:
-        log = Log(arguments.log, debug=arguments.debug, decisions=in_words(system.ensembles.values()))
-        async with Runtime(log=log, record=_recorder(arguments)) as runtime:
+        async with Runtime(log=log or False, record=_recorder(arguments), page=_page(arguments)) as runtime:
 
             def tally(decision: Decision) -> None:
                 if decision.ensemble == first.path and decision.epoch >= 0:
@@ -53,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
                     if len(seen) >= arguments.epochs:
                         runtime.shut_down()
 
-            if arguments.why:
+            if log is not None and arguments.why:
                 from mdm.cli.robots.why import why_in  # noqa: PLC0415 - for those who ask
 
                 runtime.decisions.subscribe(why_in(log, system.ensembles.values()))
@@ -80,6 +81,26 @@ def run(arguments: argparse.Namespace) -> int:
         for failing in failings:
             print(f"mdm {arguments.command}: {failing}", file=sys.stderr)
     return 1 if failings else 0
+
+
+def _log(arguments: argparse.Namespace, system: System) -> Log | None:
+    """Return the log; None where it should be quiet."""
+    if arguments.quiet:
+        if arguments.why:
+            raise UsageError("--why is told in the log, which --quiet leaves out")
+        return None
+    return Log(arguments.log, debug=arguments.debug, decisions=in_words(system.ensembles.values()))
+
+
+def _page(arguments: argparse.Namespace) -> Page | None:
+    """Return what shows the run live; None where nobody asked for it."""
+    if arguments.page is None:
+        if arguments.page_control:
+            raise UsageError("--page-control is for a page: say --page, too")
+        return None
+    from mdm.views.web import Page  # noqa: PLC0415 - an extra, and only where it is asked for
+
+    return Page(arguments.page, control=arguments.page_control, title=Path(arguments.file).name)
 
 
 def _recorder(arguments: argparse.Namespace) -> Recorder | None:

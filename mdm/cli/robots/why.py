@@ -6,26 +6,16 @@ from typing import TYPE_CHECKING
 
 from mdm.errors import ModelError
 from mdm.explanation import brief, explain
-from mdm.models import Factor, Space
+from mdm.snapshots.why import named
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from mdm.actors import Ensemble
-    from mdm.explanation import Case
     from mdm.messages import Decision
     from mdm.runtime import Log
 
 __all__ = ["named", "why_in"]
-
-
-def named(ensemble: Ensemble, case: Case) -> Case:
-    """Return a case with the names of the wiring, where no model has names of states."""
-    if case.states is not None or ensemble.state is None:
-        return case
-    factors = ensemble.state.factors
-    states = Space(Factor(each.name, [str(wire.source) for wire in each.wires()]) for each in factors)
-    return case._replace(states=states if len(states) == ensemble.controller.symbols.num_states else None)
 
 
 def why_in(log: Log, ensembles: Iterable[Ensemble]) -> Callable[[Decision], None]:

@@ -1,0 +1,226 @@
+"""``mdm watch``: a running system, by its page's address, or a record, in the terminal."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+import os
+import sys
+import time as times
+from contextlib import contextmanager, suppress
+from http.cookies import SimpleCookie
+from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qs, urlsplit
+
+import msgspec
+
+from mdm.cli.records.shown import recorded_run
+from mdm.cli.usage import UsageError
+from mdm.errors import Error
+from mdm.runtime import run as run_program
+from mdm.snapshots import Event, Frame, Scene
+from mdm.views.terminal import Terminal, rich
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Iterator
+
+    from mdm.snapshots import RecordedRun
+
+__all__ = ["run"]
+
+_PERIOD = 0.25
+_WAITS = 5.0
+_STEPS = {"d": "decision", "f": "fault", "m": "mode"}
+_ARROWS = {"\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left"}
+
+
+class _Told(msgspec.Struct, frozen=True):
+    """A message of a page's socket."""
+
+    scene: Scene | None = None
+    frame: Frame | None = None
+    events: tuple[Event, ...] = ()
+    cursor: int = 0
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Watch until q or Ctrl-C; return the exit status."""
+    rich()
+    if arguments.source.startswith(("http://", "https://")):
+        if arguments.at is not None:
+            raise UsageError("--at is for a record: a running system has no past")
+        run_program(lambda: _watch_page(arguments.source, once=arguments.once))
+    else:
+        shown = recorded_run(arguments.source)
+        run_program(lambda: _watch_record(shown, arguments.at, once=arguments.once))
+    return 0
+
+
+async def _watch_record(shown: RecordedRun, at: float | None, *, once: bool) -> None:
+    terminal = Terminal(shown.scene())
+    terminal.hear([msgspec.json.decode(each, type=Event) for each in shown.after(0, sys.maxsize)[0]])
+    time = at if at is not None else (shown.last if once else shown.first)
+    playing, before = False, times.monotonic()
+    with _screen(once=once) as (draw, keys):
+        while True:
+            now = times.monotonic()
+            if playing:
+                time = min(shown.last, time + now - before)
+            before = now
+            status = "▶ playing" if playing else "❚❚ space plays, d f m step, q ends"
+            draw(terminal, shown.frame(time, terminal.close), status)
+            if once:
+                return
+            key = await keys(_PERIOD)
+            if key == "q":
+                return
+            if key == " ":
+                playing = not playing
+            elif key in {"up", "down"}:
+                terminal.choose(1 if key == "down" else -1)
+            elif key in {"left", "right"}:
+                time, playing = min(shown.last, max(shown.first, time + (1 if key == "right" else -1))), False
+            elif key.lower() in _STEPS:
+                time, playing = shown.step(_STEPS[key.lower()], time, back=key.isupper()), False  # type: ignore[arg-type]
+
+
+async def _watch_page(url: str, *, once: bool) -> None:
+    terminal: Terminal | None = None
+    cursor = 0
+    async with _socket(url) as socket:
+        with _screen(once=once) as (draw, keys):
+            while True:
+                told = await _next(socket)
+                if told.scene is not None:
+                    chosen = 0 if terminal is None else terminal.selected
+                    terminal = Terminal(told.scene)
+                    terminal.selected = chosen
+                if terminal is not None and told.frame is not None:
+                    terminal.hear(told.events)
+                    cursor = told.cursor
+                    draw(terminal, told.frame, "● live, q ends")
+                    if once and terminal.close[0] in told.frame.details:
+                        return
+                    key = await keys(_PERIOD)
+                    if key == "q":
+                        return
+                    if key in {"up", "down"}:
+                        terminal.choose(1 if key == "down" else -1)
+                close = [] if terminal is None else list(terminal.close)
+                await socket.send(msgspec.json.encode({"say": "drawn", "cursor": cursor, "close": close}).decode())
+
+
+async def _next(socket: Any) -> _Told:
+    try:
+        return msgspec.json.decode(await socket.recv(), type=_Told)
+    except msgspec.ValidationError:
+        raise Error("the page is of another version of mdm: watch with the one that runs there") from None
+    except _client("exceptions").ConnectionClosed:
+        raise Error("the program has ended, or has closed its page") from None
+
+
+def _client(module: str) -> Any:
+    try:
+        return importlib.import_module(f"websockets.{module}")
+    except ImportError:
+        raise Error("to watch a page needs websockets: pip install 'markov-decision-making[watch]'") from None
+
+
+def _socket(url: str) -> Any:
+    """Return what opens the socket of a page, as its own page in a browser does."""
+    client = _client("asyncio.client")
+    parts = urlsplit(url)
+    token = parse_qs(parts.query).get("token", [""])[0] or os.environ.get("MDM_PAGE_TOKEN", "")
+    if not parts.netloc or not token:
+        raise UsageError("give the address that the program has printed, with its token")
+    cookie: SimpleCookie = SimpleCookie({f"mdm-{parts.port or 80}": token})
+    return _Opened(
+        client.connect(
+            f"{'wss' if parts.scheme == 'https' else 'ws'}://{parts.netloc}/socket",
+            origin=f"{parts.scheme}://{parts.netloc}",
+            additional_headers={"Cookie": cookie.output(header="", sep=";").strip()},
+            compression=None,
+            max_size=None,
+            open_timeout=_WAITS,
+        ),
+        parts.netloc,
+    )
+
+
+class _Opened:
+    """Opens a socket, and says in a sentence why it cannot be opened."""
+
+    def __init__(self, connects: Any, place: str) -> None:
+        self._connects = connects
+        self._place = place
+        self._socket: Any = None
+
+    async def __aenter__(self) -> Any:
+        refused = _client("exceptions").InvalidHandshake
+        try:
+            self._socket = await self._connects
+        except refused:
+            raise Error(f"{self._place} refuses to be watched: its address, or token, is another one") from None
+        except (OSError, TimeoutError):
+            raise Error(f"nothing answers at {self._place}: is the program running?") from None
+        return self._socket
+
+    async def __aexit__(self, *_: object) -> None:
+        await self._socket.close()
+
+
+@contextmanager
+def _screen(*, once: bool) -> Iterator[tuple[Any, Any]]:
+    """Yield a function that draws, and one that waits for a key for some seconds."""
+    parts = rich()
+    console = parts.Console()
+    if once or not console.is_terminal:
+        yield lambda terminal, frame, status: console.print(terminal.picture(frame, status=status)), _no_key
+        return
+    with parts.Live(console=console, screen=True, auto_refresh=False) as live, _keys() as keys:
+
+        def draw(terminal: Terminal, frame: Frame, status: str) -> None:
+            live.update(terminal.picture(frame, height=console.height, status=status), refresh=True)
+
+        yield draw, keys
+
+
+async def _no_key(period: float) -> str:
+    await asyncio.sleep(period)
+    return ""
+
+
+@contextmanager
+def _keys() -> Iterator[Any]:
+    """Yield a function that waits for a key; the terminal tells each at once meanwhile."""
+    try:
+        import termios  # noqa: PLC0415 - not everywhere
+        import tty  # noqa: PLC0415
+    except ImportError:
+        yield _no_key
+        return
+    descriptor = sys.stdin.fileno()
+    if not os.isatty(descriptor):
+        yield _no_key
+        return
+    before = termios.tcgetattr(descriptor)
+    pressed: asyncio.Queue[str] = asyncio.Queue()
+    loop = asyncio.get_running_loop()
+
+    def read() -> None:
+        text = os.read(descriptor, 64).decode(errors="replace")
+        pressed.put_nowait(_ARROWS.get(text, text[:1]))
+
+    async def key(period: float) -> str:
+        with suppress(TimeoutError):
+            return await asyncio.wait_for(pressed.get(), period)
+        return ""
+
+    tty.setcbreak(descriptor)
+    loop.add_reader(descriptor, read)
+    try:
+        yield key
+    finally:
+        loop.remove_reader(descriptor)
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)

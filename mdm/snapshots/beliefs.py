@@ -1,0 +1,103 @@
+"""Beliefs for the eye: the likeliest states, marginals of factors, and cells of a grid, of however many states."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdm.beliefs import Support
+from mdm.snapshots.frame import BeliefFrame, GridFrame, Marginal
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mdm.models import Space
+    from mdm.models.matrices import Vector
+
+__all__ = ["belief_frame", "grid_factors"]
+
+_TOP = 12
+"""States that are shown by name."""
+_SYMBOLS = 24
+"""Symbols of a factor that are shown."""
+_CELLS = 4_096
+_ROWS = frozenset({"y", "row", "rows"})
+_COLUMNS = frozenset({"x", "column", "columns", "col"})
+
+
+def belief_frame(current: Any, space: Space | None) -> BeliefFrame | None:
+    """Return an information state as it is shown; None where it is no belief.
+
+    Costs the order of S for marginals of a dense belief, and of its support for others.
+
+    Args:
+        current: S numbers, or a `Support`.
+        space: The states, where they have names.
+    """
+    if isinstance(current, Support):
+        states, chances = np.asarray(current.states), np.asarray(current.probabilities, dtype=np.float64)
+        size = len(space) if space is not None else int(states.max(initial=0)) + 1
+    elif isinstance(current, np.ndarray) and current.ndim == 1 and current.dtype.kind == "f":
+        states, chances, size = np.flatnonzero(current), current[current != 0], len(current)
+    else:
+        return None
+    if not len(states) or (space is not None and len(space) != size):
+        return None
+    most = np.argpartition(-chances, _TOP)[:_TOP] if len(chances) > _TOP else np.arange(len(chances))
+    most = most[np.argsort(-chances[most], kind="stable")]
+    name: Any = str if space is None else space.names.__getitem__
+    top = tuple([(name(int(states[place])), _short(chances[place])) for place in most])
+    logs = np.log2(chances, out=np.zeros_like(chances), where=chances > 0)
+    marginals, grid = _marginals(states, chances, space)
+    return BeliefFrame(
+        top=top,
+        rest=_short(max(0.0, 1.0 - sum(chance for _, chance in top))),
+        states=size,
+        entropy=round(max(0.0, float(-(chances * logs).sum())), 4),
+        marginals=marginals,
+        grid=grid,
+    )
+
+
+def _short(chance: Any) -> float:
+    return round(float(chance), 6)
+
+
+def _marginals(states: Any, chances: Vector, space: Space | None) -> tuple[tuple[Marginal, ...], GridFrame | None]:
+    if space is None or len(space.factors) < 2:
+        return (), None
+    parts = np.unravel_index(states, space.shape)
+    marginals = []
+    for factor, own in zip(space.factors, parts, strict=True):
+        summed = np.bincount(own, chances, minlength=len(factor))
+        order: Sequence[int] = range(len(factor))
+        if len(factor) > _SYMBOLS:
+            order = np.sort(np.argpartition(-summed, _SYMBOLS)[:_SYMBOLS]).tolist()
+        values = tuple([_short(summed[place]) for place in order])
+        rest = _short(max(0.0, float(chances.sum()) - sum(values))) if len(factor) > _SYMBOLS else 0.0
+        marginals.append(Marginal(factor.name, tuple([factor.names[place] for place in order]), values, rest))
+    return tuple(marginals), _grid(parts, chances, space)
+
+
+def grid_factors(space: Space | None) -> tuple[int, int] | None:
+    """Return the factors that are the rows and the columns of a grid, by their names; None where there are none."""
+    if space is None or len(space.factors) < 2:
+        return None
+    names = [factor.name.lower() for factor in space.factors]
+    down = next((place for place, name in enumerate(names) if name in _ROWS), None)
+    across = next((place for place, name in enumerate(names) if name in _COLUMNS), None)
+    if down is None or across is None or len(space.factors[down]) * len(space.factors[across]) > _CELLS:
+        return None
+    return down, across
+
+
+def _grid(parts: Sequence[Any], chances: Vector, space: Space) -> GridFrame | None:
+    found = grid_factors(space)
+    if found is None:
+        return None
+    down, across = found
+    rows, columns = len(space.factors[down]), len(space.factors[across])
+    cells = np.bincount(parts[down] * columns + parts[across], chances, minlength=rows * columns)
+    names = space.factors[down].name, space.factors[across].name
+    return GridFrame(*names, rows, columns, tuple([_short(cell) for cell in cells]))

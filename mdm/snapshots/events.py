@@ -1,0 +1,91 @@
+"""The events of a run: ends and beginnings of actions, decisions, modes and faults, for as many as there is room."""
+
+from __future__ import annotations
+
+from collections import deque
+from heapq import merge
+from typing import TYPE_CHECKING, Literal
+
+import msgspec
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ["KINDS", "Event", "Ring"]
+
+Kind = Literal["mode", "fault", "idle", "life", "decision"]
+
+KINDS: tuple[Kind, ...] = ("mode", "fault", "idle", "life", "decision")
+
+_ROOM: dict[Kind, int] = {"mode": 5_000, "fault": 2_000, "idle": 2_000, "life": 20_000, "decision": 20_000}
+
+
+class Event(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
+    """What happened.
+
+    Attributes:
+        number: Counted from 1 on.
+        time: In seconds since the run's second 0.
+        kind: What it is.
+        source: The ensemble's path; of a fault, the actor's.
+        name: The mode, the kind of the fault, or the action.
+        detail: In words; of a decision, its cause.
+        status: Of an action, ``running`` or how it ended; of an ensemble, ``idle`` or ``busy``.
+        life: The number of the action's life, or of the decision.
+        remedy: What to do about a fault.
+        count: Of decisions, how many this one stands for.
+    """
+
+    number: int
+    time: float
+    kind: Kind
+    source: str
+    name: str
+    detail: str = ""
+    status: str = ""
+    life: int = 0
+    remedy: str = ""
+    count: int = 1
+
+
+class Ring:
+    """Keeps the newest events of each kind, so that many decisions leave room for the faults before them.
+
+    A reader holds a cursor: the number of the last event that it has.
+    """
+
+    def __init__(self) -> None:
+        self.number = 0
+        self._kept: dict[Kind, deque[tuple[int, Event, bytes]]] = {kind: deque(maxlen=_ROOM[kind]) for kind in KINDS}
+        self._encode = msgspec.json.Encoder().encode
+
+    def add(self, time: float, kind: Kind, source: str, name: str, **more: object) -> None:
+        """Keep an event; in place of the oldest one of its kind, where there are too many."""
+        self.number += 1
+        event = Event(self.number, time, kind, source, name, **more)  # type: ignore[arg-type]
+        self._kept[kind].append((self.number, event, self._encode(event)))
+
+    def __iter__(self) -> Iterator[Event]:
+        return (event for _, event, _ in merge(*self._kept.values()))
+
+    def after(self, cursor: int, most: int) -> tuple[list[bytes], int]:
+        """Return the first events behind a cursor, encoded, and the cursor behind them.
+
+        Args:
+            cursor: The number of the last event that the reader has.
+            most: How many at most.
+        """
+        if cursor >= self.number:
+            return [], self.number
+        found = []
+        for kept in self._kept.values():
+            newest = []
+            for entry in reversed(kept):
+                if entry[0] <= cursor:
+                    break
+                newest.append(entry)
+            found.append(newest[::-1])
+        merged = [(number, encoded) for number, _, encoded in merge(*found, key=lambda entry: entry[0])][:most]
+        if len(merged) < most:
+            return [encoded for _, encoded in merged], self.number
+        return [encoded for _, encoded in merged], merged[-1][0]

@@ -1,0 +1,180 @@
+"""A frame of a run: all that changes, at one time. Times are in seconds since the run's second 0."""
+
+from __future__ import annotations
+
+import msgspec
+
+__all__ = [
+    "BeliefFrame",
+    "CauseFrame",
+    "Detail",
+    "EnsembleFrame",
+    "Frame",
+    "GridFrame",
+    "LifeFrame",
+    "Marginal",
+    "RobotFrame",
+    "Spread",
+    "StatisticsFrame",
+]
+
+
+class CauseFrame(msgspec.Struct, frozen=True):
+    """A cause of a safe mode: its kind, in words, since when, and what to do about it."""
+
+    kind: str
+    detail: str
+    since: float
+    remedy: str = ""
+
+
+class LifeFrame(msgspec.Struct, frozen=True):
+    """A live action: its name and since when; ``remaining`` in metres where a drive tells it."""
+
+    action: str
+    since: float
+    remaining: float | None = None
+
+
+class EnsembleFrame(msgspec.Struct, frozen=True, omit_defaults=True):
+    """How an ensemble is.
+
+    Attributes:
+        mode: ``stopped``, ``deciding`` or ``safe``.
+        since: The mode's beginning.
+        causes: Why it is safe.
+        waiting: What keeps it from deciding, or from having something to do, by names.
+        idle: Since when it has had nothing to do; None where it has.
+        live: Its live actions.
+        epoch: The number of its last decision; -1 before the first.
+        action: The last decided action.
+        decisions: How many there were.
+    """
+
+    mode: str
+    since: float
+    causes: tuple[CauseFrame, ...] = ()
+    waiting: tuple[str, ...] = ()
+    idle: float | None = None
+    live: tuple[LifeFrame, ...] = ()
+    epoch: int = -1
+    action: str = ""
+    decisions: int = 0
+
+
+class Marginal(msgspec.Struct, frozen=True):
+    """The probabilities of a factor's symbols, the likeliest where there are many."""
+
+    factor: str
+    symbols: tuple[str, ...]
+    values: tuple[float, ...]
+    rest: float = 0.0
+
+
+class GridFrame(msgspec.Struct, frozen=True):
+    """Probabilities over the cells of a grid, row by row from the top, by the names of its factors."""
+
+    down: str
+    across: str
+    rows: int
+    columns: int
+    values: tuple[float, ...]
+
+
+class BeliefFrame(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A belief: its likeliest states by names, what the others have, how many states, and marginals of factors.
+
+    ``entropy`` is in bits.
+    """
+
+    top: tuple[tuple[str, float], ...]
+    rest: float
+    states: int
+    entropy: float
+    marginals: tuple[Marginal, ...] = ()
+    grid: GridFrame | None = None
+
+
+class Detail(msgspec.Struct, frozen=True, omit_defaults=True):
+    """An ensemble at close range.
+
+    Attributes:
+        state: The state decided on, by its name.
+        factors: The values of its factors, None where one is unknown.
+        observation: The last observation, by name.
+        cause: The stimulus of the last decision, where that is known.
+        decided: When that was.
+        reward: The expected reward of the last decision.
+        value: The expected return from here on, where the policy tells it.
+        belief: What was decided on.
+        search: What the search that decided has told.
+    """
+
+    state: str | None = None
+    factors: tuple[tuple[str, str | None], ...] = ()
+    observation: str | None = None
+    cause: str = ""
+    decided: float | None = None
+    reward: float | None = None
+    value: float | None = None
+    belief: BeliefFrame | None = None
+    search: str = ""
+
+
+class RobotFrame(msgspec.Struct, frozen=True):
+    """A robot on a floor: row and column of its raster, radians; where it is, and the place that it heads for."""
+
+    row: float
+    column: float
+    yaw: float
+    floor: str = ""
+    place: str | None = None
+    goal: str | None = None
+
+
+class Spread(msgspec.Struct, frozen=True):
+    """A histogram of latencies in seconds: upper bounds of the buckets that have any, with their counts."""
+
+    count: int
+    half: float
+    most: float
+    maximum: float
+    buckets: tuple[tuple[float, int], ...]
+
+
+class StatisticsFrame(msgspec.Struct, frozen=True):
+    """Counts and latencies, told once a second.
+
+    Attributes:
+        counts: By their names, such as drops, turns, stalls of the loop.
+        latencies: By ensemble, from stimulus to callback, of those at close range.
+        ended: By ensemble, how many actions have ended in which way.
+    """
+
+    counts: dict[str, float]
+    latencies: dict[str, Spread]
+    ended: dict[str, dict[str, int]]
+
+
+class Frame(msgspec.Struct, frozen=True, omit_defaults=True):
+    """How everything is at one time.
+
+    Attributes:
+        time: Of the frame.
+        ensembles: In the order of the scene.
+        predicates: The value of each in the order of the scene.
+        changed: When each last changed, as far as it was seen.
+        details: Of the ensembles at close range, by path.
+        robots: Where the robot is.
+        statistics: Once a second.
+        team: Of a team, agents and links, in words by key.
+    """
+
+    time: float
+    ensembles: tuple[EnsembleFrame, ...]
+    predicates: tuple[bool | None, ...]
+    changed: tuple[float, ...]
+    details: dict[str, Detail] = {}
+    robots: tuple[RobotFrame, ...] = ()
+    statistics: StatisticsFrame | None = None
+    team: dict[str, dict[str, str]] = {}

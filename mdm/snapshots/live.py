@@ -1,0 +1,530 @@
+"""Snapshots of a running system, read between turns: no decision waits for more than one of them.
+
+Nothing subscribes to what decisions publish, which would cost each of them: decisions are counted, and the last one is
+read. Modes, faults, idleness and actions that last are rare, and each of them is heard.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time as times
+from typing import TYPE_CHECKING, Any
+
+from mdm.actors import Ensemble, PredicateManager
+from mdm.errors import Error, ModelError
+from mdm.faults import KINDS
+from mdm.maps.places import Places
+from mdm.messages import Action, Observation, Progress, Reward, State
+from mdm.runtime.actor import descendants
+from mdm.snapshots.beliefs import belief_frame, grid_factors
+from mdm.snapshots.events import Ring
+from mdm.snapshots.floors import floors_of, robot_frame
+from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, Frame, LifeFrame, Spread, StatisticsFrame
+from mdm.snapshots.scene import EnsembleScene, FactorScene, PredicateScene, Scene
+from mdm.snapshots.why import Why, case_of, why
+from mdm.team import Member
+from mdm.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable
+
+    from mdm.messages import ActionLife, Fault, Idle, Mode
+    from mdm.models import Space
+    from mdm.runtime import Actor, Histogram, Runtime
+    from mdm.runtime.channel import Subscription
+
+__all__ = ["LiveRun", "factors_of", "observed", "remedy_of"]
+
+_LISTED = 64
+"""Symbols of a factor that are listed in a scene."""
+_VALUED = 10_000
+"""States up to which the policy is asked for its value."""
+_SECOND = 1_000_000_000
+
+
+def remedy_of(kind: str) -> str:
+    """Return what to do about a kind of fault; empty where it is none of the library's."""
+    return KINDS[kind].remedy if kind in KINDS else ""
+
+
+def factors_of(space: Space | None) -> tuple[FactorScene, ...]:
+    """Return the factors of a space as a scene has them."""
+    if space is None:
+        return ()
+    return tuple(
+        [FactorScene(each.name, tuple(each.names[:_LISTED]) if len(each) <= _LISTED else ()) for each in space.factors]
+    )
+
+
+class _Ensemble:
+    """An ensemble, and its last frame for as long as nothing changes."""
+
+    __slots__ = ("_frame", "_key", "actions", "believed", "decisions", "detail", "ensemble", "path")
+
+    def __init__(self, ensemble: Ensemble) -> None:
+        self.ensemble = ensemble
+        self.path = ensemble.path
+        self.actions = ensemble.channel("action", Action)
+        self.decisions = ensemble.control.output.decisions
+        self.detail: tuple[Any, Detail] | None = None
+        self.believed: tuple[Any, Any] | None = None
+        self._key: tuple[Any, ...] = ()
+        self._frame: EnsembleFrame | None = None
+
+    def frame(self, seconds: Callable[[int], float]) -> EnsembleFrame:
+        """Return how the ensemble is."""
+        ensemble = self.ensemble
+        modes, lives, liveness = ensemble.safety.modes, ensemble.action.lives, ensemble.liveness
+        waiting = ensemble.safety.waiting.names + liveness.waiting
+        decisions = ensemble.control.output.decisions
+        living = lives.living
+        key = (modes.mode, modes.since, len(modes.causes), waiting, decisions, living, liveness.since)
+        if self._frame is None or key != self._key:
+            self._key, self._frame = key, self._made(seconds, waiting, decisions, living)
+        return self._frame
+
+    def _made(
+        self, seconds: Callable[[int], float], waiting: tuple[str, ...], decisions: int, living: Iterable[Any]
+    ) -> EnsembleFrame:
+        ensemble = self.ensemble
+        modes, since = ensemble.safety.modes, ensemble.liveness.since
+        last: Action | None = self.actions.last  # type: ignore[assignment]
+        return EnsembleFrame(
+            mode=modes.mode,
+            since=seconds(modes.since),
+            causes=tuple(
+                [CauseFrame(c.kind, c.detail, seconds(c.since), remedy_of(c.kind)) for c in modes.causes.values()]
+            ),
+            waiting=waiting,
+            idle=None if since is None else seconds(since),
+            live=tuple([LifeFrame(life.name, seconds(life.action.time)) for life in living]),
+            epoch=-1 if last is None else last.epoch,
+            action="" if last is None else ensemble.control.output.name_of(last.index),
+            decisions=decisions,
+        )
+
+
+class LiveRun:
+    """A running system, for those who look at it.
+
+    Args:
+        runtime: The runtime, which runs.
+        title: What it is called.
+        control: Whether commands are taken.
+
+    Attributes:
+        ring: Its events.
+        generation: Counts the scenes: it grows when ensembles, predicates or floors come or go.
+    """
+
+    def __init__(self, runtime: Runtime, *, title: str = "", control: bool = False) -> None:
+        self._runtime = runtime
+        self._title = title
+        self._control = control
+        self._epoch = runtime.now()
+        self._began = times.time_ns()
+        self._seen = -1
+        self._ensembles: list[_Ensemble] = []
+        self._managers: list[PredicateManager] = []
+        self._predicates: list[PredicateScene] = []
+        self._owners: list[tuple[PredicateManager, str]] = []
+        self._places: list[Places] = []
+        self._members: list[Member] = []
+        self._values: tuple[bool | None, ...] = ()
+        self._changed: list[float] = []
+        self._counted = -_SECOND
+        self._statistics: StatisticsFrame | None = None
+        self._team: dict[str, dict[str, str]] = {}
+        self._scene: Scene | None = None
+        self._subscriptions: list[Subscription[Any]] = []
+        self.ring = Ring()
+        self.generation = 0
+
+    def open(self) -> None:
+        """Hear what is rare."""
+        runtime = self._runtime
+        self._subscriptions = [
+            runtime.modes.subscribe(self._on_mode),
+            runtime.faults.subscribe(self._on_fault),
+            runtime.idles.subscribe(self._on_idle),
+        ]
+
+    def close(self) -> None:
+        """Hear nothing more."""
+        for subscription in self._subscriptions:
+            subscription.cancel()
+        self._subscriptions.clear()
+        for each in self._ensembles:
+            each.ensemble.action.observer = None
+
+    def _seconds(self, time: int) -> float:
+        return round((time - self._epoch) / 1e9, 6)
+
+    @property
+    def now(self) -> float:
+        """Seconds since the run's second 0."""
+        return self._seconds(self._runtime.now())
+
+    # -- Events --------------------------------------------------------------------------------------------------
+
+    def _on_mode(self, mode: Mode) -> None:
+        causes = "; ".join(f"{cause.kind}: {cause.detail}" for cause in mode.causes)
+        self.ring.add(self._seconds(mode.time), "mode", mode.ensemble, mode.mode, detail=causes)
+
+    def _on_fault(self, fault: Fault) -> None:
+        remedy = remedy_of(fault.kind)
+        self.ring.add(self._seconds(fault.time), "fault", fault.source, fault.kind, detail=fault.detail, remedy=remedy)
+
+    def _on_idle(self, idle: Idle) -> None:
+        status = "idle" if idle.idle else "busy"
+        detail = "intended" if idle.intended else ""
+        self.ring.add(self._seconds(idle.since), "idle", idle.ensemble, idle.action, status=status, detail=detail)
+
+    def _on_life(self, life: ActionLife) -> None:
+        self.ring.add(
+            *(self._seconds(life.time), "life", life.ensemble, life.action),
+            detail=life.detail,
+            status=life.status,
+            life=life.life,
+        )
+
+    # -- The scene -----------------------------------------------------------------------------------------------
+
+    def scene(self) -> Scene:
+        """Return what there is; made anew where actors have come or gone."""
+        self._look_around()
+        assert self._scene is not None
+        return self._scene
+
+    def _look_around(self) -> None:
+        runtime = self._runtime
+        if self._seen == runtime.lives.published and self._scene is not None:
+            return
+        self._seen = runtime.lives.published
+        actors = [actor for actor in descendants(runtime.root) if actor.life in {"running", "restarting", "stopping"}]
+        ensembles = [actor for actor in actors if isinstance(actor, Ensemble)]
+        if [each.ensemble for each in self._ensembles] != ensembles:
+            known = {id(each.ensemble): each for each in self._ensembles}
+            self._ensembles = [known.get(id(ensemble)) or self._met(ensemble) for ensemble in ensembles]
+        self._managers = [actor for actor in actors if isinstance(actor, PredicateManager)]
+        self._places = [actor for actor in actors if isinstance(actor, Places)]
+        self._members = [actor for actor in actors if isinstance(actor, Member)]
+        self._owners = [(manager, name) for manager in self._managers for name in manager.values()]
+        self._values = (None,) * len(self._owners)
+        self._changed = [self.now] * len(self._owners)
+        scene = self._made_scene(ensembles)
+        if scene != self._scene:
+            self._scene = scene
+            self.generation += 1
+
+    def _met(self, ensemble: Ensemble) -> _Ensemble:
+        ensemble.action.observer = self._on_life
+        for life in ensemble.action.lives.living:  # which began before this was known
+            time = self._seconds(life.action.time)
+            self.ring.add(time, "life", ensemble.path, life.name, status="running", life=life.number)
+        return _Ensemble(ensemble)
+
+    def _made_scene(self, ensembles: list[Ensemble]) -> Scene:
+        several = len(self._managers) > 1
+        return Scene(
+            version=__version__,
+            source="live",
+            title=self._title,
+            began=self._began,
+            first=0.0,
+            last=0.0,
+            ensembles=tuple(_scenes(ensembles)),
+            predicates=tuple(
+                [
+                    PredicateScene(
+                        f"{manager.path}/{name}" if several else name,
+                        manager.declared.definition(name),
+                        name in manager.settable,
+                    )
+                    for manager, name in self._owners
+                ]
+            ),
+            floors=tuple([floor for places in self._places for floor in floors_of(places)]),
+            control=self._control,
+        )
+
+    # -- Frames --------------------------------------------------------------------------------------------------
+
+    def frame(self, close: Collection[str] = ()) -> Frame:
+        """Return how everything is.
+
+        Args:
+            close: The paths of ensembles that are looked at closely.
+        """
+        self._look_around()
+        now = self._runtime.now()
+        frames = []
+        for each in self._ensembles:
+            frame = each.frame(self._seconds)
+            if each.decisions != frame.decisions:
+                last: Any = each.actions.last
+                self.ring.add(
+                    *(self._seconds(last.time), "decision", each.path, frame.action),
+                    life=frame.epoch,
+                    count=frame.decisions - each.decisions,
+                )
+                each.decisions = frame.decisions
+            frames.append(frame)
+        self._look_at_predicates(now)
+        if now - self._counted >= _SECOND:
+            self._counted = now
+            self._statistics = self._count(close)
+            self._team = {} if not self._members else _teams(self._members)
+        return Frame(
+            time=self._seconds(now),
+            ensembles=tuple(self._with_progress(frames)),
+            predicates=self._values,
+            changed=tuple(self._changed),
+            details={each.path: self._detail(each) for each in self._ensembles if each.path in close},
+            robots=tuple(
+                [
+                    robot
+                    for places in self._places
+                    if (robot := robot_frame(places, places.pose, places.heading_for)) is not None
+                ]
+            ),
+            statistics=self._statistics,
+            team=self._team,
+        )
+
+    def _look_at_predicates(self, now: int) -> None:
+        known = {id(manager): manager.values() for manager in self._managers}
+        values = tuple([known[id(manager)].get(name) for manager, name in self._owners])
+        if values != self._values:
+            seconds = self._seconds(now)
+            for place, (value, before) in enumerate(zip(values, self._values, strict=True)):
+                if value is not before:
+                    self._changed[place] = seconds
+            self._values = values
+
+    def _with_progress(self, frames: list[EnsembleFrame]) -> list[EnsembleFrame]:
+        """Say how far a drive is, where one alone is under way that tells it."""
+        if len(self._places) != 1 or self._places[0].heading_for is None:
+            return frames
+        goal = self._places[0].heading_for
+        told: list[Any] = [each.last for each in self._runtime.channels if each.type is Progress and each.last]
+        drives = [each for each in told if each.place == goal]
+        if len(drives) != 1:
+            return frames
+        remaining = round(drives[0].remaining, 2)
+        leaf = [place for place, frame in enumerate(frames) if frame.live]
+        if leaf:
+            frame = frames[leaf[-1]]
+            lives = (*frame.live[:-1], LifeFrame(frame.live[-1].action, frame.live[-1].since, remaining))
+            frames[leaf[-1]] = EnsembleFrame(
+                *(frame.mode, frame.since, frame.causes, frame.waiting, frame.idle, lives),
+                *(frame.epoch, frame.action, frame.decisions),
+            )
+        return frames
+
+    def _detail(self, each: _Ensemble) -> Detail:
+        ensemble = each.ensemble
+        state: Any = ensemble.channel("state", State, retain=True).last
+        observation: Any = ensemble.channel("observation", Observation).last
+        action: Any = each.actions.last
+        current = ensemble.controller.decided_by
+        key = (state, observation, action, current)
+        if each.detail is not None and all(one is two for one, two in zip(key, each.detail[0], strict=True)):
+            return each.detail[1]
+        detail = self._made_detail(each, *key)
+        each.detail = key, detail
+        return detail
+
+    def _made_detail(self, each: _Ensemble, state: Any, observation: Any, action: Any, current: Any) -> Detail:
+        controller = each.ensemble.controller
+        symbols, space = controller.symbols, controller.symbols.state_space
+        reward: Any = each.ensemble.channel("reward", Reward, retain=True).last
+        believed = None
+        if controller.takes != "state":
+            if each.believed is None or each.believed[0] is not current:
+                each.believed = current, belief_frame(current, space)
+            believed = each.believed[1]
+        decided_on = controller.takes == "state" and action is not None and action.state is not None
+        return Detail(
+            state=_named(space, action.state) if decided_on else None,
+            factors=_factors(space, state),
+            observation=None
+            if observation is None
+            else observed(
+                symbols.observation_space, observation.values if observation.index is None else observation.index
+            ),
+            decided=None if action is None else self._seconds(action.time),
+            reward=None if reward is None or action is None or reward.epoch != action.epoch else reward.value,
+            value=_value(controller, action.state if decided_on else current),
+            belief=believed,
+            search=_searched(each.ensemble.control.planner),
+        )
+
+    def _count(self, close: Collection[str]) -> StatisticsFrame:
+        runtime = self._runtime
+        told = runtime.dispatcher.statistics()
+        counts: dict[str, float] = {
+            "turns": told.turns,
+            "turns cut short": told.interrupted,
+            "messages of threads": told.from_threads,
+            "replaced by newer ones": told.replaced,
+            "lost": told.lost,
+            "refused": told.refused,
+            "dropped on streams": sum(channel.dropped for channel in runtime.channels),
+        }
+        if runtime.recorder is not None:
+            counts["lost of the record"] = runtime.recorder.statistics().dropped
+        near = [each for each in self._ensembles if each.path in close]
+        for each in near:
+            statistics = each.ensemble.control.statistics()
+            for name in ("superseded", "undecided", "missed", "impossible"):
+                if value := getattr(statistics, name):
+                    counts[f"{each.path}: {name}"] = value
+        return StatisticsFrame(
+            counts={name: count for name, count in counts.items() if count},
+            latencies={each.path: spread(each.ensemble.action.latency) for each in near},
+            ended={each.path: {str(how): count for how, count in each.ensemble.action.ended.items()} for each in near},
+        )
+
+    # -- Commands ------------------------------------------------------------------------------------------------
+
+    def command(self, command: str, ensemble: str) -> None:
+        """Command an ensemble, by its path: ``start``, ``stop``, ``reset`` or ``release``.
+
+        Raises:
+            Error: If there is no such ensemble or command.
+        """
+        found = next((each.ensemble for each in self._ensembles if each.path == ensemble), None)
+        if found is None:
+            raise Error(f"there is no ensemble {ensemble!r}")
+        if command not in {"start", "stop", "reset", "release"}:
+            raise Error(f"there is no command {command!r}: start, stop, reset, release")
+        getattr(found, command)()
+
+    def sense(self, predicate: str, value: bool | None) -> None:
+        """Set a predicate that no sensor tells, by its name in the scene.
+
+        Raises:
+            Error: If there is no such predicate, or a sensor tells it.
+        """
+        for each, (manager, name) in zip(self.scene().predicates, self._owners, strict=True):
+            if each.name == predicate and each.settable:
+                manager.sense(name, value)
+                return
+        raise Error(f"there is no predicate {predicate!r} that a page may set")
+
+    async def explain(self, ensemble: str, _: float | None = None) -> Why | None:
+        """Return why an ensemble has decided as it did last, computed on a thread; None where there is no such one."""
+        found = next((each.ensemble for each in self._ensembles if each.path == ensemble), None)
+        if found is None:
+            return None
+        try:
+            case = case_of(found)
+        except Error as error:
+            return Why(f"Nothing tells why: {error}.")
+        return await asyncio.to_thread(why, case)
+
+
+def _scenes(ensembles: list[Ensemble]) -> Iterable[EnsembleScene]:
+    """Yield the scenes of ensembles, each behind the one above it."""
+    places = {id(ensemble): place for place, ensemble in enumerate(ensembles)}
+    for ensemble in ensembles:
+        above: Actor | None = ensemble.parent
+        while above is not None and not isinstance(above, Ensemble):
+            above = above.parent
+        bound = ""
+        if above is not None:
+            bindings = zip(above.action.names, above.action.bindings, strict=True)
+            bound = next((name for name, binding in bindings if binding.ensemble is ensemble), "")
+        symbols = ensemble.controller.symbols
+        yield EnsembleScene(
+            path=ensemble.path,
+            parent=-1 if above is None else places.get(id(above), -1),
+            bound=bound,
+            summary=ensemble.summary(),
+            actions=tuple(ensemble.action.names[:_LISTED]),
+            states=symbols.num_states or 0,
+            factors=factors_of(symbols.state_space),
+            grid=grid_factors(symbols.state_space) is not None,
+        )
+
+
+def _named(space: Space | None, index: int) -> str:
+    return str(index) if space is None else space.names[index]
+
+
+def _factors(space: Space | None, state: State | None) -> tuple[tuple[str, str | None], ...]:
+    if state is None or space is None or len(state.values) != len(space.factors):
+        return ()
+    pairs = zip(space.factors, state.values, strict=True)
+    return tuple([(factor.name, None if value is None else factor.names[value]) for factor, value in pairs])
+
+
+def observed(space: Space | None, observation: int | tuple[int | None, ...] | None) -> str | None:
+    """Return the name of an observation, or of its components; None where there is none, or it has no name."""
+    if space is None or observation is None:
+        return None
+    if isinstance(observation, int):
+        return space.names[observation]
+    pairs = zip(space.factors, observation, strict=True)
+    return ", ".join(f"{factor.name} {'?' if value is None else factor.names[value]}" for factor, value in pairs)
+
+
+def _value(controller: Any, at: Any) -> float | None:
+    """Return the expected return by the policy's own values, where it has some and asking costs little."""
+    states = controller.symbols.num_states
+    if at is None or states is None or states > _VALUED or not hasattr(controller.policy, "value"):
+        return None
+    try:
+        return round(float(controller.policy.value(at)), 6)
+    except (ModelError, TypeError, ValueError, IndexError, NotImplementedError):
+        return None
+
+
+def _searched(planner: Any) -> str:
+    if planner is None:
+        return ""
+    told = planner.statistics()
+    return (
+        f"{told.searched:,} of {told.asked:,} questions searched, {told.fallbacks:,} by the fallback, "
+        f"{told.late:,} late; {told.expansions:,} leaves expanded"
+    )
+
+
+def spread(histogram: Histogram) -> Spread:
+    """Return a histogram of latencies as a frame has it."""
+    buckets = [
+        (round(2.0 ** (place // 8) * (1 + (place % 8 + 1) / 8)) / 1e9, count)
+        for place, count in enumerate(histogram.counts)
+        if count
+    ]
+    return Spread(
+        *(histogram.count, histogram.quantile(0.5), histogram.quantile(0.99), histogram.maximum), tuple(buckets)
+    )
+
+
+def _teams(members: list[Member]) -> dict[str, dict[str, str]]:
+    """Return how an agent's team is: agents and their links, and where each ensemble's agreement stands."""
+    told: dict[str, dict[str, str]] = {}
+    for member in members:
+        statistics, transport = member.statistics(), member.link.transport.statistics()
+        for agent in member.team.names:
+            facts = {"link": "itself" if agent == member.agent else "live" if agent in statistics.live else "lost"}
+            rounds = transport.round_trips.get(agent)
+            if rounds:
+                facts["round trip"] = f"{1e3 * rounds.quantile(0.5):.3g} ms"
+            told[f"agent {agent}"] = facts
+        dropped = ", ".join(f"{count:,} {reason}" for reason, count in transport.dropped.items())
+        told["messages"] = {
+            "sent": f"{sum(each.messages for each in transport.sent.values()):,}",
+            "received": f"{sum(each.messages for each in transport.received.values()):,}",
+            **({"dropped": dropped} if dropped else {}),
+        }
+        for name, layer in statistics.layers.items():
+            facts = {
+                key.replace("_", " "): str(value)
+                for key in ("role", "term", "leader", "step", "commits", "late")
+                if (value := getattr(layer, key, None)) is not None
+            }
+            told[f"ensemble {name}"] = facts
+    return told

@@ -1,0 +1,482 @@
+"""Snapshots of a recorded run at any time of it, in the shape of those of a running system.
+
+The record is read through once; beliefs are read again where one is looked at. What a record does not keep, such as the
+values of predicates, `restore` has from a replay, where the record has its configuration.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from bisect import bisect_left, bisect_right
+from collections import OrderedDict, defaultdict
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
+
+from mdm.errors import Error
+from mdm.messages import (
+    ActionLife,
+    Decision,
+    Fault,
+    Idle,
+    Journey,
+    Mode,
+    PoseUpdate,
+    PredicateUpdate,
+)
+from mdm.models import Space
+from mdm.recording.names import Names, names_of
+from mdm.recording.stimuli import Said
+from mdm.replay import replay
+from mdm.snapshots.beliefs import belief_frame, grid_factors
+from mdm.snapshots.events import Event
+from mdm.snapshots.floors import floors_of, robot_at
+from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, Frame, LifeFrame, StatisticsFrame
+from mdm.snapshots.live import factors_of, observed, remedy_of
+from mdm.snapshots.scene import EnsembleScene, PredicateScene, Scene
+from mdm.snapshots.why import Why, why_recorded
+from mdm.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Mapping
+
+    from mdm.actors import Ensemble, PredicateManager
+    from mdm.maps import Places
+    from mdm.recording.reader import Record
+    from mdm.replay.transport import ReplayTransport
+    from mdm.runtime import Actor, Runtime
+
+__all__ = ["RecordedRun", "Step"]
+
+Step = Literal["decision", "fault", "mode"]
+
+_TOPICS = ("stimuli", "decisions", "lives", "modes", "faults", "idles")
+_MOST = 50_000
+"""Events of a kind that are shown; of more decisions one stands for several."""
+_BELIEFS = 64
+"""Beliefs that are kept at hand."""
+
+
+class _Track:
+    """What is known of one subject at each time: entries by their times."""
+
+    def __init__(self) -> None:
+        self.times: list[int] = []
+        self.entries: list[Any] = []
+
+    def add(self, time: int, entry: Any) -> None:
+        self.times.append(time)
+        self.entries.append(entry)
+
+    def place(self, time: int) -> int:
+        """Return the place of the last entry by a time; -1 where there is none."""
+        return bisect_right(self.times, time) - 1
+
+    def at(self, time: int) -> Any:
+        """Return the last entry by a time; None where there is none."""
+        place = self.place(time)
+        return None if place < 0 else self.entries[place]
+
+
+class _Ensemble:
+    """What happened to an ensemble."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self.modes = _Track()
+        self.idles = _Track()
+        self.lives = _Track()
+        self.decisions = _Track()
+        self.ends = _Track()
+        self._living: dict[int, ActionLife] = {}
+
+    def add(self, message: Decision | ActionLife | Mode | Idle) -> None:
+        if isinstance(message, Decision):  # whose belief is read again where one is looked at
+            kept = message if message.belief is None else msgspec.structs.replace(message, belief=None)
+            self.decisions.add(message.time, kept)
+        elif isinstance(message, Mode):
+            self.modes.add(message.time, message)
+        elif isinstance(message, Idle):
+            self.idles.add(message.time, message)
+        else:
+            self._live(message)
+
+    def _live(self, life: ActionLife) -> None:
+        if life.status == "running":
+            self._living[life.life] = life
+        else:
+            self._living.pop(life.life, None)
+            self.ends.add(life.time, life.status)
+        self.lives.add(life.time, tuple(self._living.values()))
+
+
+class RecordedRun:
+    """A record, for those who look at it.
+
+    Args:
+        record: The record.
+        system: The actors of the run, built from its configuration and not started, where there is one.
+        title: What it is called.
+
+    Raises:
+        Error: If there is no message in it.
+
+    Attributes:
+        first: Its first second, which is 0.
+        last: Its last one.
+    """
+
+    def __init__(
+        self,
+        record: Record,
+        system: Actor | None = None,
+        *,
+        ensembles: Mapping[str, Ensemble] | None = None,
+        predicates: PredicateManager | None = None,
+        places: Places | None = None,
+        title: str = "",
+    ) -> None:
+        if record.span is None:
+            raise Error(f"{record.path}: there are no messages to show")
+        self._record = record
+        self._title = title or record.path.name
+        self._system = system
+        self._models = {ensemble.path: ensemble for ensemble in (ensembles or {}).values()}
+        self._manager = predicates
+        self._places = places
+        self._epoch, self._end = record.span
+        self.first, self.last = 0.0, self._seconds(self._end)
+        self._ensembles: dict[str, _Ensemble] = {}
+        self._faults = _Track()
+        self._poses, self._journeys = _Track(), _Track()
+        self._said: dict[type[Any], _Track] = {PoseUpdate: self._poses, Journey: self._journeys}
+        self._predicates: list[str] = []
+        self._values = _Track()
+        self._beliefs: OrderedDict[tuple[str, int], Any] = OrderedDict()
+        self._remarks: list[str] = []
+        self._read()
+        self._names = names_of(record)
+        self._spaces = {path: self._space(path) for path in self._ensembles}
+        self._events = self._made_events()
+        self._encoded = [msgspec.json.encode(event) for event in self._events]
+
+    def _seconds(self, time: int) -> float:
+        return round((time - self._epoch) / 1e9, 6)
+
+    def _time(self, seconds: float) -> int:
+        return self._epoch + round(min(max(seconds, self.first), self.last) * 1e9)
+
+    # -- Reading -------------------------------------------------------------------------------------------------
+
+    def _read(self) -> None:
+        for each in self._record.messages([name for name in _TOPICS if name in self._record.topics]):
+            message = each.message
+            if isinstance(message, Said):
+                track = self._said.get(type(message.message))
+                if track is not None:
+                    track.add(message.time, message.message)
+            elif isinstance(message, Fault):
+                self._faults.add(message.time, message)
+            elif isinstance(message, Decision | ActionLife | Mode | Idle):
+                self._of(message.ensemble).add(message)
+        record = self._record
+        for name in record.metadata:
+            if name.startswith("ensemble "):
+                self._of(name.removeprefix("ensemble "))
+        self._ensembles = dict(sorted(self._ensembles.items()))
+        if record.torn is not None:
+            self._remarks.append(f"the record ends before its run did: {record.torn}")
+        if record.lost:
+            self._remarks.append(f"{record.lost:,} messages were lost while it was recorded")
+
+    def _of(self, path: str) -> _Ensemble:
+        found = self._ensembles.get(path)
+        if found is None:
+            found = self._ensembles[path] = _Ensemble(path)
+        return found
+
+    def _space(self, path: str) -> Space | None:
+        if path in self._models:
+            space: Space | None = self._models[path].controller.symbols.state_space
+            return space
+        names = self._names.get(path, Names()).states
+        return Space.single("state", list(names)) if names else None
+
+    def _listed(self, path: str, what: str) -> list[str]:
+        """Return the names of an ensemble's symbols, as the head of a record has them."""
+        text = self._record.metadata.get(f"ensemble {path}", {}).get(what)
+        try:
+            return [] if text is None else msgspec.json.decode(text, type=list[str])
+        except msgspec.MsgspecError:
+            return []
+
+    def _made_events(self) -> list[Event]:
+        found: list[tuple[int, Any]] = []
+        for ensemble in self._ensembles.values():
+            decisions = ensemble.decisions
+            step = -(-len(decisions.times) // _MOST) or 1
+            pairs = list(zip(decisions.times, decisions.entries, strict=True))[::step]
+            found += [(time, (decision, step)) for time, decision in pairs]
+            if step > 1:
+                self._remarks.append(f"{ensemble.path}: on the timeline one decision stands for {step:,}")
+            found += zip(ensemble.modes.times, ensemble.modes.entries, strict=True)
+            found += zip(ensemble.idles.times, ensemble.idles.entries, strict=True)
+        found += zip(self._faults.times, self._faults.entries, strict=True)
+        lives = [each.message for each in self._record.messages(["lives"])] if "lives" in self._record.topics else []
+        begins = {(life.ensemble, life.life): life.time for life in lives if life.status == "running"}
+        # The life of a plain function has no length, and its decision stands for it; a safe action has none.
+        plain = {
+            (life.ensemble, life.life)
+            for life in lives
+            if life.status == "succeeded"
+            and life.action != "safe action"
+            and begins.get((life.ensemble, life.life)) == life.time
+        }
+        lasting = [life for life in lives if (life.ensemble, life.life) not in plain]
+        if len(lasting) > 2 * _MOST:
+            self._remarks.append(f"the timeline has the first {_MOST:,} of {len(lasting) // 2:,} actions")
+        found += [(life.time, life) for life in lasting[: 2 * _MOST]]
+        found.sort(key=lambda pair: pair[0])
+        return [self._event(number, time, each) for number, (time, each) in enumerate(found, 1)]
+
+    def _event(self, number: int, time: int, each: Any) -> Event:
+        seconds = self._seconds(time)
+        if isinstance(each, tuple):
+            decision, count = each
+            return Event(
+                *(number, seconds, "decision", decision.ensemble, decision.action_name),
+                detail=decision.cause,
+                life=decision.epoch,
+                count=count,
+            )
+        if isinstance(each, ActionLife):
+            return Event(*(number, seconds, "life", each.ensemble, each.action, each.detail, each.status, each.life))
+        if isinstance(each, Mode):
+            causes = "; ".join(f"{cause.kind}: {cause.detail}" for cause in each.causes)
+            return Event(number, seconds, "mode", each.ensemble, each.mode, causes)
+        if isinstance(each, Idle):
+            status = "idle" if each.idle else "busy"
+            return Event(number, seconds, "idle", each.ensemble, each.action, "intended" * each.intended, status)
+        return Event(number, seconds, "fault", each.source, each.kind, each.detail, remedy=remedy_of(each.kind))
+
+    # -- What a replay restores ----------------------------------------------------------------------------------
+
+    def restore(self, transports: Mapping[str, ReplayTransport] | None = None) -> None:
+        """Have the values of predicates from a replay; outside of an event loop, in some of the time of the run.
+
+        Args:
+            transports: Of a team's agent, those with which its member was built.
+        """
+        manager = self._manager
+        if self._system is None or manager is None:
+            return
+        values: dict[str, bool | None] = {}
+
+        def update(message: PredicateUpdate) -> None:
+            values.update(dict.fromkeys(message.rising, True))
+            values.update(dict.fromkeys(message.falling, False))
+            values.update(dict.fromkeys(message.unknown, None))
+            self._values.add(message.time, dict(values))
+
+        def listen(runtime: Runtime) -> None:
+            runtime.channel(f"{manager.path}/updates", PredicateUpdate).subscribe(update)
+
+        told = replay(self._record, self._system, most=1, transports=transports or {}, listen=listen)
+        if not told.same:
+            at = told.differences[0].recorded or told.differences[0].replayed
+            until = "" if at is None else f" up to second {self._seconds(at.time):g}"
+            self._remarks.append(f"predicates are restored by a replay, which is the same as the run{until} alone")
+        self._predicates = [name for name in manager.values() if name in values]
+
+    def remark(self, text: str) -> None:
+        """Have something said of the run."""
+        self._remarks.append(text)
+
+    # -- The scene -----------------------------------------------------------------------------------------------
+
+    def scene(self) -> Scene:
+        """Return what there is."""
+        head = self._record.head
+        wall = int(head["wall"]) + self._epoch - int(head["epoch"]) if "wall" in head and "epoch" in head else 0
+        declared = None if self._manager is None else self._manager.declared
+        return Scene(
+            version=__version__,
+            source="record",
+            title=self._title,
+            began=wall if head.get("clock") == "wall" else 0,
+            first=self.first,
+            last=self.last,
+            ensembles=tuple(self._ensemble_scenes()),
+            predicates=tuple(
+                [
+                    PredicateScene(name, "" if declared is None else declared.definition(name))
+                    for name in self._predicates
+                ]
+            ),
+            floors=() if self._places is None else floors_of(self._places),
+            remarks=tuple(self._remarks),
+        )
+
+    def _ensemble_scenes(self) -> Iterable[EnsembleScene]:
+        paths = list(self._ensembles)
+        for path in paths:
+            above = path.rpartition("/")[0]
+            model, space = self._models.get(path), self._spaces[path]
+            actions = tuple(model.action.names) if model is not None else tuple(self._listed(path, "actions"))
+            yield EnsembleScene(
+                path=path,
+                parent=paths.index(above) if above in self._ensembles else -1,
+                bound=self._bound(above, path),
+                summary="" if model is None else model.summary(),
+                actions=actions[:64],
+                states=0 if space is None else len(space),
+                factors=factors_of(space),
+                grid=grid_factors(space) is not None,
+            )
+
+    def _bound(self, above: str, path: str) -> str:
+        if above not in self._models or path not in self._models:
+            return ""
+        action = self._models[above].action
+        bindings = zip(action.names, action.bindings, strict=True)
+        return next((name for name, each in bindings if each.ensemble is self._models[path]), "")
+
+    # -- Frames --------------------------------------------------------------------------------------------------
+
+    def frame(self, seconds: float, close: Collection[str] = ()) -> Frame:
+        """Return how everything was at a time.
+
+        Args:
+            seconds: The time, in seconds since the first message.
+            close: The paths of ensembles that are looked at closely.
+        """
+        time = self._time(seconds)
+        values = self._values.at(time) or {}
+        pose, journey = self._poses.at(time), self._journeys.at(time)
+        goal = None if journey is None or journey.arrived else journey.place
+        robot = None if self._places is None or pose is None else robot_at(self._places, pose, goal)
+        return Frame(
+            time=self._seconds(time),
+            ensembles=tuple([self._ensemble_frame(each, time) for each in self._ensembles.values()]),
+            predicates=tuple([values.get(name) for name in self._predicates]),
+            changed=self._changed(time),
+            details={path: self._detail(self._ensembles[path], time) for path in close if path in self._ensembles},
+            robots=() if robot is None else (robot,),
+            statistics=StatisticsFrame(
+                {}, {}, {path: self._ended(path, time) for path in close if path in self._ensembles}
+            ),
+        )
+
+    def _changed(self, time: int) -> tuple[float, ...]:
+        """Return when each predicate last changed."""
+        place = self._values.place(time)
+        found: dict[str, float] = {}
+        now = self._values.entries[place] if place >= 0 else {}
+        while place >= 0 and len(found) < len(self._predicates):
+            before = self._values.entries[place - 1] if place else {}
+            for name in self._predicates:
+                if name not in found and (place == 0 or before.get(name) is not now.get(name)):
+                    found[name] = self._seconds(self._values.times[place])
+            place -= 1
+        return tuple([found.get(name, 0.0) for name in self._predicates])
+
+    def _ended(self, path: str, time: int) -> dict[str, int]:
+        counts: dict[str, int] = defaultdict(int)
+        ends = self._ensembles[path].ends
+        for status in ends.entries[: ends.place(time) + 1]:
+            counts[status] += 1
+        return dict(counts)
+
+    def _ensemble_frame(self, each: _Ensemble, time: int) -> EnsembleFrame:
+        mode: Mode | None = each.modes.at(time)
+        idle: Idle | None = each.idles.at(time)
+        place = each.decisions.place(time)
+        decision: Decision | None = each.decisions.entries[place] if place >= 0 else None
+        causes = () if mode is None else mode.causes
+        return EnsembleFrame(
+            mode="stopped" if mode is None else mode.mode,
+            since=0.0 if mode is None else self._seconds(mode.since),
+            causes=tuple([CauseFrame(c.kind, c.detail, self._seconds(c.since), remedy_of(c.kind)) for c in causes]),
+            idle=self._seconds(idle.since) if idle is not None and idle.idle else None,
+            live=tuple([LifeFrame(life.action, self._seconds(life.time)) for life in each.lives.at(time) or ()]),
+            epoch=-1 if decision is None else decision.epoch,
+            action="" if decision is None else decision.action_name,
+            decisions=place + 1,
+        )
+
+    def _detail(self, each: _Ensemble, time: int) -> Detail:
+        decision: Decision | None = each.decisions.at(time)
+        if decision is None:
+            return Detail()
+        space = self._spaces[each.path]
+        factors: tuple[tuple[str, str | None], ...] = ()
+        state = None
+        if decision.state is not None:
+            state = str(decision.state) if space is None else space.names[decision.state]
+            if space is not None and len(space.factors) > 1:
+                parts = zip(space.factors, space.unravel(decision.state), strict=True)
+                factors = tuple([(factor.name, factor.names[value]) for factor, value in parts])
+        return Detail(
+            state=state,
+            factors=factors,
+            observation=self._observed(each.path, decision.observation),
+            cause=decision.cause,
+            decided=self._seconds(decision.time),
+            reward=decision.reward,
+            belief=belief_frame(self._belief(each.path, decision), space),
+        )
+
+    def _observed(self, path: str, observation: Any) -> str | None:
+        if observation is None:
+            return None
+        if path in self._models:
+            return observed(self._models[path].controller.symbols.observation_space, observation)
+        found = self._names.get(path, Names()).observation(observation)
+        return found or str(observation)
+
+    def _belief(self, path: str, decision: Decision) -> Any:
+        """Return the belief of a decision, which the record is asked for anew."""
+        key = path, decision.time
+        if key not in self._beliefs:
+            found = None
+            for each in self._record.messages(["decisions"], decision.time, decision.time + 1):
+                message = each.message
+                if message.ensemble == path and message.epoch == decision.epoch:
+                    found = message.belief
+            self._beliefs[key] = found
+            if len(self._beliefs) > _BELIEFS:
+                self._beliefs.popitem(last=False)
+        return self._beliefs[key]
+
+    # -- Events --------------------------------------------------------------------------------------------------
+
+    def after(self, cursor: int, most: int) -> tuple[list[bytes], int]:
+        """Return the first events behind a cursor, encoded, and the cursor behind them."""
+        end = min(cursor + most, len(self._encoded))
+        return self._encoded[cursor:end], end
+
+    def step(self, kind: Step, seconds: float, *, back: bool = False) -> float:
+        """Return the time of the next decision, fault or change of a mode, or of the one before; the same for none."""
+        time = self._time(seconds)
+        tracks = {
+            "decision": [each.decisions for each in self._ensembles.values()],
+            "mode": [each.modes for each in self._ensembles.values()],
+            "fault": [self._faults],
+        }.get(kind)
+        if tracks is None:
+            raise Error(f"there is no step to a {kind}: decision, fault, mode")
+        found = []
+        for track in tracks:
+            place = bisect_left(track.times, time) - 1 if back else bisect_right(track.times, time)
+            if 0 <= place < len(track.times):
+                found.append(track.times[place])
+        if not found:
+            return self._seconds(time)
+        return self._seconds(max(found) if back else min(found))
+
+    async def explain(self, ensemble: str, seconds: float | None = None) -> Why | None:
+        """Return why an ensemble decided as it did at a time; None where its configuration is not known."""
+        if ensemble not in self._models:
+            return None
+        at = self.last if seconds is None else seconds
+        return await asyncio.to_thread(why_recorded, self._record, self._models[ensemble], at)

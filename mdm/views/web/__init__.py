@@ -1,0 +1,8 @@
+"""The live page: a server of this machine's browsers, which shows a running system or a record."""
+
+from __future__ import annotations
+
+from mdm.views.web.page import Page
+from mdm.views.web.server import PORT, PageServer
+
+__all__ = ["PORT", "Page", "PageServer"]

@@ -1,0 +1,252 @@
+"""The server of a page: its files, and the socket on which frames go out and nothing else comes in than is allowed."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+import logging
+import os
+import time as times
+from contextlib import suppress
+from http import HTTPStatus
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+import msgspec
+
+from mdm.errors import Error
+from mdm.views.web.access import HEADERS, Access
+from mdm.views.web.ports import in_use
+from mdm.views.web.session import Reader
+
+if TYPE_CHECKING:
+    from mdm.views.web.session import LiveSource, RecordSource
+
+__all__ = ["PORT", "PageServer"]
+
+PORT = 8765
+"""The port where none is given."""
+
+_RATE = 20.0
+"""Frames a second, at most."""
+_SHARE = 0.02
+"""The share of the event loop's time that frames may take: those of large systems come less often."""
+_HEARTBEAT = 1.0
+"""Seconds after which a running system is looked at though nobody else looks, so that its past has no gap."""
+_LARGEST = 16_384
+_READERS = 32
+_STATIC = Path(__file__).parent / "static"
+_KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".svg": "image/svg+xml",
+    ".txt": "text/plain; charset=utf-8",
+}
+
+
+class PageServer:
+    """Serves the page of a running system, or of a record, at the loopback address.
+
+    Args:
+        source: What is shown.
+        port: Where it listens; 0 for any that is free.
+        live: Whether the source is a running system.
+        control: Whether commands are taken.
+        token: The secret of its address; by default that of the environment's ``MDM_PAGE_TOKEN``, else a random one.
+
+    Raises:
+        Error: If ``websockets`` is not installed, or the port is none.
+    """
+
+    def __init__(
+        self,
+        source: LiveSource | RecordSource,
+        *,
+        port: int = PORT,
+        live: bool,
+        control: bool = False,
+        token: str | None = None,
+    ) -> None:
+        self._source: Any = source
+        self._port = port
+        self._live = live
+        self._control = control
+        self._token = token or os.environ.get("MDM_PAGE_TOKEN") or None
+        self._access: Access | None = None
+        self._server: Any = None
+        self._files = {
+            f"/{path.relative_to(_STATIC).as_posix()}": path for path in _STATIC.rglob("*") if path.suffix in _KINDS
+        }
+        self._readers: set[Reader] = set()
+        self._next: asyncio.Future[bytes] | None = None
+        self._due = 0.0
+        self._made = 0.0
+        self._beat: asyncio.TimerHandle | None = None
+        self._websockets = websockets()
+
+    async def open(self) -> None:
+        """Listen.
+
+        Raises:
+            Error: If the port is in use, or nobody may listen there.
+        """
+        logger = logging.getLogger("mdm.page")
+        logger.disabled = True  # what strangers send is no news
+        try:
+            self._server = await self._websockets.serve(
+                self._serve,
+                "127.0.0.1",
+                self._port,
+                process_request=self._answer,
+                compression=None,
+                max_size=_LARGEST,
+                max_queue=4,
+                server_header=None,
+                logger=logger,
+            )
+        except OSError as error:
+            text = (
+                in_use(self._port) if _is_taken(error) else f"nobody may listen at port {self._port}: {error.strerror}"
+            )
+            raise Error(f"the page cannot be opened: {text}") from None
+        port = next(iter(self._server.sockets)).getsockname()[1]
+        self._access = Access(port, self._token)
+        if self._live:
+            self._watch()
+
+    async def close(self) -> None:
+        """Listen no more, and part with everybody."""
+        if self._beat is not None:
+            self._beat.cancel()
+        if self._next is not None and not self._next.done():
+            self._next.cancel()
+        if self._server is not None:
+            self._server.close()
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._server.wait_closed(), 1.0)
+
+    @property
+    def address(self) -> str:
+        """The address by which the page opens, with its secret."""
+        if self._access is None:
+            raise Error("a page that is not open has no address")
+        return self._access.address
+
+    # -- Requests ------------------------------------------------------------------------------------------------
+
+    def _answer(self, connection: Any, request: Any) -> Any:
+        """Return the answer to a request; None where it opens a socket, and may."""
+        assert self._access is not None
+        path = urlsplit(request.path).path
+        headers = {name: "" if len(request.headers.get_all(name)) > 1 else value for name, value in _once(request)}
+        socket = path == "/socket"
+        refusal = self._access.refusal(request.path, headers, socket=socket)
+        if refusal is not None:
+            return self._response(connection, refusal.status, refusal.text.encode(), ".txt")
+        if socket:
+            if len(self._readers) >= _READERS:
+                return self._response(connection, 503, b"Too many look at this page.\n", ".txt")
+            return None
+        if path == "/" and self._access.brings_token(request.path):
+            response = self._response(connection, 303, b"", ".txt")
+            response.headers["Location"] = "/"
+            response.headers["Set-Cookie"] = self._access.set_cookie
+            return response
+        file = self._files.get("/index.html" if path == "/" else path)
+        if file is None:
+            return self._response(connection, 404, b"There is no such file.\n", ".txt")
+        return self._response(connection, 200, file.read_bytes(), file.suffix)
+
+    @staticmethod
+    def _response(connection: Any, status: int, body: bytes, suffix: str) -> Any:
+        response = connection.respond(HTTPStatus(status), "")
+        response.body = body
+        del response.headers["Content-Length"]
+        del response.headers["Content-Type"]
+        for name, value in {"Content-Length": str(len(body)), "Content-Type": _KINDS[suffix], **HEADERS}.items():
+            response.headers[name] = value
+        return response
+
+    # -- The socket ----------------------------------------------------------------------------------------------
+
+    async def _serve(self, connection: Any) -> None:
+        reader = Reader(self._source, self._newest if self._live else None, control=self._control and self._live)
+        self._readers.add(reader)
+        try:
+            await connection.send(reader.greeting(), text=True)
+            async for message in connection:
+                for answer in await reader.answers(message):
+                    await connection.send(answer, text=True)
+        except Error as error:
+            await connection.close(1008, str(error)[:100])
+        except self._websockets.ConnectionClosed:
+            pass
+        finally:
+            self._readers.discard(reader)
+
+    # -- Frames of a running system ------------------------------------------------------------------------------
+
+    async def _newest(self) -> bytes:
+        """Return the next frame, which is made once for all who wait for it."""
+        if self._next is None:
+            loop = asyncio.get_running_loop()
+            self._next = loop.create_future()
+            loop.call_at(max(self._due, loop.time()), self._make)
+        return await asyncio.shield(self._next)
+
+    def _make(self) -> None:
+        future, self._next = self._next, None
+        if future is None or future.done():
+            return
+        before = times.perf_counter()
+        try:
+            close = dict.fromkeys(path for reader in self._readers for path in reader.close)
+            encoded = msgspec.json.encode(self._source.frame(close))
+        except Exception as error:  # the robot goes on without its page
+            future.set_exception(Error(f"the page has failed: {type(error).__name__}: {error}"))
+            return
+        loop = asyncio.get_running_loop()
+        cost = times.perf_counter() - before
+        self._made = loop.time()
+        self._due = self._made + max(1 / _RATE, cost / _SHARE)
+        future.set_result(encoded)
+
+    def _watch(self) -> None:
+        loop = asyncio.get_running_loop()
+        if loop.time() - self._made >= _HEARTBEAT:
+            with suppress(Exception):  # which is told to whoever looks
+                self._source.frame(())
+            self._made = loop.time()
+        self._beat = loop.call_later(_HEARTBEAT, self._watch)
+
+
+def websockets() -> Any:
+    """Return what serves sockets.
+
+    Raises:
+        Error: If it is not installed.
+    """
+    try:
+        serving = importlib.import_module("websockets.asyncio.server")
+        errors = importlib.import_module("websockets.exceptions")
+    except ImportError:
+        raise Error("a page needs websockets: pip install 'markov-decision-making[page]'") from None
+    return _Websockets(serving.serve, errors.ConnectionClosed)
+
+
+class _Websockets:
+    def __init__(self, serve: Any, closed: type[Exception]) -> None:
+        self.serve = serve
+        self.ConnectionClosed = closed
+
+
+def _is_taken(error: OSError) -> bool:
+    return error.errno in {48, 98, 10048}  # of macOS, Linux and Windows
+
+
+def _once(request: Any) -> list[tuple[str, str]]:
+    """Return the headers, each name once, as it is usually written."""
+    names = ("Host", "Origin", "Cookie")
+    return [(name, request.headers.get_all(name)[0]) for name in names if request.headers.get_all(name)]

@@ -1,0 +1,234 @@
+"""A browser that looks: what it may say, how often, and which frames it gets.
+
+A browser says that it has drawn a frame before it gets another: one is in flight, and the newest one is sent. A browser
+that sleeps says nothing and gets nothing, and events wait for it in their ring.
+"""
+
+from __future__ import annotations
+
+import time as times
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
+
+import msgspec
+
+from mdm.errors import Error
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable, Collection
+
+    from mdm.snapshots import Frame, Scene
+
+__all__ = ["Allowance", "LiveSource", "Reader", "RecordSource", "Said", "Source"]
+
+_MOST_EVENTS = 1_000
+"""Events that a message has at most."""
+_CLOSE = 16
+
+Path = Annotated[str, msgspec.Meta(max_length=1_000)]
+Paths = Annotated[tuple[Path, ...], msgspec.Meta(max_length=_CLOSE)]
+Cursor = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
+
+
+class _Said(msgspec.Struct, frozen=True, tag_field="say", tag=str.lower, forbid_unknown_fields=True):
+    pass
+
+
+class Drawn(_Said, frozen=True):
+    """A frame was drawn: send the next one, of ensembles at close range, with the events behind a cursor."""
+
+    cursor: Cursor = 0
+    close: Paths = ()
+
+
+class At(_Said, frozen=True):
+    """Send a record's frame of a second."""
+
+    time: float
+    cursor: Cursor = 0
+    close: Paths = ()
+
+
+class Step(_Said, frozen=True):
+    """Send a record's frame of the next decision, fault or mode behind a second, or of the one before it."""
+
+    kind: str
+    time: float
+    back: bool = False
+    cursor: Cursor = 0
+    close: Paths = ()
+
+
+class Why(_Said, frozen=True):
+    """Tell why an ensemble has decided as it did, last or at a second of a record."""
+
+    ensemble: Path
+    time: float | None = None
+
+
+class Command(_Said, frozen=True):
+    """Command an ensemble."""
+
+    command: Path
+    ensemble: Path
+
+
+class Sense(_Said, frozen=True):
+    """Set a predicate."""
+
+    predicate: Path
+    value: bool | None
+
+
+Said = Drawn | At | Step | Why | Command | Sense
+
+_decode = msgspec.json.Decoder(Said).decode
+_encode = msgspec.json.Encoder().encode
+
+
+class Source(Protocol):
+    """What is looked at."""
+
+    def scene(self) -> Scene:
+        """Return what stays as it is."""
+
+    async def explain(self, ensemble: str, time: float | None = None, /) -> Any:
+        """Return why an ensemble decided as it did."""
+
+
+class LiveSource(Source, Protocol):
+    """A running system."""
+
+    generation: int
+    ring: Any
+
+    def frame(self, close: Collection[str] = ()) -> Frame:
+        """Return how everything is."""
+
+    def command(self, command: str, ensemble: str) -> None:
+        """Command an ensemble."""
+
+    def sense(self, predicate: str, value: bool | None) -> None:
+        """Set a predicate."""
+
+
+class RecordSource(Source, Protocol):
+    """A record."""
+
+    def frame(self, seconds: float, close: Collection[str] = ()) -> Frame:
+        """Return how everything was."""
+
+    def step(self, kind: Any, seconds: float, *, back: bool = False) -> float:
+        """Return the time of the next event of a kind."""
+
+    def after(self, cursor: int, most: int) -> tuple[list[bytes], int]:
+        """Return the events behind a cursor."""
+
+
+class Allowance:
+    """How many messages may come: so many a second, and some more at once.
+
+    Args:
+        rate: A second.
+        burst: At once.
+        clock: Tells seconds.
+    """
+
+    def __init__(self, rate: float, burst: float, clock: Callable[[], float] = times.monotonic) -> None:
+        self._rate, self._burst, self._clock = rate, burst, clock
+        self._left, self._since = burst, clock()
+
+    def take(self) -> bool:
+        """Whether another message may come."""
+        now = self._clock()
+        self._left = min(self._burst, self._left + (now - self._since) * self._rate)
+        self._since = now
+        if self._left < 1:
+            return False
+        self._left -= 1
+        return True
+
+
+class Reader:
+    """One browser, or terminal.
+
+    Args:
+        source: What it looks at.
+        newest: Of a running system, returns the newest frame, encoded, when one is due; None for a record.
+        control: Whether it may command.
+
+    Attributes:
+        close: The ensembles that it looks at closely.
+    """
+
+    def __init__(self, source: Any, newest: Callable[[], Awaitable[bytes]] | None, *, control: bool) -> None:
+        self._source = source
+        self._newest = newest
+        self._control = control
+        self._generation = -1
+        self._messages = Allowance(120, 240)
+        self._commands = Allowance(5, 10)
+        self.close: tuple[str, ...] = ()
+
+    def greeting(self) -> bytes:
+        """Return the scene, encoded."""
+        scene = self._source.scene()
+        self._generation = getattr(self._source, "generation", 0)
+        return b'{"scene":' + _encode(scene) + b"}"
+
+    async def answers(self, text: str | bytes) -> list[bytes]:
+        """Return what is answered to a message.
+
+        Raises:
+            Error: If the message is none, or too many came.
+        """
+        if not self._messages.take():
+            raise Error("too many messages")
+        try:
+            said = _decode(text)
+        except msgspec.MsgspecError as error:
+            raise Error(f"a message is none: {error}") from None
+        if isinstance(said, Command | Sense):
+            if not self._commands.take():
+                raise Error("too many commands")
+            return [_encode(self._commanded(said))]
+        if isinstance(said, Why):
+            return [_encode({"why": await self._source.explain(said.ensemble, said.time), "ensemble": said.ensemble})]
+        self.close = said.close
+        if self._newest is not None:
+            if not isinstance(said, Drawn):
+                raise Error("a running system has no past")
+            return await self._live(said, self._newest)
+        if isinstance(said, Drawn):
+            return []
+        seconds = said.time
+        if isinstance(said, Step):
+            seconds = self._source.step(said.kind, said.time, back=said.back)
+        return [
+            _message(_encode(self._source.frame(seconds, said.close)), *self._source.after(said.cursor, _MOST_EVENTS))
+        ]
+
+    async def _live(self, said: Drawn, newest: Callable[[], Awaitable[bytes]]) -> list[bytes]:
+        frame = await newest()
+        answers = []
+        if self._generation != self._source.generation:
+            answers.append(self.greeting())
+        return [*answers, _message(frame, *self._source.ring.after(said.cursor, _MOST_EVENTS))]
+
+    def _commanded(self, said: Command | Sense) -> dict[str, str]:
+        if not self._control:
+            return {"refused": "this page takes no commands: its program was started without --page-control"}
+        try:
+            if isinstance(said, Command):
+                self._source.command(said.command, said.ensemble)
+                return {"done": f"{said.command} {said.ensemble}"}
+            self._source.sense(said.predicate, said.value)
+        except Error as error:
+            return {"refused": str(error)}
+        return {"done": f"{said.predicate} is {'unknown' if said.value is None else str(said.value).lower()}"}
+
+
+def _message(frame: bytes, events: list[bytes], cursor: int) -> bytes:
+    """Return a message of parts that are encoded already."""
+    return b"".join(
+        (b'{"frame":', frame, b',"events":[', b",".join(events), b'],"cursor":', str(cursor).encode(), b"}")
+    )

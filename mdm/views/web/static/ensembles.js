@@ -1,0 +1,143 @@
+// The headline, the tree of ensembles, and one of them at close range.
+import { html, useState } from "./vendor/htm-preact.js";
+import { VirtualList } from "./list.js";
+import { number, percent, seconds, SIGNS, standing } from "./words.js";
+
+const name = (path) => path.slice(path.lastIndexOf("/") + 1);
+
+export function Headline({ scene, frame }) {
+  const told = frame.ensembles.map((each, place) => ({ each, path: scene.ensembles[place]?.path ?? "", how: standing(each) }));
+  const safe = told.filter(({ how }) => how === "safe");
+  const waits = told.filter(({ how }) => how === "waiting" || how === "idle");
+  const decide = told.filter(({ how }) => how === "deciding");
+  const kind = safe.length ? "alarm" : waits.length ? "waits" : "calm";
+  const most = 4;
+  const lines = safe.length ? safe : waits;
+  return html`<section class=${`headline ${kind}`} aria-label="What matters most" aria-live="polite">
+    ${!told.length && html`<div class="line">No ensemble has started yet.</div>`}
+    ${!lines.length && told.length > 0 && html`<div class="line"><strong class="deciding">${SIGNS.deciding} ${
+      decide.length === told.length ? (told.length === 1 ? `${told[0].path} decides` : `all ${told.length} ensembles decide`)
+        : decide.length ? `${decide.length} of ${told.length} ensembles decide` : "every ensemble is stopped"}</strong>
+      <span>${doing(scene, frame)}</span></div>`}
+    ${lines.slice(0, most).map(({ each, path, how }) => html`<div class="line" key=${path}>
+      <strong class=${how}>${SIGNS[how]} ${path} ${how === "safe" ? "is safe" : how === "idle" ? "has nothing to do" : "waits"}</strong>
+      <span class="number">since ${seconds(frame.time - (how === "idle" ? each.idle : each.since))}</span>
+      ${how === "waiting" && html`<span>for ${each.waiting.slice(0, 4).join(", ")}${each.waiting.length > 4 ? ` and ${each.waiting.length - 4} more` : ""}</span>`}
+      ${(each.causes ?? []).map((cause) => html`<span><b>${cause.kind}</b>: ${cause.detail}</span><span class="remedy">${cause.remedy}</span>`)}
+    </div>`)}
+    ${lines.length > most && html`<div class="line">and ${lines.length - most} more ensembles, in the tree below</div>`}
+  </section>`;
+}
+
+function doing(scene, frame) {
+  const acting = frame.ensembles.map((each, place) => [scene.ensembles[place], each]).filter(([, each]) => each.live?.length);
+  if (!acting.length) return frame.ensembles.length === 1 ? frame.ensembles[0].action : "";
+  return acting.slice(0, 3).map(([of, each]) => `${name(of.path)}: ${each.live.map((life) => life.action).join(", ")}`).join(" › ");
+}
+
+function depths(ensembles) {
+  const found = [];
+  for (const each of ensembles) found.push(each.parent < 0 ? 0 : (found[each.parent] ?? 0) + 1);
+  return found;
+}
+
+export function Tree({ scene, frame, selected, choose }) {
+  const [sought, seek] = useState("");
+  const depth = depths(scene.ensembles);
+  const places = scene.ensembles.map((_, place) => place)
+    .filter((place) => !sought || scene.ensembles[place].path.toLowerCase().includes(sought.toLowerCase()));
+  const row = (index, style) => {
+    const place = places[index];
+    const of = scene.ensembles[place];
+    const each = frame.ensembles[place];
+    if (!each) return null;
+    const how = standing(each);
+    const live = each.live ?? [];
+    return html`<div class="row click" role="option" id=${`listbox-${index}`} key=${of.path} style=${style} title=${`${of.path}: ${of.summary}`}
+        aria-selected=${of.path === selected} onClick=${() => choose(of.path)}>
+      <span style=${`width:${1.1 * depth[place]}rem;flex:none`}></span>
+      <span class=${`sign ${how}`} aria-hidden="true">${SIGNS[how]}</span>
+      <span class="name">${name(of.path)}</span><span class=${how}>${how}</span>
+      <span class="grow">${live.length
+        ? live.map((life) => `${life.action}${life.remaining == null ? "" : `, ${number(life.remaining)} m to go`}`).join(", ")
+        : each.action && how !== "stopped" ? html`<span class="soft">${each.action}</span>` : ""}</span>
+      <span class="soft number">${live.length ? seconds(frame.time - live[live.length - 1].since) : ""}</span>
+    </div>`;
+  };
+  return html`<section class="panel" aria-label="Ensembles">
+    <div class="head"><h2>Ensembles</h2><span class="soft number">${scene.ensembles.length}</span></div>
+    ${scene.ensembles.length > 12 && html`<input type="search" placeholder="Find" aria-label="Find an ensemble" value=${sought} onInput=${(event) => seek(event.currentTarget.value)} />`}
+    <${VirtualList} count=${places.length} height=${32} row=${row} label="Tree of ensembles" role="listbox"
+      selected=${places.findIndex((place) => scene.ensembles[place].path === selected)}
+      choose=${(index) => choose(scene.ensembles[places[index]].path)} />
+    <p class="soft legend">${Object.entries(SIGNS).map(([word, sign]) => html`<span class=${word} key=${word}>${sign}</span> ${word}  `)}</p>
+  </section>`;
+}
+
+export function Detail({ scene, frame, path, why, ask, control, command }) {
+  const place = scene.ensembles.findIndex((each) => each.path === path);
+  const of = scene.ensembles[place];
+  const each = frame.ensembles[place];
+  if (!of || !each) return html`<section class="panel"><h2>Ensemble</h2><p class="empty">None is chosen.</p></section>`;
+  const detail = frame.details?.[path] ?? {};
+  const how = standing(each);
+  const ended = Object.entries(frame.statistics?.ended?.[path] ?? {});
+  return html`<section class="panel" aria-label=${`Ensemble ${path}`}>
+    <div class="head"><h2>${path}</h2><span class=${`badge ${how}`}>${SIGNS[how]} ${how} ${seconds(frame.time - each.since)}</span></div>
+    <p class="soft said">${of.summary}${of.bound ? `; it is the action ${of.bound} of the ensemble above` : ""}</p>
+    <dl>
+      <dt>live</dt><dd>${each.live?.length ? each.live.map((life) => `${life.action}, for ${seconds(frame.time - life.since)}${life.remaining == null ? "" : `, ${number(life.remaining)} m to go`}`).join("; ") : html`<span class="soft">no action lasts</span>`}</dd>
+      <dt>decided</dt><dd>${each.decisions || each.epoch > -1 ? html`<b>${each.action}</b> <span class="soft number">decision ${each.epoch}${detail.decided == null ? "" : `, ${seconds(frame.time - detail.decided)} ago`}${detail.cause ? `, on ${detail.cause}` : ""}</span>` : html`<span class="soft">nothing yet</span>`}</dd>
+      ${detail.state != null && html`<dt>in state</dt><dd>${detail.factors?.length ? html`<span class="chips">${detail.factors.map(([factor, value]) => html`<span class="chip" key=${factor}>${factor} <b>${value ?? "unknown"}</b></span>`)}</span>` : html`<b>${detail.state}</b>`}</dd>`}
+      ${detail.observation != null && html`<dt>observed</dt><dd><b>${detail.observation}</b></dd>`}
+      ${detail.reward != null && html`<dt>expected reward</dt><dd class="number">${number(detail.reward)}</dd>`}
+      ${detail.value != null && html`<dt>expected return</dt><dd class="number">${number(detail.value)}</dd>`}
+      ${detail.search && html`<dt>search</dt><dd>${detail.search}</dd>`}
+      ${ended.length > 0 && html`<dt>actions ended</dt><dd class="number">${ended.map(([word, count]) => `${count.toLocaleString("en")} ${word.replace("_", " ")}`).join(", ")}</dd>`}
+    </dl>
+    ${detail.belief && html`<${Belief} belief=${detail.belief} />`}
+    <div class="commands"><button onClick=${ask} title="w">Why this action?</button>
+      ${control && ["start", "stop", "reset", "release"].map((word) => html`<button key=${word} onClick=${() => command(word, path)}>${word}</button>`)}</div>
+    ${why && why.ensemble === path && html`<${Why} told=${why.why} />`}
+  </section>`;
+}
+
+function Why({ told }) {
+  if (!told) return html`<p class="empty">Nothing tells why: this version explains no decisions of this kind.</p>`;
+  const values = (told.values ?? []).filter(([, value]) => value != null);
+  const least = Math.min(...values.map(([, value]) => value));
+  const span = Math.max(...values.map(([, value]) => value)) - least || 1;
+  return html`<div><pre class="why">${told.text}</pre>
+    ${values.length > 1 && html`<h3>values of the actions</h3>${values.slice(0, 12).map(([action, value]) => html`<${Bar} key=${action} label=${action} share=${0.04 + (0.96 * (value - least)) / span} text=${number(value)} />`)}`}</div>`;
+}
+
+export function Bar({ label, share, text, rest }) {
+  return html`<div class="bar"><span class="label" title=${label}>${label}</span>
+    <span class="track" aria-hidden="true"><span class=${`fill${rest ? " rest" : ""}`} style=${`display:block;width:${Math.max(0, Math.min(1, share)) * 100}%`}></span></span>
+    <span class="value number">${text}</span></div>`;
+}
+
+function Belief({ belief }) {
+  const states = belief.top.filter(([, chance]) => chance >= 0.0005);
+  return html`<div>
+    <h3>belief over ${belief.states.toLocaleString("en")} states <span class="soft number">entropy ${number(belief.entropy ?? 0)} bits</span></h3>
+    ${(belief.marginals ?? []).length === 0 || belief.states <= 12
+      ? states.map(([state, chance]) => html`<${Bar} key=${state} label=${state} share=${chance} text=${percent(chance)} />`) : null}
+    ${(belief.marginals ?? []).length === 0 && belief.rest > 0.0005 && html`<${Bar} rest label=${`${(belief.states - belief.top.length).toLocaleString("en")} others`} share=${belief.rest} text=${percent(belief.rest)} />`}
+    ${belief.grid && html`<${Cells} grid=${belief.grid} />`}
+    ${(belief.marginals ?? []).filter((each) => !belief.grid || ![belief.grid.down, belief.grid.across].includes(each.factor)).map((each) => html`<div class="factor" key=${each.factor}><h3>${each.factor}</h3>
+      ${each.symbols.map((symbol, place) => [symbol, each.values[place]]).filter(([, chance], _, all) => all.length <= 6 || chance >= 0.0005)
+        .sort((one, two) => (each.symbols.length > 6 ? two[1] - one[1] : 0)).slice(0, 8)
+        .map(([symbol, chance]) => html`<${Bar} key=${symbol} label=${symbol} share=${chance} text=${percent(chance)} />`)}
+      ${each.rest > 0.0005 && html`<${Bar} rest label="others" share=${each.rest} text=${percent(each.rest)} />`}</div>`)}
+  </div>`;
+}
+
+function Cells({ grid }) {
+  const most = Math.max(...grid.values, 1e-9);
+  return html`<div><h3>${grid.down} by ${grid.across}</h3><div class="cells" role="img" aria-label=${`belief over ${grid.rows} by ${grid.columns} cells; the likeliest has ${percent(most)}`}
+      style=${`grid-template-columns:repeat(${grid.columns},1fr)`}>
+    ${grid.values.map((chance, place) => html`<span key=${place} style=${chance > 0 ? `background:color-mix(in srgb, var(--mark) ${Math.round(8 + (72 * chance) / most)}%, var(--paper))` : ""}
+      title=${`row ${Math.floor(place / grid.columns)}, column ${place % grid.columns}: ${percent(chance)}`}>${chance >= 0.01 && grid.columns <= 16 ? Math.round(100 * chance) : ""}</span>`)}
+  </div></div>`;
+}

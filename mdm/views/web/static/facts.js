@@ -1,0 +1,77 @@
+// Predicates, faults, the team, and what is counted.
+import { html, useState } from "./vendor/htm-preact.js";
+import { VirtualList } from "./list.js";
+import { clock, latency, seconds } from "./words.js";
+import { Bar } from "./ensembles.js";
+
+const VALUES = new Map([[true, ["●", "true", "deciding"]], [false, ["○", "false", "stopped"]], [null, ["?", "unknown", "waiting"]]]);
+
+export function Predicates({ scene, frame, control, sense }) {
+  const [sought, seek] = useState("");
+  const [only, show] = useState(false);
+  const places = scene.predicates.map((_, place) => place).filter((place) => scene.predicates[place].name.toLowerCase().includes(sought.toLowerCase())
+    && (!only || frame.predicates[place] !== false));
+  const row = (index, style) => {
+    const place = places[index];
+    const of = scene.predicates[place];
+    const [sign, word, mark] = VALUES.get(frame.predicates[place] ?? null);
+    return html`<div class="row" role="listitem" key=${of.name} style=${style} title=${of.definition}>
+      <span class=${`sign ${mark}`} aria-hidden="true">${sign}</span><span class="name">${of.name}</span><span class=${mark}>${word}</span>
+      <span class="grow soft">${of.definition}</span>
+      ${control && of.settable && html`<button onClick=${() => sense(of.name, frame.predicates[place] !== true)}>set ${frame.predicates[place] === true ? "false" : "true"}</button>`}
+      <span class="soft number">${seconds(frame.time - (frame.changed[place] ?? frame.time))}</span></div>`;
+  };
+  const count = (value) => frame.predicates.filter((each) => each === value).length;
+  return html`<section class="panel" aria-label="Predicates">
+    <div class="head"><h2>Predicates</h2><span class="soft number">● ${count(true)} true, ○ ${count(false)} false, ? ${count(null)} unknown</span></div>
+    ${scene.predicates.length === 0 ? html`<p class="empty">${scene.source === "record" ? "The record tells none." : "There are none."}</p>` : html`
+    ${scene.predicates.length > 8 && html`<div class="commands"><input type="search" placeholder="Find" aria-label="Find a predicate" value=${sought} onInput=${(event) => seek(event.currentTarget.value)} />
+      <button aria-pressed=${only} onClick=${() => show(!only)}>not the false ones</button></div>`}
+    <${VirtualList} count=${places.length} height=${control ? 38 : 28} row=${row} label="Predicates" tall=${252} />`}
+  </section>`;
+}
+
+export function Faults({ faults, frame, go }) {
+  const grouped = new Map();
+  for (const each of faults) {
+    const key = `${each.source} ${each.name} ${each.detail}`;
+    const known = grouped.get(key);
+    if (known) { known.count += 1; known.time = each.time; } else grouped.set(key, { ...each, count: 1, first: each.time });
+  }
+  const newest = [...grouped.values()].sort((one, two) => two.time - one.time).slice(0, 100);
+  return html`<section class="panel" aria-label="Faults">
+    <div class="head"><h2>Faults</h2><span class="soft number">${faults.length}, the newest first</span></div>
+    <div class="scrolls" tabindex="0" role="region" aria-label="List of faults">
+    ${newest.length === 0 && html`<p class="empty">There were none.</p>`}
+    ${newest.map((each) => html`<div class="fault" key=${`${each.source} ${each.name} ${each.detail}`}>
+      <p><b>⚠ ${each.name}</b> <span class="soft">${each.source}</span> <span class="soft number">${go ? html`<button onClick=${() => go(each.time)}>at ${clock(each.time)}</button>` : `${seconds(Math.max(0, frame.time - each.time))} ago`}${each.count > 1 ? `, ${each.count} times` : ""}</span></p>
+      <p>${each.detail}</p>${each.remedy && html`<p class="remedy">${each.remedy}</p>`}</div>`)}
+    </div></section>`;
+}
+
+export function Team({ team }) {
+  const entries = Object.entries(team ?? {});
+  if (!entries.length) return null;
+  return html`<section class="panel" aria-label="Team"><h2>Team</h2><table><tbody>
+    ${entries.map(([of, facts]) => html`<tr key=${of}><th scope="row">${facts.link === "lost" ? "✕ " : facts.link ? "● " : ""}${of}</th><td>${Object.entries(facts).map(([key, value]) => `${key} ${value}`).join(", ")}</td></tr>`)}
+  </tbody></table></section>`;
+}
+
+export function Counts({ statistics, path }) {
+  if (!statistics) return null;
+  const spread = statistics.latencies?.[path];
+  const counts = Object.entries(statistics.counts ?? {});
+  const most = spread ? Math.max(...spread.buckets.map(([, count]) => count), 1) : 1;
+  if (!counts.length && !spread?.count) return null;
+  const octaves = new Map();
+  for (const [upper, count] of spread?.buckets ?? []) {
+    const octave = Math.ceil(Math.log2(upper * 1e9) * 2) / 2;
+    octaves.set(octave, (octaves.get(octave) ?? 0) + count);
+  }
+  const tallest = Math.max(...octaves.values(), 1);
+  return html`<section class="panel" aria-label="Counts"><h2>Latency and counts</h2>
+    ${spread?.count > 0 && html`<div><h3>from stimulus to callback <span class="soft number">${spread.count.toLocaleString("en")}: half within ${latency(spread.half)}, 99 % within ${latency(spread.most)}, at most ${latency(spread.maximum)}</span></h3>
+      ${[...octaves].slice(-12).map(([octave, count]) => html`<${Bar} key=${octave} label=${`up to ${latency(2 ** octave / 1e9)}`} share=${count / tallest} text=${count.toLocaleString("en")} />`)}</div>`}
+    ${counts.length > 0 && html`<dl>${counts.map(([key, value]) => html`<dt key=${key}>${key}</dt><dd class="number">${value.toLocaleString("en")}</dd>`)}</dl>`}
+  </section>`;
+}

@@ -1,0 +1,242 @@
+// The page: what is told is kept here, and drawn once a frame.
+import { html, render, useEffect, useState } from "./vendor/htm-preact.js";
+import { Connection } from "./connection.js";
+import { Detail, Headline, Tree } from "./ensembles.js";
+import { Counts, Faults, Predicates, Team } from "./facts.js";
+import { Floor } from "./floor.js";
+import { Plots, Seen } from "./plots.js";
+import { History, Timeline } from "./timeline.js";
+import { clock } from "./words.js";
+
+const told = {
+  scene: null, frame: null, cursor: 0, link: "lost", reason: "", selected: null, frozen: false, playing: false, speed: 1,
+  why: null, asked: null, said: null, help: false, history: new History(), seen: new Seen(),
+  view: { follow: true, span: 30, end: 0 }, scheme: document.documentElement.dataset.scheme ?? "", scenes: 0,
+};
+let waiting = false;   // A frame is asked for and has not come.
+let wanted = null;     // Of a record, the time that is wanted next.
+let clocked = null;
+const link = new Connection(receive, (state, reason) => {
+  told.link = state; told.reason = reason; waiting = false;
+  if (state === "open") { told.cursor = 0; told.history.clear(); }
+  schedule();
+});
+
+const isRecord = () => told.scene?.source === "record";
+const close = () => (told.selected ? [told.selected] : []);
+
+function receive(message) {
+  if (message.scene) {
+    if (told.scene && told.scene.version !== message.scene.version) { location.reload(); return; }
+    told.scene = message.scene;
+    told.scenes += 1;
+    if (!told.scene.ensembles.some((each) => each.path === told.selected)) told.selected = told.scene.ensembles[0]?.path ?? null;
+    document.title = `${message.scene.title || "robot"} - mdm`;
+    if (!waiting && told.scenes === 1 && isRecord()) { told.view.span = Math.max(1, message.scene.last - message.scene.first); told.view.end = message.scene.last; }
+    if (!waiting) ask(isRecord() ? (told.frame?.time ?? message.scene.first) : null);
+  } else if (message.frame) {
+    waiting = false;
+    told.frame = message.frame;
+    for (const event of message.events) told.history.add(event);
+    const more = message.cursor > told.cursor;
+    told.cursor = message.cursor;
+    told.seen.add(told.selected, message.frame);
+    if (isRecord() && more && wanted == null) wanted = told.frame.time;   // until all events are here
+  } else if (message.refused || message.done) {
+    told.said = message;
+  } else if ("why" in message) {
+    told.why = message;
+  }
+  schedule();
+}
+
+function ask(time) {
+  if (!told.scene || waiting) { if (time != null) wanted = time; return; }
+  waiting = true;
+  if (isRecord()) link.say({ say: "at", time: time ?? told.frame?.time ?? 0, cursor: told.cursor, close: close() });
+  else link.say({ say: "drawn", cursor: told.cursor, close: close() });
+}
+
+function step(kind, back) {
+  if (!isRecord() || waiting) return;
+  told.playing = false;
+  waiting = true;
+  link.say({ say: "step", kind, time: told.frame.time, back, cursor: told.cursor, close: close() });
+}
+
+let due = false;
+function schedule() {
+  if (due) return;
+  due = true;
+  requestAnimationFrame(() => {
+    due = false;
+    redraw();
+    afterwards();
+  });
+}
+
+// What follows a drawing: the next frame is asked for, which is the acknowledgement of this one.
+function afterwards() {
+  if (!told.scene || told.link !== "open") return;
+  if (!isRecord()) { if (!waiting && !told.frozen) ask(null); return; }
+  const now = performance.now();
+  if (told.playing && told.frame) {
+    const by = clocked == null ? 0 : ((now - clocked) / 1000) * told.speed;
+    clocked = now;
+    if (told.frame.time >= told.scene.last) told.playing = false;
+    else if (!waiting) { wanted = null; ask(Math.min(told.scene.last, told.frame.time + by)); return; }
+    schedule();
+  } else {
+    clocked = null;
+    if (wanted != null && !waiting) { const time = wanted; wanted = null; ask(time); }
+  }
+}
+
+function go(time) {
+  told.playing = false;
+  wanted = Math.max(told.scene.first, Math.min(told.scene.last, time));
+  schedule();
+}
+
+function choose(path) {
+  told.selected = path;
+  told.why = null;
+  if (isRecord() && told.frame) wanted = told.frame.time;
+  schedule();
+}
+
+function why() {
+  if (told.selected) link.say({ say: "why", ensemble: told.selected, time: isRecord() ? told.frame.time : null });
+}
+
+const MOVES = {
+  start: "begins to decide, and the robot may move",
+  stop: "ends its action and decides nothing more",
+  reset: "begins a new episode, and the robot may move",
+  release: "leaves its safe mode: you answer for its causes, and the robot may move",
+};
+
+const command = (word, ensemble) => { told.asked = { message: { say: "command", command: word, ensemble }, text: `${word} ${ensemble}? It ${MOVES[word]}.`, yes: `Yes, ${word}` }; schedule(); };
+const sense = (predicate, value) => { told.asked = { message: { say: "sense", predicate, value }, text: `Set ${predicate} to ${value}? What decides on it may move the robot.`, yes: "Yes, set it" }; schedule(); };
+
+function answer(yes) {
+  if (yes) link.say(told.asked.message);
+  told.asked = null;
+  schedule();
+}
+
+function paint() {
+  const dark = matchMedia("(prefers-color-scheme: dark)").matches;
+  const shown = document.documentElement.dataset.scheme ?? (dark ? "dark" : "light");
+  const other = shown === "dark" ? "light" : "dark";
+  document.documentElement.dataset.scheme = other;
+  localStorage.setItem("scheme", other);
+  told.scheme = other;
+  schedule();
+}
+
+function freeze() {
+  if (isRecord()) { told.playing = !told.playing && told.frame.time < told.scene.last; clocked = null; }
+  else told.frozen = !told.frozen;
+  schedule();
+}
+
+const KEYS = {
+  " ": ["play or pause; of a running system, freeze the picture", freeze],
+  d: ["to the next decision, with shift the one before", (back) => step("decision", back)],
+  f: ["to the next fault", (back) => step("fault", back)],
+  m: ["to the next change of a mode", (back) => step("mode", back)],
+  ArrowLeft: ["a second back", () => isRecord() && go(told.frame.time - 1)],
+  ArrowRight: ["a second on", () => isRecord() && go(told.frame.time + 1)],
+  "+": ["zoom in", () => zoom(0.5)],
+  "-": ["zoom out", () => zoom(2)],
+  0: ["all of the time", () => { told.view = { follow: false, span: Math.max(1, extent()[1] - extent()[0]), end: extent()[1] }; schedule(); }],
+  w: ["why this action", why],
+  l: ["light or dark", paint],
+  "?": ["these keys", () => { told.help = !told.help; schedule(); }],
+};
+
+function zoom(factor) {
+  const wide = told.view.span * factor;
+  told.view = { ...told.view, span: Math.max(0.05, wide), end: told.view.end - (told.view.span - wide) / 2 };
+  schedule();
+}
+
+const extent = () => (isRecord() ? [told.scene.first, told.scene.last] : [0, told.frame?.time ?? 1]);
+
+addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || /^(input|select|textarea)$/i.test(event.target.tagName)) return;
+  if (event.key === "Escape" && (told.help || told.asked)) { told.help = false; told.asked = null; schedule(); return; }
+  if (event.key === " " && event.target.tagName === "BUTTON") return;
+  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  const found = KEYS[key] ?? KEYS[event.key];
+  if (!found || !told.frame) return;
+  event.preventDefault();
+  found[1](event.shiftKey && event.key !== "?");
+});
+addEventListener("resize", schedule);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { told.scheme += "'"; schedule(); });
+
+function Header() {
+  const { scene, frame } = told;
+  const lost = told.link !== "open";
+  const state = told.link === "refused" ? ["lost", `✕ refused: ${told.reason}`] : lost ? ["lost", "✕ not connected: the program has ended, or runs with another address"]
+    : isRecord() ? ["record", told.playing ? "▶ record, playing" : "❚❚ record"] : told.frozen ? ["frozen", "❚❚ frozen"] : ["live", "● live"];
+  return html`<header>
+    <h1>${scene?.title || "mdm"}</h1>
+    <span class=${`badge ${state[0]}`} role="status">${state[1]}</span>
+    <span class="number">${frame ? clock(frame.time) : ""}${isRecord() && frame ? ` of ${clock(scene.last)}` : ""}</span>
+    ${scene?.began > 0 && frame && html`<span class="soft number">${new Date(scene.began / 1e6 + 1000 * frame.time).toLocaleString("sv")}</span>`}
+    <span class="right">${!isRecord() && html`<button aria-pressed=${told.frozen} onClick=${freeze}>${told.frozen ? "go on" : "freeze"}</button>`}
+      <button onClick=${paint}>light or dark</button><button aria-expanded=${told.help} onClick=${() => { told.help = !told.help; schedule(); }}>keys</button></span>
+  </header>`;
+}
+
+function Help() {
+  return html`<section class="panel wide" aria-label="Keys"><div class="head"><h2>Keys</h2></div><dl>
+    <dt><kbd>↑</kbd> <kbd>↓</kbd></dt><dd>choose an ensemble, in the tree</dd>
+    ${Object.entries(KEYS).map(([key, [text]]) => html`<dt key=${key}><kbd>${{ " ": "space", ArrowLeft: "←", ArrowRight: "→" }[key] ?? key}</kbd></dt><dd>${text}</dd>`)}</dl></section>`;
+}
+
+function Controls() {
+  if (!isRecord() || !told.frame) return null;
+  const { scene, frame } = told;
+  return html`<div class="controls" role="toolbar" aria-label="Time of the record">
+    <button onClick=${freeze} aria-label=${told.playing ? "Pause" : "Play"}>${told.playing ? "❚❚" : "▶"}</button>
+    <select aria-label="Speed" value=${told.speed} onChange=${(event) => { told.speed = Number(event.currentTarget.value); schedule(); }}>${[0.1, 0.5, 1, 2, 5, 10, 60].map((each) => html`<option value=${each} selected=${each === told.speed}>${each}×</option>`)}</select>
+    <input type="range" aria-label="Time" min=${scene.first} max=${scene.last} step="0.001" value=${frame.time} aria-valuetext=${clock(frame.time)} onInput=${(event) => go(Number(event.currentTarget.value))} />
+    <span class="number">${clock(frame.time)}</span>
+    ${["decision", "fault", "mode"].map((kind) => html`<span key=${kind}><button aria-label=${`${kind} before`} title=${`shift ${kind[0]}`} onClick=${() => step(kind, true)}>◀</button> <button title=${kind[0]} onClick=${() => step(kind, false)}>${kind} ▶</button></span>`)}
+  </div>`;
+}
+
+function Page() {
+  const { scene, frame } = told;
+  if (!scene || !frame) {
+    return html`<${Header} /><main><section class="panel wide"><p class="empty">${told.link === "open" ? "Waiting for the first frame." : "Not connected. Open the address that the program has printed; this page goes on trying."}</p></section></main>`;
+  }
+  return html`<a class="skip" href="#main">To the ensembles</a><${Header} />
+    <${Headline} scene=${scene} frame=${frame} />
+    <main id="main">
+      ${told.help && html`<${Help} />`}
+      ${told.asked && html`<div class="ask wide" role="alertdialog" aria-label="Are you sure?"><b>${told.asked.text}</b>
+        <button class="danger" onClick=${() => answer(true)}>${told.asked.yes}</button><button onClick=${() => answer(false)} ref=${(button) => { if (button && !button.dataset.met) { button.dataset.met = "1"; button.focus(); } }}>No</button></div>`}
+      ${told.said && html`<p class=${`said wide ${told.said.refused ? "refused" : ""}`} role="status">${told.said.refused ? `✕ refused: ${told.said.refused}` : `✓ done: ${told.said.done}`}</p>`}
+      ${(scene.remarks ?? []).map((text) => html`<p class="said wide" key=${text}>ⓘ ${text}</p>`)}
+      <${Timeline} scene=${scene} frame=${frame} history=${told.history} selected=${told.selected} view=${told.view} extent=${extent()}
+        setView=${(view) => { told.view = view; schedule(); }} go=${isRecord() ? go : null} scheme=${told.scheme} />
+      <div class="column"><${Tree} scene=${scene} frame=${frame} selected=${told.selected} choose=${choose} />
+        <${Faults} faults=${told.history.faults} frame=${frame} go=${isRecord() ? go : null} /></div>
+      <div class="column"><${Detail} scene=${scene} frame=${frame} path=${told.selected} why=${told.why} ask=${why} control=${scene.control} command=${command} />
+        <${Plots} seen=${told.seen} path=${told.selected} scheme=${told.scheme} /></div>
+      <div class="column third">${scene.floors?.length > 0 && html`<${Floor} floors=${scene.floors} frame=${frame} scheme=${told.scheme} />`}
+        <${Team} team=${frame.team} />
+        <${Predicates} scene=${scene} frame=${frame} control=${scene.control} sense=${sense} />
+        <${Counts} statistics=${frame.statistics} path=${told.selected} /></div>
+    </main><${Controls} />`;
+}
+
+const root = document.getElementById("page");
+function redraw() { render(html`<${Page} />`, root); }
+globalThis.mdmPage = told;   // for tests and for the curious
+schedule();

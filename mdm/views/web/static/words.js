@@ -1,0 +1,42 @@
+// Times, numbers and modes in words, each mode with its sign.
+
+export const SIGNS = { deciding: "▶", safe: "■", stopped: "○", waiting: "…", idle: "–" };
+
+export function standing(frame) {
+  if (frame.mode === "safe") return "safe";
+  if (frame.mode === "deciding" && frame.waiting && frame.waiting.length) return "waiting";
+  if (frame.mode === "deciding" && frame.idle != null) return "idle";
+  return frame.mode;
+}
+
+export function seconds(value) {
+  if (value < 0) return "0 s";
+  if (value < 10) return `${value.toFixed(1)} s`;
+  if (value < 120) return `${Math.floor(value)} s`;
+  if (value < 7200) return `${Math.floor(value / 60)} min ${Math.floor(value % 60)} s`;
+  return `${Math.floor(value / 3600)} h ${Math.floor((value % 3600) / 60)} min`;
+}
+
+export function clock(value) {
+  const whole = Math.max(0, value);
+  const part = (number, width = 2) => String(number).padStart(width, "0");
+  const hours = Math.floor(whole / 3600);
+  const rest = `${part(Math.floor(whole / 60) % 60)}:${(whole % 60).toFixed(1).padStart(4, "0")}`;
+  return hours ? `${hours}:${rest}` : rest;
+}
+
+export function number(value) {
+  if (value == null) return "";
+  const size = Math.abs(value);
+  if (size !== 0 && (size < 0.001 || size >= 1e6)) return value.toExponential(2);
+  return String(Number(value.toFixed(size < 10 ? 3 : 1)));
+}
+
+export const percent = (value) => (value >= 0.9995 ? "100 %" : value < 0.001 ? "<0.1 %" : `${(100 * value).toFixed(1)} %`);
+
+export function latency(value) {
+  const [scale, unit] = value < 1e-3 ? [1e6, "µs"] : value < 1 ? [1e3, "ms"] : [1, "s"];
+  return `${Number((scale * value).toPrecision(2))} ${unit}`;
+}
+
+export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();

@@ -1,0 +1,57 @@
+"""A browser that looks at pages: Debian's Chromium, by Playwright's async API in the loop of the test."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from contextlib import asynccontextmanager
+
+import pytest
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
+
+
+def needed():
+    """Skip the tests of a module where there is no browser."""
+    pytest.importorskip("websockets")
+    pytest.importorskip("playwright")
+    if CHROMIUM is None:
+        pytest.skip("there is no Chromium: apt-get install chromium fonts-dejavu-core", allow_module_level=True)
+
+
+@asynccontextmanager
+async def browser(**options):
+    """Start a browser; yield a function that opens an address, and the list of what has gone wrong in pages.
+
+    Args:
+        options: Of contexts, such as ``color_scheme`` and ``viewport``.
+    """
+    from playwright.async_api import async_playwright
+
+    wrong = []
+    async with async_playwright() as playwright:
+        arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
+        started = await playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
+        context = await started.new_context(**{"viewport": {"width": 1300, "height": 900}, **options})
+        context.set_default_timeout(30_000)
+
+        async def look(address):
+            page = await context.new_page()
+            page.on("pageerror", lambda error: wrong.append(str(error)))
+            page.on("requestfailed", lambda request: wrong.append(f"failed: {request.url}"))
+            page.on("request", lambda request: _note_foreign(request.url, address, wrong))
+            await page.goto(address)
+            return page
+
+        try:
+            yield look, wrong
+        finally:
+            await context.close()
+            await started.close()
+
+
+def _note_foreign(url, address, wrong):
+    """Take note of a request to anywhere else than to the server of the page."""
+    here = "/".join(address.split("/")[:3])
+    if not url.startswith((here, "data:", here.replace("http", "ws", 1))):
+        wrong.append(f"foreign: {url}")

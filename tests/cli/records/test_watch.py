@@ -1,0 +1,67 @@
+"""``mdm watch``, of a record and of a running system with its page."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+
+import pytest
+from served import shown
+from shown import a_robot
+
+import mdm
+from mdm.cli import main
+from mdm.testing import run_virtual
+
+pytest.importorskip("rich")
+pytest.importorskip("websockets")
+
+
+@pytest.fixture
+def record(tmp_path):
+    async def run(runtime):
+        await runtime.start(mdm.load_system(a_robot(tmp_path)))
+        await asyncio.sleep(30)
+
+    run_virtual(run, record=tmp_path / "run.mcap")
+    return tmp_path / "run.mcap"
+
+
+def test_a_record_is_shown_at_a_second(record, capsys):
+    assert main(["watch", str(record), "--once", "--at", "4.5"]) == 0
+    out = capsys.readouterr().out
+    assert "00:04.5 of 00:30.0" in out
+    assert "▶ deciding" in out
+    assert "top/walk" in out
+
+
+def test_a_running_system_is_shown_in_another_process():
+    async def look(_, page):
+        command = [sys.executable, "-m", "mdm", "watch", page.address, "--once"]
+        return await asyncio.to_thread(subprocess.run, command, capture_output=True, text=True, check=False, timeout=60)
+
+    done = shown(look)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "● live" in done.stdout
+    assert "listen" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("url", "told"),
+    [
+        ("http://127.0.0.1:{port}/?token=another-token-of-some-kind", "refuses to be watched"),
+        ("http://127.0.0.1:{port}/", "with its token"),
+        ("http://127.0.0.1:1/?token=x", "nothing answers at 127.0.0.1:1"),
+    ],
+)
+def test_what_cannot_be_watched_is_a_sentence(url, told):
+    async def look(_, page):
+        address = url.format(port=page.address.split(":")[2].split("/")[0])
+        command = [sys.executable, "-m", "mdm", "watch", address, "--once"]
+        return await asyncio.to_thread(subprocess.run, command, capture_output=True, text=True, check=False, timeout=60)
+
+    done = shown(look)
+    assert done.returncode in {1, 2}
+    assert told in done.stderr
+    assert "Traceback" not in done.stderr

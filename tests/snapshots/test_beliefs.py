@@ -1,0 +1,62 @@
+"""Beliefs for the eye, against plain sums."""
+
+from __future__ import annotations
+
+from math import log2
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from mdm.beliefs import Support
+from mdm.models import Factor, Space
+from mdm.snapshots.beliefs import belief_frame
+
+SPACE = Space([Factor("x", 3), Factor("door", ["open", "shut"]), Factor("y", 4)])
+
+
+@given(st.lists(st.floats(0, 1), min_size=24, max_size=24).filter(lambda values: sum(values) > 0.1), st.booleans())
+def test_it_is_what_plain_sums_say(values, by_support):
+    belief = np.array(values) / sum(values)
+    states = np.flatnonzero(belief)
+    frame = belief_frame(Support(states, belief[states]) if by_support else belief, SPACE)
+    ranked = sorted(((chance, SPACE.names[state]) for state, chance in enumerate(belief) if chance), reverse=True)
+    assert [chance for _, chance in frame.top] == pytest.approx([chance for chance, _ in ranked[:12]], abs=1e-6)
+    assert frame.rest == pytest.approx(sum(chance for chance, _ in ranked[12:]), abs=1e-4)
+    assert frame.entropy == pytest.approx(-sum(chance * log2(chance) for chance, _ in ranked), abs=1e-3)
+    for place, marginal in enumerate(frame.marginals):
+        for symbol, value in zip(marginal.symbols, marginal.values, strict=True):
+            own = SPACE.factors[place].names.index(symbol)
+            total = sum(chance for state, chance in enumerate(belief) if SPACE.unravel(state)[place] == own)
+            assert value == pytest.approx(total, abs=1e-6)
+    grid = frame.grid
+    assert (grid.down, grid.across, grid.rows, grid.columns) == ("y", "x", 4, 3)
+    for row in range(4):
+        for column in range(3):
+            cell = sum(belief[SPACE.ravel((column, door, row))] for door in range(2))
+            assert grid.values[row * 3 + column] == pytest.approx(cell, abs=1e-6)
+
+
+def test_a_large_belief_shows_its_likeliest_states_alone():
+    belief = np.full(100_000, 0.5 / 99_999)
+    belief[77_777] = 0.5
+    frame = belief_frame(belief, Space.single("state", 100_000))
+    assert frame.top[0] == ("77777", 0.5)
+    assert len(frame.top) == 12
+    assert frame.states == 100_000
+    assert frame.rest == pytest.approx(0.5, abs=1e-3)
+    assert frame.marginals == ()
+
+
+def test_a_factor_of_many_symbols_shows_the_likeliest_and_the_rest():
+    belief = np.zeros(200)
+    belief[:100:2] = 1 / 50
+    (many, two) = belief_frame(belief, Space([Factor("place", 100), Factor("lit", 2)])).marginals
+    assert len(many.symbols) == 24
+    assert sum(many.values) + many.rest == pytest.approx(1.0)
+    assert two.values == (1.0, 0.0)
+
+
+@pytest.mark.parametrize("other", [None, 3, (1, 2), np.array([1, 2])])
+def test_what_is_no_belief_is_none(other):
+    assert belief_frame(other, None) is None

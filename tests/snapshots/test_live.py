@@ -1,0 +1,174 @@
+"""Snapshots of a running system, against what its actors and channels say."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+
+import msgspec
+import pytest
+from decided import ensemble
+from sentences import refused
+from shown import a_robot
+
+import mdm
+from mdm import Error
+from mdm.snapshots import Frame, LiveRun, Scene
+from mdm.testing import probe, run_virtual
+
+
+def looked_at(file, seconds, look):
+    """Run a file's system, and look at it ten times a second."""
+
+    async def main(runtime):
+        live = LiveRun(runtime, title="robot", control=True)
+        live.open()
+        system = mdm.load_system(file)
+        await runtime.start(system)
+        for _ in range(round(seconds * 10)):
+            look(live, system, runtime)
+            await asyncio.sleep(0.1)
+        live.close()
+        return live
+
+    return run_virtual(main)
+
+
+def test_frames_say_what_the_actors_do(tmp_path):
+    modes, changes, before = Counter(), [], {}
+
+    def look(live, system, runtime):
+        scene, frame = live.scene(), live.frame({"top", "top/walk"})
+        assert [each.path for each in scene.ensembles] == ["top", "top/walk"]
+        assert [each.parent for each in scene.ensembles] == [-1, 0]
+        assert scene.ensembles[1].bound == "0"
+        for each, ensemble_ in zip(frame.ensembles, system.ensembles.values(), strict=True):
+            assert each.mode == ensemble_.mode
+            assert tuple(life.action for life in each.live) == ensemble_.action.live
+            assert each.decisions == ensemble_.control.decisions
+            assert {cause.kind for cause in each.causes} == {cause.kind for cause in ensemble_.causes}
+            modes[each.mode] += 1
+        values = dict(zip([each.name for each in scene.predicates], frame.predicates, strict=True))
+        assert values == system.predicates.values()
+        for place, (name, value) in enumerate(values.items()):
+            if name in before and before[name] is not value:
+                assert frame.changed[place] == frame.time
+                changes.append(name)
+        before.update(values)
+        assert msgspec.json.decode(msgspec.json.encode(frame), type=Frame) == frame
+        assert msgspec.json.decode(msgspec.json.encode(scene), type=Scene) == scene
+
+    looked_at(a_robot(tmp_path), 30, look)
+    assert modes["safe"] > 2  # the sensor was silent for a while
+    assert modes["deciding"] > 100
+    assert {"Low", "Near", "Quiet"} == set(changes)
+
+
+def test_each_fault_mode_and_lasting_action_is_an_event(tmp_path):
+    heard = {}
+
+    def look(live, system, runtime):
+        live.frame()
+        if not heard:
+            heard["faults"] = probe(runtime.faults)
+            heard["lives"] = probe(system.ensembles["walk"].channel("lives", mdm.messages.ActionLife))
+            heard["modes"] = probe(runtime.modes)
+
+    live = looked_at(a_robot(tmp_path), 30, look)
+    events = list(live.ring)
+    assert [event.number for event in events] == list(range(1, live.ring.number + 1))
+    faults = [event for event in events if event.kind == "fault"]
+    assert [(event.source, event.name) for event in faults] == [(each.source, each.kind) for each in heard["faults"]]
+    assert all(event.remedy for event in faults)
+    lives = [event for event in events if event.kind == "life" and event.source == "top/walk"]
+    expected = [(each.action, each.status, each.life) for each in heard["lives"]]
+    seen = [(event.name, event.status, event.life) for event in lives]
+    assert seen[0] == ("0", "running", 1)  # which began before anybody looked
+    assert seen[1:] == expected[: len(seen) - 1]
+    assert len(seen) > 20
+    modes = [(event.source, event.name) for event in events if event.kind == "mode"]
+    expected = [(each.ensemble, each.mode) for each in heard["modes"]]
+    assert modes[2:] == expected[: len(modes) - 2]
+    assert len(modes) > 10
+
+
+def test_a_belief_is_that_which_was_decided_on():
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        robot = ensemble()
+        await runtime.start(robot)
+        robot.publish_observation("hear-left")
+        frame = live.frame({"robot"})
+        detail = frame.details["robot"]
+        believed = robot.control.controller.decided_by
+        names = robot.controller.model.state_space.names
+        assert dict(detail.belief.top) == pytest.approx(dict(zip(names, believed, strict=True)))
+        assert detail.observation == "hear-left"
+        assert detail.reward == pytest.approx(believed @ robot.controller.model.rewards[:, 0])
+        assert detail.value == pytest.approx(robot.controller.policy.value(believed))
+        assert live.frame({"robot"}).details["robot"] is detail  # nothing has changed
+
+    run_virtual(main)
+
+
+def test_decisions_cost_nothing_on_the_way_to_the_action():
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        robot = ensemble()
+        await runtime.start(robot)
+        live.frame({"robot"})
+        assert not runtime.decisions.heard
+        for name in ("action", "belief", "reward", "lives", "state", "observation"):
+            channel = next((each for each in runtime.channels if each.name == f"robot/{name}"), None)
+            own = 1 if name in {"action", "observation"} else 0  # the layers'
+            assert channel is None or channel.statistics().subscribers == own
+        for _ in range(5):
+            robot.publish_observation("hear-left")
+        live.frame()
+        decisions = [event for event in live.ring if event.kind == "decision"]
+        assert sum(event.count for event in decisions) == 6 - 1  # the first came before anybody looked
+
+    run_virtual(main)
+
+
+def test_commands_and_predicates_reach_the_robot(tmp_path):
+    done = []
+
+    def look(live, system, runtime):
+        if done:
+            return
+        done.append(True)
+        live.scene()
+        live.command("stop", "top")
+        assert system.ensembles["top"].mode == "stopped"
+        live.command("start", "top")
+        assert system.ensembles["top"].mode == "deciding"
+        live.sense("Low", value=True)
+        assert system.predicates.value("Low") is True
+        for wrong in (
+            lambda: live.command("stop", "nobody"),
+            lambda: live.command("explode", "top"),
+            lambda: live.sense("Near", value=True),  # a sensor tells it
+            lambda: live.sense("Nothing", value=True),
+        ):
+            with refused(Error):
+                wrong()
+
+    looked_at(a_robot(tmp_path), 1, look)
+
+
+def test_actors_that_come_later_make_another_scene():
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        assert live.scene().ensembles == ()
+        first = live.generation
+        await runtime.start(ensemble())
+        assert [each.path for each in live.scene().ensembles] == ["robot"]
+        assert live.generation == first + 1
+        live.scene()
+        assert live.generation == first + 1
+
+    run_virtual(main)

@@ -1,0 +1,50 @@
+"""Why a decision was made, as a page tells it, against the policy's own values."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from decided import ensemble
+
+from mdm.recording import Record
+from mdm.snapshots import LiveRun, RecordedRun
+from mdm.testing import run_virtual
+
+
+def test_live_and_from_the_record_it_is_the_same(tmp_path):
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        robot = ensemble()
+        await runtime.start(robot)
+        live.scene()
+        robot.publish_observation("hear-left")
+        await asyncio.sleep(1)
+        robot.publish_observation("hear-left")
+        return await live.explain("robot"), await live.explain("nobody"), robot.controller.belief
+
+    told, nobody, belief = run_virtual(main, record=tmp_path / "run.mcap")
+    assert nobody is None
+    robot = ensemble()
+    assert told.values[0][1] == pytest.approx(robot.controller.policy.value(belief))
+    assert told.epoch == 2
+    assert "hear-left" in told.text
+    run = RecordedRun(Record(tmp_path / "run.mcap"), ensembles={"robot": robot})
+    assert asyncio.run(run.explain("robot", 1.5)) == told
+    assert asyncio.run(run.explain("nobody", 1.5)) is None
+
+
+def test_before_anything_is_decided_it_says_so():
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        robot = ensemble()
+        await runtime.start(robot)
+        robot.reset()
+        robot.stop()
+        robot.control.begin_episode()
+        live.scene()
+        return await live.explain("robot")
+
+    assert run_virtual(main).text == "Nothing tells why: nothing was decided in this episode yet."

@@ -1,0 +1,236 @@
+"""The page in a real browser: what it shows, and what one can do with it."""
+
+from __future__ import annotations
+
+import asyncio
+
+import browsers
+import pytest
+from decided import ensemble
+from served import TOKEN, shown
+from shown import a_robot
+
+import mdm
+from mdm import Ensemble
+from mdm.models import POMDP
+from mdm.policies import AlphaVectors, DeterministicPolicy
+from mdm.recording import Record
+from mdm.snapshots import RecordedRun
+from mdm.testing import run_virtual
+from mdm.views.web import PageServer
+
+browsers.needed()
+
+UNTIL = "() => document.querySelector('main .row')"
+
+
+async def text(page, selector):
+    return " ".join((await page.inner_text(selector)).split())
+
+
+def seen(look_at, *actors, of=None, **options):
+    """Run a test of a browser that looks at a live page; nothing may go wrong in it."""
+
+    async def main(runtime, page):
+        async with browsers.browser(**(of or {})) as (look, wrong):
+            opened = await look(page.address)
+            await opened.wait_for_function(UNTIL)
+            found = await look_at(opened, runtime, page)
+            assert wrong == []
+            return found
+
+    return shown(main, *actors, **options)
+
+
+def test_it_shows_modes_actions_beliefs_and_faults():
+    robot = ensemble()
+
+    async def look_at(page, runtime, _):
+        assert "robot" in await text(page, "[role=option]")
+        assert "decides" in await text(page, ".headline")
+        assert page.url.endswith("/")  # the token has left the address
+        robot.publish_observation("hear-left")
+        await page.wait_for_function("() => document.body.innerText.includes('hear-left')")
+        belief = dict(zip(robot.controller.model.state_space.names, robot.controller.decided_by, strict=True))
+        bars = await text(page, "[aria-label='Ensemble robot']")
+        for state, chance in belief.items():
+            assert f"{state} {100 * chance:.1f} %" in bars
+        robot.report("stale", "nobody told anything")
+        await page.wait_for_selector(".fault")
+        assert "nobody told anything" in await text(page, ".fault")
+        assert "allow a longer" in await text(page, ".fault .remedy")
+
+    seen(look_at, robot)
+
+
+def test_a_safe_mode_comes_first_with_its_cause_and_what_to_do():
+    robot = ensemble(safe_action=lambda: None)
+
+    async def look_at(page, runtime, _):
+        robot.safety.alarm(mdm.messages.Fault(runtime.now(), "robot", "policy", "it is torn"))
+        await page.wait_for_selector(".headline.alarm")
+        told = await text(page, ".headline")
+        assert "robot is safe" in told
+        assert "it is torn" in told
+        assert "Correct the policy" in told
+
+    seen(look_at, robot)
+
+
+def test_a_page_that_sleeps_is_sent_nothing_and_then_the_newest():
+    async def look_at(page, runtime, served):
+        await page.evaluate("globalThis.requestAnimationFrame = (draw) => { globalThis.slept = draw; }")
+        await asyncio.sleep(0.3)
+        before = served._live.now
+        frames = await page.evaluate("mdmPage.frame.time")
+        await asyncio.sleep(1.0)
+        assert await page.evaluate("mdmPage.frame.time") - frames < 0.2
+        await page.evaluate("globalThis.requestAnimationFrame = (draw) => setTimeout(draw, 10); slept();")
+        await page.wait_for_function(f"() => mdmPage.frame.time > {before} + 0.9")
+
+    seen(look_at)
+
+
+def test_commands_are_asked_twice_and_carried_out():
+    robot = ensemble()
+
+    async def look_at(page, *_):
+        button = page.get_by_role("button", name="stop", exact=True)
+        await button.click()
+        assert robot.mode == "deciding"
+        await page.get_by_role("button", name="No").click()
+        assert await page.query_selector(".ask") is None
+        await button.click()
+        await page.get_by_role("button", name="Yes, stop").click()
+        await page.wait_for_function("() => document.body.innerText.includes('done: stop robot')")
+        assert robot.mode == "stopped"
+
+    seen(look_at, robot, control=True)
+
+
+def test_without_being_asked_for_there_are_no_commands():
+    robot = ensemble()
+
+    async def look_at(page, *_):
+        assert await page.get_by_role("button", name="stop", exact=True).count() == 0
+
+    seen(look_at, robot)
+
+
+def test_it_finds_back_after_a_restart():
+    async def program():
+        first = mdm.views.web.Page(0, token=TOKEN, announce=lambda _: None)
+        async with browsers.browser() as (look, _):
+            async with mdm.Runtime(log=False, page=first, signals=False) as runtime:
+                await runtime.start(ensemble())
+                port = int(first.address.split(":")[2].split("/")[0])
+                page = await look(first.address)
+                await page.wait_for_function(UNTIL)
+            await page.wait_for_function("() => document.querySelector('header').innerText.includes('not connected')")
+            again = mdm.views.web.Page(port, token=TOKEN, announce=lambda _: None)
+            async with mdm.Runtime(log=False, page=again, signals=False) as runtime:
+                await runtime.start(
+                    ensemble(),
+                )
+                await page.wait_for_function("() => document.querySelector('header').innerText.includes('● live')")
+
+    asyncio.run(program())
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_phone_has_room_for_all_of_it(scheme, tmp_path):
+    async def look_at(page, *_):
+        assert await page.evaluate("document.documentElement.scrollWidth") <= 360
+        assert await page.evaluate("getComputedStyle(document.documentElement).colorScheme") == scheme
+
+    options = {"viewport": {"width": 360, "height": 740}, "color_scheme": scheme}
+    seen(look_at, mdm.load_system(a_robot(tmp_path)), of=options)
+
+
+def test_a_thousand_ensembles_are_drawn_as_far_as_they_are_in_sight():
+    actors = [
+        Ensemble(f"robot{number:03}", policy=DeterministicPolicy([0, 0]), actions={0: lambda: None})
+        for number in range(1000)
+    ]
+
+    async def look_at(page, *_):
+        await page.wait_for_function("() => mdmPage.scene.ensembles.length === 1000")
+        assert await page.locator("[role=option]").count() < 40
+        await page.get_by_label("Find an ensemble").fill("robot77")
+        await page.wait_for_function("() => document.querySelectorAll('[role=option]').length === 10")
+        await page.locator("[role=option]").last.click()
+        await page.wait_for_function("() => mdmPage.selected === 'robot779'")
+        await page.wait_for_function("() => document.querySelector('[aria-label=\"Ensemble robot779\"]')")
+
+    seen(look_at, *actors)
+
+
+def test_a_belief_of_a_hundred_thousand_states_shows_the_likeliest():
+    import numpy as np
+    from scipy.sparse import identity
+
+    size = 100_000
+    chances = np.full(size, 0.25 / (size - 1))
+    chances[4321] = 0.75
+    stays = identity(size, format="csr")
+    model = POMDP(
+        transitions=[stays],
+        observations=[np.ones((size, 1))],
+        rewards=np.zeros((size, 1)),
+        discount=0.9,
+        initial_belief=chances,
+    )
+    robot = Ensemble("robot", policy=AlphaVectors([np.zeros(size)], [0]), model=model, actions={0: lambda: None})
+
+    async def look_at(page, *_):
+        await page.wait_for_function("() => document.body.innerText.includes('100,000 states')")
+        told = await text(page, "[aria-label='Ensemble robot']")
+        assert "75.0 %" in told
+        assert "4321" in told
+        assert "99,988 others" in told
+
+    seen(look_at, robot)
+
+
+def test_a_record_is_stepped_through_by_keyboard_alone(tmp_path):
+    async def run(runtime):
+        await runtime.start(mdm.load_system(a_robot(tmp_path)))
+        await asyncio.sleep(40)
+
+    run_virtual(run, record=tmp_path / "run.mcap")
+    record = Record(tmp_path / "run.mcap")
+    first = record.span[0]
+    run_ = RecordedRun(record)
+
+    async def program():
+        server = PageServer(run_, port=0, live=False, token=TOKEN)
+        await server.open()
+        async with browsers.browser() as (look, wrong):
+            page = await look(server.address)
+            await page.wait_for_function(UNTIL)
+            for key, topic in (("d", "decisions"), ("f", "faults"), ("m", "modes")):
+                times = sorted({round((each.time - first) / 1e9, 6) for each in record.messages([topic])})
+                at = await page.evaluate("mdmPage.frame.time")
+                after = next(time for time in times if time > at)
+                await page.keyboard.press(key)
+                await page.wait_for_function(f"() => Math.abs(mdmPage.frame.time - {after}) < 1e-5")
+                before = next((time for time in reversed(times) if time < after), None)
+                if before is not None:
+                    await page.keyboard.press(f"Shift+{key}")
+                    await page.wait_for_function(f"() => Math.abs(mdmPage.frame.time - {before}) < 1e-5")
+            await page.get_by_label("Time", exact=True).focus()
+            await page.keyboard.press("End")
+            await page.wait_for_function(f"() => Math.abs(mdmPage.frame.time - {run_.last}) < 0.01")
+            await page.keyboard.press("Home")
+            await page.wait_for_function("() => mdmPage.frame.time < 0.01")
+            await page.locator("h1").click()
+            await page.keyboard.press("Space")
+            await page.wait_for_function("() => mdmPage.frame.time > 0.5")
+            await page.keyboard.press("Space")
+            await page.wait_for_function("() => !mdmPage.playing")
+            events = await page.evaluate("mdmPage.cursor")
+            assert events == len(run_.after(0, 10**9)[0])
+            assert wrong == []
+        await server.close()
+
+    asyncio.run(program())

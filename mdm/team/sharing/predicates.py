@@ -97,7 +97,7 @@ class PredicatePublisher(Actor):
         self._link = link
         self._managers = tuple(managers)
         self._key = link.key(PREDICATES, "changes")
-        self._names: dict[PredicateManager, set[str]] = {}
+        self._names: dict[PredicateManager, dict[str, None]] = {}  # in the order of asking, which a replay repeats
         self._topics: list[Subscription[Any]] = []
         self._number = 0
         self._serves = False
@@ -143,7 +143,7 @@ class PredicatePublisher(Actor):
                     ]
                     unknown[name] = similar(name, known) if len(unknown) < _MOST_HINTS else ""
                     continue
-                self._names.setdefault(manager, set()).add(name)
+                self._names.setdefault(manager, {})[name] = None
                 if kind == "predicate":
                     values[name] = manager.value(name)
         self._listen()

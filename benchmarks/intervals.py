@@ -91,7 +91,7 @@ def known(name: str, *, quick: bool) -> list[dict[str, Any]]:
     """Return the coverage of intervals of T, by visits of the row."""
     model = without_observations(KNOWN[name]())
     bands: dict[str, list[bool]] = defaultdict(list)
-    for told in decisions(model, 5 if quick else 200, 400, 1):
+    for told in decisions(model, 1 if quick else 200, 400, 1):
         for row in transition_rows(model, counted(chains_of(told, kind="steps").stays()), "steps"):
             if len(row.symbols) > 1:
                 band = "1 to 4" if row.visits < 5 else "5 to 19" if row.visits < 20 else "20 or more"
@@ -158,7 +158,7 @@ def hidden(name: str, *, quick: bool) -> list[dict[str, Any]]:
     for told in decisions(model, runs, 60 if quick else 400, 4):
         evidence = evidence_of(use, chains_of(told).chains)
         fitted = fit(use, evidence)
-        intervals = sample(use, evidence, fitted)
+        intervals = sample(use, evidence, fitted, sweeps=2 if quick else 30)
         for what, ends, true, counts in (
             ("T, hidden", intervals.transitions, truth.transitions, fitted.transition_counts),
             ("O, hidden", intervals.observations, truth.observations, fitted.observation_counts),

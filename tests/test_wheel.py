@@ -29,6 +29,8 @@ def test_a_wheel_is_for_every_machine(tmp_path):
     with zipfile.ZipFile(wheel) as archive:
         found = {name for name in archive.namelist() if name.startswith("mdm")}
     code = {path.relative_to(ROOT).as_posix() for path in ROOT.glob("mdm/**/*.py")} | {"mdm/py.typed"}
+    page = [path for path in (ROOT / "mdm" / "views" / "web" / "static").rglob("*") if path.is_file()]
+    code |= {path.relative_to(ROOT).as_posix() for path in page}
     examples = {
         f"mdm/{path.relative_to(ROOT).as_posix()}"
         for path in ROOT.glob("examples/**/*")

@@ -110,7 +110,6 @@ def test_it_ends_with_its_input(free):
         (["FILE", "--agent", "a", "--virtual"], 2, "--virtual is for a file without a team"),
         (["FILE", "--agent", "a", "--decisions", "/nowhere/a.jsonl", "--seconds", "5"], 1, "cannot be written to"),
         (["TIGER", "--agent", "a"], 2, "--agent is for a team's file"),
-        (["TIGER", "--decisions", "a"], 2, "--decisions is for a team's file"),
         (["FILE", "--agent"], 2, "expected one argument"),
         (["FILE", "--agent", "a", "--epochs", "0"], 2, "a whole number of 1 or more was expected, not '0'"),
     ],

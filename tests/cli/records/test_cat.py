@@ -96,6 +96,19 @@ def test_stimuli_decide_again_as_they_did(mdm, tmp_path):
             assert again[field] == before[field]
 
 
+def test_ticks_without_input_decide_again_too(mdm, tmp_path):
+    path = tmp_path / "run.mcap"
+    assert mdm("run", EXAMPLES / "tiger.toml", "--virtual", "--epochs", 5, "--record", path)[0] == 0
+    decisions = [line["message"] for line in lines(mdm, path, "--topic", "decisions")]
+    stimuli = mdm("record", "cat", path, "--stimuli")[1]
+    traced = [json.loads(line) for line in mdm("trace", EXAMPLES / "tiger.toml", stdin="\n".join(stimuli))[1]]
+    assert len(traced) == 5
+    assert [(each["time"], each["action_name"]) for each in traced] == [
+        (each["time"] / 1e9, each["action_name"]) for each in decisions
+    ]
+    assert [json.loads(line)["time"] for line in mdm("record", "cat", path, "--stimuli", "--until", 1)[1]] == [0.5]
+
+
 def said(seconds, channel, message):
     time = int(seconds * 1e9)
     return Said(time, channel, type(message).__name__, message)

@@ -139,5 +139,8 @@ def test_benchmark(tmp_path, name):
         assert all(row["times real time"] > 0 for row in results["speeds"])
     elif name == "sarsop":
         assert results["tiger_s"] > 0
+    elif name == "page":
+        assert [row["case"] for row in results["latency"]] == ["no page", "a page, nobody looks", "one client, 20 Hz"]
+        assert all(row["median_us"] > 0 for row in (*results["latency"], *results["frames"]))
     else:
         assert all(row["median_ms"] > 0 for row in results["startup"])

@@ -650,7 +650,7 @@ def test_teams_run_in_processes_of_their_own(tmp_path, name, agents, times):
         shutil.copy(EXAMPLES / file, tmp_path / file)
     path = tmp_path / "team" / f"{name}.toml"
     path.write_text(on_free_ports(path.read_text()))
-    with up(path, "--decisions", tmp_path / "decided") as team:
+    with up(path, "--decisions", tmp_path / "decided", "--record", tmp_path / "records") as team:
         for agent in agents:  # what a safe action says, as on a busy machine, is no decision
             team.hear(agent=agent, event="decision", times=times)
         team.hear(agent=agents[-1], event="output")
@@ -664,3 +664,7 @@ def test_teams_run_in_processes_of_their_own(tmp_path, name, agents, times):
         shared = first.keys() & other.keys()
         assert len(shared) >= 2
         assert all(first[step] == other[step] for step in shared)
+    command = [sys.executable, "-m", "mdm", "replay", str(tmp_path / "records")]
+    replayed = subprocess.run(command, capture_output=True, text=True, timeout=100)
+    assert (replayed.returncode, replayed.stderr) == (0, ""), replayed.stdout
+    assert "0 of them not sent" in replayed.stdout

@@ -133,12 +133,13 @@ def load_recorded(
         )
     if PurePosixPath(name).name != name:
         raise Error(f"{record.path}: its configuration has the name {name!r}, which is no name of a file")
+    here = lay_out(record, folder)
     if not any(attached.name == _FOLDER + name for attached in record.attachments):
         raise ConfigError(
             f"{record.path}: its configuration {name!r} is not in the record, as of one that was torn early: give the "
             f"file of the same system with --config"
         )
-    return load_system(lay_out(record, folder) / name, agent=agent, callbacks=False, transport=transport)
+    return load_system(here / name, agent=agent, callbacks=False, transport=transport)
 
 
 def lay_out(record: Record, folder: str | Path) -> Path:

@@ -314,12 +314,12 @@ class Recorder:
             self._put((Kept(time, actor, dict(values), dict(times)),))
         return values, times
 
-    def rates(self, actor: str, ticker: Any) -> None:
+    def rates(self, actor: str, rate: float, ticker: Any) -> None:
         """Let an actor tick."""
 
-    def ticked(self, actor: str, tick: Tick) -> None:
+    def ticked(self, actor: str, rate: float, tick: Tick) -> None:
         """Note a tick."""
-        self._put((Ticked(tick.time, actor, tick.number, tick.missed),))
+        self._put((Ticked(tick.time, actor, tick.number, tick.missed, rate),))
 
     def finishes(self, time: int) -> None:
         """Note that the runtime begins to end."""

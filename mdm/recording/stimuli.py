@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = [
     "TRUE_STATE",
     "Answered",
+    "Asked",
     "Began",
     "Commanded",
     "Ended",
@@ -125,11 +126,15 @@ class Said(_Stimulus, frozen=True, gc=False):
 
 
 class Ticked(_Stimulus, frozen=True, gc=False):
-    """A fixed-rate tick of an actor came, due at ``time``, for itself and ``missed`` ones before it."""
+    """A fixed-rate tick of an actor came, due at ``time``, for itself and ``missed`` ones before it.
+
+    ``rate`` tells which of its tickers it is, by ticks a second.
+    """
 
     actor: str
     number: int
     missed: int
+    rate: float
 
 
 class Lasts(_Stimulus, frozen=True, gc=False):
@@ -217,6 +222,14 @@ class Unsent(_Stimulus, frozen=True, gc=False):
     number: int
 
 
+class Asked(_Stimulus, frozen=True, gc=False):
+    """Another agent asked this one for something that it tells from then on."""
+
+    agent: str
+    key: str
+    body: bytes
+
+
 class Answered(_Stimulus, frozen=True, gc=False):
     """An actor got an answer of another agent that it had asked for."""
 
@@ -253,6 +266,7 @@ Stimulus = (
     | Received
     | Unsent
     | Answered
+    | Asked
     | Commanded
     | Finished
 )

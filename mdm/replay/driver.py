@@ -105,7 +105,7 @@ class Driver:
         elif isinstance(stimulus, Said):
             await self._repeat(stimulus)
         elif isinstance(stimulus, Ticked):
-            ticker = self._player.tickers.get(stimulus.actor)
+            ticker = self._player.tickers.get((stimulus.actor, stimulus.rate))
             if ticker is not None:
                 ticker.tick(Tick(stimulus.time, stimulus.number, 0, stimulus.missed))
         elif isinstance(stimulus, Ended):

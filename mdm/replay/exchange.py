@@ -20,6 +20,7 @@ class Exchange:
 
     def __init__(self) -> None:
         self._sent: dict[tuple[str, int], set[tuple[str, bytes]]] = {}
+        self._keys: dict[tuple[str, int], set[str]] = {}
         self._until: dict[tuple[str, int], int] = {}
         self._received: list[tuple[str, Received]] = []
 
@@ -32,6 +33,7 @@ class Exchange:
                 self._received.append((each.message.agent, each.message))
         for agent, transport in transports.items():
             self._sent[agent, transport.incarnation] = set(transport.sent)
+            self._keys[agent, transport.incarnation] = {key for key, _ in transport.sent}
             self._until[agent, transport.incarnation] = last
 
     @property
@@ -47,8 +49,20 @@ class Exchange:
             if (received.key, bytes(received.body)) not in self._sent[received.owner, received.incarnation]
         ]
 
+    @property
+    def unrepeated(self) -> int:
+        """How many messages are of keys under which the replay of their sender sends nothing: what users' code does."""
+        return sum(1 for received in self._from_replayed() if received.key not in self._keys[_life_of(received)])
+
     def _known(self) -> Iterable[Received]:
+        return (received for received in self._from_replayed() if received.key in self._keys[_life_of(received)])
+
+    def _from_replayed(self) -> Iterable[Received]:
         for agent, received in self._received:
-            life = received.owner, received.incarnation
+            life = _life_of(received)
             if received.owner != agent and life in self._sent and received.sent < self._until[life]:
                 yield received
+
+
+def _life_of(received: Received) -> tuple[str, int]:
+    return received.owner, received.incarnation

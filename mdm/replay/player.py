@@ -50,7 +50,7 @@ class Player:
         self.made = 0
         self.noted = 0
         self.stand_ins: dict[tuple[str, int], tuple[StandIn, Work]] = {}
-        self.tickers: dict[str, Ticker] = {}
+        self.tickers: dict[tuple[str, float], Ticker] = {}
         self.say: Callable[[Said], None] = lambda _: None
         # What users' handlers said within turns, and was not said yet.
         self.turns: deque[Said] = deque()
@@ -157,11 +157,11 @@ class Player:
     def said(self, channel: Any, message: Any, time: int) -> None:
         """Take it that something is said again."""
 
-    def rates(self, actor: str, ticker: Ticker) -> None:
+    def rates(self, actor: str, rate: float, ticker: Ticker) -> None:
         """Keep a ticker, which ticks when the record does."""
-        self.tickers[actor] = ticker
+        self.tickers[actor, rate] = ticker
 
-    def ticked(self, actor: str, tick: Tick) -> None:
+    def ticked(self, actor: str, rate: float, tick: Tick) -> None:
         """Take a tick."""
 
     def finishes(self, time: int) -> None:

@@ -14,7 +14,7 @@ import msgspec
 from mdm.errors import Error
 from mdm.recording import Record
 from mdm.recording.recorder import environment
-from mdm.recording.stimuli import Began, Joined, Unsent
+from mdm.recording.stimuli import Began, Finished, Joined, Unsent
 from mdm.replay.clock import ReplayClock
 from mdm.replay.difference import Difference
 from mdm.replay.driver import Driver
@@ -39,7 +39,7 @@ class Replayed(msgspec.Struct, frozen=True):
     """What became of a replay.
 
     Attributes:
-        recorded: How many decisions the record has.
+        recorded: How many decisions the record has by the time at which the run began to end.
         replayed: How many were made.
         differences: Those that were not the same, the first one first.
         exact: Whether numbers were compared bit by bit, for the environment is that of the record; else to 1e-9.
@@ -140,7 +140,8 @@ def _contents(record: Record) -> tuple[list[Stimulus], list[Decision]]:
     decisions: list[Decision] = []
     for each in record.messages(_there(record, "stimuli", "decisions")):
         (stimuli if each.topic == "stimuli" else decisions).append(each.message)
-    return stimuli, decisions
+    end = next((stimulus.time for stimulus in stimuli if isinstance(stimulus, Finished)), None)
+    return stimuli, [decision for decision in decisions if end is None or decision.time <= end]
 
 
 def _there(record: Record, *topics: str) -> list[str]:

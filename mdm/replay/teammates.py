@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any
 
-from mdm.recording.stimuli import Answered, Commanded, Opened, Received, Seen
+from mdm.recording.stimuli import Answered, Asked, Commanded, Opened, Received, Seen
 from mdm.runtime.actor import descendants
 from mdm.runtime.channel import Subscription
 from mdm.team.layer import TeamLayer
@@ -47,6 +47,8 @@ class Teammates:
         elif transport is not None and isinstance(stimulus, Received):
             transport.receive(stimulus)
             await asyncio.sleep(0)  # what it acknowledges behind its turn
+        elif transport is not None and isinstance(stimulus, Asked):
+            transport.request(stimulus)
         elif transport is not None and isinstance(stimulus, Seen):
             transport.see(stimulus.live)
         elif transport is not None and isinstance(stimulus, Opened):

@@ -11,7 +11,7 @@ from mdm.team.transport.transport import Sample, TransportStatistics
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from mdm.recording.stimuli import Received
+    from mdm.recording.stimuli import Asked, Received
     from mdm.team.transport.transport import Priority
 
 __all__ = ["ReplayTransport"]
@@ -35,6 +35,7 @@ class ReplayTransport:
         self._unsent = unsent
         self._puts = 0
         self.sent: list[tuple[str, bytes]] = []
+        self._answering: dict[str, Callable[[bytes], bytes]] = {}
         self._handlers: dict[str, Callable[[Sample], None]] = {}
         self._watchers: list[Callable[[Mapping[str, int]], None]] = []
         self._opened = asyncio.Event()
@@ -75,7 +76,14 @@ class ReplayTransport:
         self._handlers[expression] = handler
 
     def serve(self, key: str, answer: Callable[[bytes], bytes]) -> None:
-        """Answer nobody."""
+        """Have a function called with each recorded request under a key; nobody hears the answer."""
+        self._answering[key] = answer
+
+    def request(self, asked: Asked) -> None:
+        """Hand a recorded request on."""
+        answer = self._answering.get(asked.key)
+        if answer is not None:
+            answer(asked.body)
 
     async def ask(self, expression: str, body: bytes = b"", *, timeout: float = 1.0) -> dict[str, bytes]:  # noqa: ASYNC109
         """Wait for ever: answers that count are in the record by themselves."""

@@ -330,13 +330,13 @@ class Actor:
         def deliver(tick: Tick) -> None:
             dispatcher = runtime.dispatcher
             if dispatcher.tape is not None:
-                dispatcher.tape.ticked(self.path, tick)
+                dispatcher.tape.ticked(self.path, rate, tick)
             dispatcher.deliver_due(turn, tick, tick.time)
 
         ticker = Ticker(runtime.clock, rate, deliver, overrun=overrun, since=runtime.now())
         self.__timers.add(ticker)
         if runtime.dispatcher.tape is not None:
-            runtime.dispatcher.tape.rates(self.path, ticker)
+            runtime.dispatcher.tape.rates(self.path, rate, ticker)
         return ticker
 
     def spawn(

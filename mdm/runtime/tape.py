@@ -115,10 +115,10 @@ class Tape(Protocol):
     def kept(self, actor: str, values: dict[str, bool | None], times: dict[str, int], time: int) -> Kept:
         """Return the values that sensors told a predicate manager before it starts: those given, or the record's."""
 
-    def rates(self, actor: str, ticker: Ticker) -> None:
-        """An actor is to tick."""
+    def rates(self, actor: str, rate: float, ticker: Ticker) -> None:
+        """An actor is to tick, so many times a second."""
 
-    def ticked(self, actor: str, tick: Tick) -> None:
+    def ticked(self, actor: str, rate: float, tick: Tick) -> None:
         """An actor ticks."""
 
     def finishes(self, time: int) -> None:

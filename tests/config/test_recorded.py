@@ -80,7 +80,7 @@ def test_another_configuration_may_stand_in_its_place(file, tmp_path):
     other = load_recorded(record, tmp_path, file)
     with pytest.raises(Error) as caught:
         check_digests(record, other.ensembles.values())
-    assert "model, policy or options of ensemble 'robot' are not those of the run" in str(caught.value)
+    assert "the policy of ensemble 'robot' is not that of the run" in str(caught.value)
 
 
 def test_a_record_without_a_configuration_is_refused(tmp_path):

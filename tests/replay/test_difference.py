@@ -55,7 +55,7 @@ def test_numbers_of_another_environment_may_differ_a_little(by, found):
 
 
 SINCE = (
-    Ticked(2_000_000, "patrol/control", 2, 0),
+    Ticked(2_000_000, "patrol/control", 2, 0, 10.0),
     Said(2_500_000, "sensed", "SensorUpdate", SensorUpdate(2_500_000, (("Near", True),), ())),
 )
 
@@ -72,7 +72,7 @@ def test_both_values_are_told_with_the_input_before_them():
     assert first == (
         "decision 7, of 'patrol' at 0.002000 s: action 'Go', now 'Stay'; belief 0.75 of state 1, now 0.5 of state 0"
     )
-    assert before[0] == "  before it: 0.001000 s, ticked actor patrol/control, number 2"
+    assert before[0] == "  before it: 0.001000 s, ticked actor patrol/control, number 2, rate 10.0"
     assert before[1].startswith("  before it: 0.001500 s, said channel sensed, type SensorUpdate, message ")
     assert len(before) == 2
 

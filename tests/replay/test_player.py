@@ -100,12 +100,12 @@ def test_the_same_decisions_are_no_difference():
 
 def test_differences_tell_the_number_and_what_came_before():
     tape = player(decisions=[decision(0), decision(1), decision(2)])
-    tape.since.append(Ticked(0, "patrol/control", 0, 0))
+    tape.since.append(Ticked(0, "patrol/control", 0, 0, 10.0))
     decide(tape, 0)
     decide(tape, 1, action=2)
     tape.missed(10_000_000)
     wrong, missing = tape.differences
-    assert (wrong.number, wrong.fields, wrong.since) == (1, ("action",), (Ticked(0, "patrol/control", 0, 0),))
+    assert (wrong.number, wrong.fields, wrong.since) == (1, ("action",), (Ticked(0, "patrol/control", 0, 0, 10.0),))
     assert (missing.number, missing.recorded, missing.replayed) == (2, decision(2), None)
 
 

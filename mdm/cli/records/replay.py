@@ -60,11 +60,22 @@ def _replay_team(folder: Path, arguments: argparse.Namespace) -> int:
                 print(difference.describe(epoch))
     unlike = exchange.unlike()
     if arguments.json:
-        print(as_json({"agents": facts, "messages": exchange.compared, "messages_not_sent": len(unlike)}))
+        print(
+            as_json(
+                {
+                    "agents": facts,
+                    "messages": exchange.compared,
+                    "messages_not_sent": len(unlike),
+                    "messages_unrepeated": exchange.unrepeated,
+                }
+            )
+        )
     else:
         print(
             f"{exchange.compared:,} messages received, {len(unlike):,} of them not sent in the replay of their sender"
         )
+        if exchange.unrepeated:
+            print(f"{exchange.unrepeated:,} more are of channels of the program's own, which a replay does not run")
         for received in unlike[: arguments.most or 1]:
             print(f"  {received.agent} received {received.key} of {received.owner}, which did not send it")
     return 0 if same and not unlike else 1

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import importlib
 import os
 import sys
 import time as times
 from contextlib import contextmanager, suppress
-from http.cookies import SimpleCookie
 from typing import TYPE_CHECKING, Any
-from urllib.parse import parse_qs, urlsplit
 
 import msgspec
 
@@ -20,6 +17,7 @@ from mdm.errors import Error
 from mdm.runtime import run as run_program
 from mdm.snapshots import Event, Frame, Scene
 from mdm.views.terminal import Terminal, rich
+from mdm.views.web.client import Socket, opened
 
 if TYPE_CHECKING:
     import argparse
@@ -88,7 +86,7 @@ async def _watch_record(shown: RecordedRun, at: float | None, *, once: bool) -> 
 async def _watch_page(url: str, *, once: bool) -> None:
     terminal: Terminal | None = None
     cursor = 0
-    async with _socket(url) as socket:
+    async with opened(url) as socket:
         with _screen(once=once) as (draw, keys):
             while True:
                 told = await _next(socket)
@@ -108,66 +106,14 @@ async def _watch_page(url: str, *, once: bool) -> None:
                     if key in {"up", "down"}:
                         terminal.choose(1 if key == "down" else -1)
                 close = [] if terminal is None else list(terminal.close)
-                await socket.send(msgspec.json.encode({"say": "drawn", "cursor": cursor, "close": close}).decode())
+                await socket.say({"say": "drawn", "cursor": cursor, "close": close})
 
 
-async def _next(socket: Any) -> _Told:
+async def _next(socket: Socket) -> _Told:
     try:
-        return msgspec.json.decode(await socket.recv(), type=_Told)
+        return msgspec.json.decode(await socket.receive(), type=_Told)
     except msgspec.ValidationError:
         raise Error("the page is of another version of mdm: watch with the one that runs there") from None
-    except _client("exceptions").ConnectionClosed:
-        raise Error("the program has ended, or has closed its page") from None
-
-
-def _client(module: str) -> Any:
-    try:
-        return importlib.import_module(f"websockets.{module}")
-    except ImportError:
-        raise Error("to watch a page needs websockets: pip install 'markov-decision-making[watch]'") from None
-
-
-def _socket(url: str) -> Any:
-    """Return what opens the socket of a page, as its own page in a browser does."""
-    client = _client("asyncio.client")
-    parts = urlsplit(url)
-    token = parse_qs(parts.query).get("token", [""])[0] or os.environ.get("MDM_PAGE_TOKEN", "")
-    if not parts.netloc or not token:
-        raise UsageError("give the address that the program has printed, with its token")
-    cookie: SimpleCookie = SimpleCookie({f"mdm-{parts.port or 80}": token})
-    return _Opened(
-        client.connect(
-            f"{'wss' if parts.scheme == 'https' else 'ws'}://{parts.netloc}/socket",
-            origin=f"{parts.scheme}://{parts.netloc}",
-            additional_headers={"Cookie": cookie.output(header="", sep=";").strip()},
-            compression=None,
-            max_size=None,
-            open_timeout=_WAITS,
-        ),
-        parts.netloc,
-    )
-
-
-class _Opened:
-    """Opens a socket, and says in a sentence why it cannot be opened."""
-
-    def __init__(self, connects: Any, place: str) -> None:
-        self._connects = connects
-        self._place = place
-        self._socket: Any = None
-
-    async def __aenter__(self) -> Any:
-        refused = _client("exceptions").InvalidHandshake
-        try:
-            self._socket = await self._connects
-        except refused:
-            raise Error(f"{self._place} refuses to be watched: its address, or token, is another one") from None
-        except (OSError, TimeoutError):
-            raise Error(f"nothing answers at {self._place}: is the program running?") from None
-        return self._socket
-
-    async def __aexit__(self, *_: object) -> None:
-        await self._socket.close()
 
 
 @contextmanager

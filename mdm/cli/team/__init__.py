@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.robots import add_arguments
-from mdm.cli.usage import add_import, complete, count, seconds
+from mdm.cli.usage import add_import, complete, count, port, seconds
 
 if TYPE_CHECKING:
     import argparse
@@ -75,6 +75,14 @@ def _add_up(verbs: Any, name: str) -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--record", metavar="FOLDER", help="record each agent's run to a file of its own in this folder, NAME.mcap"
+    )
+    parser.add_argument(
+        "--page",
+        metavar="PORT",
+        nargs="?",
+        type=port,
+        const=8765,
+        help="show all agents live on one page for this machine's browsers, at port PORT (8765)",
     )
     parser.add_argument("--log", choices=("console", "json"), default="console", help="how to write the log")
     return parser

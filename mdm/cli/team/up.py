@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import os
 import re
 import signal
 import socket
 import sys
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +22,7 @@ from mdm.team.transport.settings import resolve
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Mapping, Sequence
+    from collections.abc import AsyncIterator, Mapping, Sequence
 
     from mdm.team import Team
 
@@ -41,7 +43,52 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.record is not None:
         _record_folder(arguments.record)
     commands = {agent: _command(arguments, agent, folder) for agent in team.names}
-    return asyncio.run(_run(commands, arguments, patience))
+    pages = {} if arguments.page is None else _add_pages(commands, arguments.page)
+    return asyncio.run(_run(commands, arguments, patience, pages))
+
+
+def _add_pages(commands: Mapping[str, list[str]], port: int) -> dict[str, str]:
+    """Have each agent's process serve a page of its own, which that of the team looks at; return their addresses.
+
+    Raises:
+        Error: If there are not enough ports, or what serves pages is not installed.
+    """
+    from mdm.views.web.access import Access  # noqa: PLC0415 - only where it is asked for
+    from mdm.views.web.ports import next_free  # noqa: PLC0415
+    from mdm.views.web.server import websockets  # noqa: PLC0415
+
+    websockets()
+    token = os.environ.setdefault("MDM_PAGE_TOKEN", Access(port).token)  # which the agents' processes have from here
+    pages = {}
+    for agent, command in commands.items():
+        free = next_free(port)
+        if free is None:
+            raise Error(f"there is no free port above {port} for the page of agent {agent!r}")
+        port = free
+        command += ["--page", str(port)]
+        pages[agent] = Access(port, token).address
+    return pages
+
+
+@asynccontextmanager
+async def _team_page(pages: Mapping[str, str], arguments: argparse.Namespace) -> AsyncIterator[None]:
+    """Serve the page of the team, where there is one."""
+    if not pages:
+        yield
+        return
+    from mdm.views.web import PageServer  # noqa: PLC0415 - only where it is asked for
+    from mdm.views.web.team import TeamRun  # noqa: PLC0415
+
+    shown = TeamRun(pages, title=Path(arguments.file).name)
+    server = PageServer(shown, port=arguments.page, live=True)
+    await server.open()
+    shown.open()
+    print(f"page: {server.address}", file=sys.stderr, flush=True)
+    try:
+        yield
+    finally:
+        await shown.stop()
+        await server.close()
 
 
 def _folder(name: str, agents: Sequence[str]) -> Path:
@@ -115,7 +162,12 @@ def _check_ports(team: Team) -> None:
                 ) from None
 
 
-async def _run(commands: Mapping[str, Sequence[str]], arguments: argparse.Namespace, patience: float) -> int:
+async def _run(
+    commands: Mapping[str, Sequence[str]],
+    arguments: argparse.Namespace,
+    patience: float,
+    pages: Mapping[str, str],
+) -> int:
     console = Console(list(commands), json=arguments.log == "json")
     crew = Crew(commands, console, patience)
     asked: list[tuple[int, float]] = []
@@ -135,7 +187,8 @@ async def _run(commands: Mapping[str, Sequence[str]], arguments: argparse.Namesp
             loop.add_signal_handler(number, end, number)
     console.open()
     try:
-        await crew.run(arguments.seconds)
+        async with _team_page(pages, arguments):
+            await crew.run(arguments.seconds)
     finally:
         lost = console.close()
     if lost:

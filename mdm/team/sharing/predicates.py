@@ -13,7 +13,7 @@ import msgspec
 
 from mdm.logic import similar
 from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate
-from mdm.recording.stimuli import Answered
+from mdm.recording.stimuli import Answered, Asked
 from mdm.runtime import Actor, Subscription
 from mdm.team.transport.bounds import UNREADABLE, Name, Number, Text
 from mdm.team.transport.keys import join
@@ -97,7 +97,7 @@ class PredicatePublisher(Actor):
         self._link = link
         self._managers = tuple(managers)
         self._key = link.key(PREDICATES, "changes")
-        self._names: dict[PredicateManager, set[str]] = {}
+        self._names: dict[PredicateManager, dict[str, None]] = {}  # in the order of asking, which a replay repeats
         self._topics: list[Subscription[Any]] = []
         self._number = 0
         self._serves = False
@@ -108,7 +108,7 @@ class PredicatePublisher(Actor):
         self._topics = []
         if not self._serves:
             self._serves = True
-            self._link.serve(self._link.key(PREDICATES, "follow"), self._answer)
+            self._link.serve(self._link.key(PREDICATES, "follow"), self._take)
         self._listen()
         self.every(4 / self._link.team.max_age, lambda _: self._send_all())
 
@@ -116,6 +116,13 @@ class PredicatePublisher(Actor):
         """Send nothing more."""
         for subscription in self._topics:
             subscription.cancel()
+
+    def _take(self, body: bytes) -> bytes:
+        """Answer a request, which a record keeps: what is sent from then on follows from it."""
+        if self.runtime.tape is not None:
+            key = self._link.key(PREDICATES, "follow")
+            self.runtime.tape.note(Asked(self.runtime.now(), self._link.agent, key, bytes(body)))
+        return self._answer(body)
 
     def _answer(self, body: bytes) -> bytes:
         try:
@@ -136,7 +143,7 @@ class PredicatePublisher(Actor):
                     ]
                     unknown[name] = similar(name, known) if len(unknown) < _MOST_HINTS else ""
                     continue
-                self._names.setdefault(manager, set()).add(name)
+                self._names.setdefault(manager, {})[name] = None
                 if kind == "predicate":
                     values[name] = manager.value(name)
         self._listen()

@@ -104,12 +104,6 @@ class LiveSource(Source, Protocol):
     def frame(self, close: Collection[str] = ()) -> Frame:
         """Return how everything is."""
 
-    def command(self, command: str, ensemble: str) -> None:
-        """Command an ensemble."""
-
-    def sense(self, predicate: str, value: bool | None) -> None:
-        """Set a predicate."""
-
 
 class RecordSource(Source, Protocol):
     """A record."""

@@ -123,7 +123,7 @@ def test_a_model_whose_digest_differs_is_refused(mdm, run, tmp_path):
     other = rewritten(run[1], tmp_path / "other.mcap", metadata=metadata)
     status, output, errors = mdm("replay", other)
     assert (status, output) == (1, [])
-    assert "ensemble 'robot' are not those of the run (digest " in errors
+    assert "ensemble 'robot' is not that of the run (digest " in errors
     assert ", then 0123456789ab)" in errors
     assert errors.rstrip().endswith("with --config a configuration of yours is compared")
     assert mdm("replay", other, "--config", run[0])[0] == 0

@@ -15,7 +15,7 @@ def test_what_trace_does_by_itself_is_left_out_in_silence(tmp_path):
     record = Writing(tmp_path / "run.mcap")
     for stimulus in (
         Began(5, "patrol", "start"),
-        Ticked(6, "patrol", 1, 0),
+        Ticked(6, "patrol", 1, 0, 10.0),
         Said(7, "patrol/control", "Control", Control(7, "stop")),
         Finished(8),
     ):

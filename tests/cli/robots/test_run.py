@@ -239,3 +239,21 @@ def test_a_robot_that_has_nothing_to_do_says_so_in_words(mdm, tmp_path):
     assert [(fault["time"], fault["source"], fault["kind"], fault["detail"]) for fault in faults] == [
         (12.0, "robot", "idle", "idle for 10 s: action 'Go' succeeded, and nothing has been decided since")
     ]
+
+
+def test_options_of_a_page_and_of_quiet_that_contradict_others_are_refused(mdm, tmp_path):
+    from shown import a_robot
+
+    file = a_robot(tmp_path)
+    for options, words in (
+        (["--page-control"], "--page-control is for a page"),
+        (["--quiet", "--why"], "which --quiet leaves out"),
+        (["--page", "70000"], "a port, up to 65535"),
+    ):
+        status, _, errors = mdm("run", file, *options)
+        assert status == 2
+        assert words in errors
+    status, _, errors = mdm("run", file, "--page", "0", "--virtual")
+    assert status == 1
+    assert "a page needs real time" in errors
+    assert mdm("run", file, "--virtual", "--epochs", "3", "--quiet") == (0, [], "")

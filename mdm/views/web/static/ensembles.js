@@ -1,15 +1,16 @@
 // The headline, the tree of ensembles, and one of them at close range.
 import { html, useState } from "./vendor/htm-preact.js";
 import { VirtualList } from "./list.js";
-import { number, percent, seconds, SIGNS, standing } from "./words.js";
+import { called, number, percent, seconds, SIGNS, since, standing } from "./words.js";
 
-const name = (path) => path.slice(path.lastIndexOf("/") + 1);
+const PAUSE = 2;   // Seconds without anything to do that nobody need be told of.
 
 export function Headline({ scene, frame }) {
   const told = frame.ensembles.map((each, place) => ({ each, path: scene.ensembles[place]?.path ?? "", how: standing(each) }));
   const safe = told.filter(({ how }) => how === "safe");
-  const waits = told.filter(({ how }) => how === "waiting" || how === "idle");
-  const decide = told.filter(({ how }) => how === "deciding");
+  const pauses = ({ each, how }) => how === "idle" && frame.time - each.idle < PAUSE;   // between two decisions
+  const waits = told.filter((one) => (one.how === "waiting" || one.how === "idle") && !pauses(one));
+  const decide = told.filter((one) => one.how === "deciding" || pauses(one));
   const kind = safe.length ? "alarm" : waits.length ? "waits" : "calm";
   const most = 4;
   const lines = safe.length ? safe : waits;
@@ -21,7 +22,7 @@ export function Headline({ scene, frame }) {
       <span>${doing(scene, frame)}</span></div>`}
     ${lines.slice(0, most).map(({ each, path, how }) => html`<div class="line" key=${path}>
       <strong class=${how}>${SIGNS[how]} ${path} ${how === "safe" ? "is safe" : how === "idle" ? "has nothing to do" : "waits"}</strong>
-      <span class="number">since ${seconds(frame.time - (how === "idle" ? each.idle : each.since))}</span>
+      <span class="number">since ${seconds(frame.time - since(each))}</span>
       ${how === "waiting" && html`<span>for ${each.waiting.slice(0, 4).join(", ")}${each.waiting.length > 4 ? ` and ${each.waiting.length - 4} more` : ""}</span>`}
       ${(each.causes ?? []).map((cause) => html`<span><b>${cause.kind}</b>: ${cause.detail}</span><span class="remedy">${cause.remedy}</span>`)}
     </div>`)}
@@ -32,7 +33,7 @@ export function Headline({ scene, frame }) {
 function doing(scene, frame) {
   const acting = frame.ensembles.map((each, place) => [scene.ensembles[place], each]).filter(([, each]) => each.live?.length);
   if (!acting.length) return frame.ensembles.length === 1 ? frame.ensembles[0].action : "";
-  return acting.slice(0, 3).map(([of, each]) => `${name(of.path)}: ${each.live.map((life) => life.action).join(", ")}`).join(" › ");
+  return acting.slice(0, 3).map(([of, each]) => `${called(of)}: ${each.live.map((life) => life.action).join(", ")}`).join(" › ");
 }
 
 function depths(ensembles) {
@@ -57,7 +58,7 @@ export function Tree({ scene, frame, selected, choose }) {
         aria-selected=${of.path === selected} onClick=${() => choose(of.path)}>
       <span style=${`width:${1.1 * depth[place]}rem;flex:none`}></span>
       <span class=${`sign ${how}`} aria-hidden="true">${SIGNS[how]}</span>
-      <span class="name">${name(of.path)}</span><span class=${how}>${how}</span>
+      <span class="name">${called(of)}</span><span class=${how}>${how}</span>
       <span class="grow">${live.length
         ? live.map((life) => `${life.action}${life.remaining == null ? "" : `, ${number(life.remaining)} m to go`}`).join(", ")
         : each.action && how !== "stopped" ? html`<span class="soft">${each.action}</span>` : ""}</span>
@@ -83,7 +84,7 @@ export function Detail({ scene, frame, path, why, ask, control, command }) {
   const how = standing(each);
   const ended = Object.entries(frame.statistics?.ended?.[path] ?? {});
   return html`<section class="panel" aria-label=${`Ensemble ${path}`}>
-    <div class="head"><h2>${path}</h2><span class=${`badge ${how}`}>${SIGNS[how]} ${how} ${seconds(frame.time - each.since)}</span></div>
+    <div class="head"><h2>${path}</h2><span class=${`badge ${how}`}>${SIGNS[how]} ${how} ${seconds(frame.time - since(each))}</span></div>
     <p class="soft said">${of.summary}${of.bound ? `; it is the action ${of.bound} of the ensemble above` : ""}</p>
     <dl>
       <dt>live</dt><dd>${each.live?.length ? each.live.map((life) => `${life.action}, for ${seconds(frame.time - life.since)}${life.remaining == null ? "" : `, ${number(life.remaining)} m to go`}`).join("; ") : html`<span class="soft">no action lasts</span>`}</dd>

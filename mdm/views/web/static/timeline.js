@@ -1,6 +1,6 @@
 // The timeline: a lane an ensemble, with modes, lives of actions and decisions; faults above. It zooms and scrolls.
 import { html, useEffect, useRef } from "./vendor/htm-preact.js";
-import { clock, colour, SIGNS } from "./words.js";
+import { called, clock, colour, SIGNS } from "./words.js";
 
 const LANE = 46, HEAD = 24, LEFT = 118, MOST = 10;
 const TINTS = { deciding: "good", safe: "bad", stopped: "off" };
@@ -153,13 +153,14 @@ function draw(canvas, { scene, frame, history, lanes, selected, begin, end }) {
     context.fillStyle = tint.soft;
     context.fillText(clock(time), x(time) + 3, 7);
   }
+  const labels = Object.fromEntries(scene.ensembles.map((each) => [each.path, called(each)]));
   lanes.forEach((path, row) => {
     const top = HEAD + row * LANE;
     const lane = history.lane(path);
     if (path === selected) { context.fillStyle = tint["mark-soft"]; context.fillRect(0, top, LEFT - 4, LANE - 4); }
     context.fillStyle = tint.ink;
     context.font = font(12, 600);
-    context.fillText(clip(context, path.slice(path.lastIndexOf("/") + 1), LEFT - 14), 6, top + 16);
+    context.fillText(clip(context, labels[path] ?? path, LEFT - 14), 6, top + 16);
     const modes = lane.modes;
     let place = Math.max(0, from(modes, begin, (each) => each.time) - 1);
     for (; place < modes.length && modes[place].time <= end; place += 1) {

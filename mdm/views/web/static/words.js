@@ -9,6 +9,12 @@ export function standing(frame) {
   return frame.mode;
 }
 
+// Since when: of an ensemble without anything to do, since when that is so.
+export const since = (frame) => (standing(frame) === "idle" ? frame.idle : frame.since);
+
+// What an ensemble is called: at the top by its whole path, which names its agent in a team, else by its own name.
+export const called = (of) => (of.parent < 0 ? of.path : of.path.slice(of.path.lastIndexOf("/") + 1));
+
 export function seconds(value) {
   if (value < 0) return "0 s";
   if (value < 10) return `${value.toFixed(1)} s`;

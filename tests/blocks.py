@@ -79,11 +79,34 @@ def _command(words, folder):
         return folder
     if words[0] == "cd":
         return folder / words[1]
+    printed = None
+    for command in _piped(words):
+        printed = _printed(command, folder, printed)
+    return folder
+
+
+def _piped(words):
+    """Return the commands of a line, of which each reads what the one before prints."""
+    commands = [[]]
+    for word in words:
+        if word == "|":
+            commands.append([])
+        else:
+            commands[-1].append(word)
+    return commands
+
+
+def _printed(words, folder, given):
     programs = {"mdm": ["-m", "mdm"], "python": []}
     if words[1:3] == ["-m", "pytest"]:
         words += ["-p", "no:cacheprovider", "-p", "no:asyncio", "-p", "no:randomly"]
     done = subprocess.run(
-        [sys.executable, *programs[words[0]], *words[1:]], cwd=folder, capture_output=True, text=True, timeout=250
+        [sys.executable, *programs[words[0]], *words[1:]],
+        cwd=folder,
+        input=given,
+        capture_output=True,
+        text=True,
+        timeout=250,
     )
     assert done.returncode == 0, f"{' '.join(words)}\n{done.stdout}{done.stderr}"
-    return folder
+    return done.stdout

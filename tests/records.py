@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import json
-from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -13,7 +11,6 @@ from places import EXAMPLES
 
 from mdm import load_system, messages
 from mdm.recording import schemas
-from mdm.recording.stimuli import Said, Stimulus
 from mdm.recording.writer import RecordWriter
 from mdm.runtime import Runtime, run as run_program
 
@@ -96,26 +93,10 @@ def run(path, file, inputs, *, stop=None):
         inputs: Triples of seconds, predicates and events.
         stop: Seconds at which it ends; by default those of the last input.
     """
-    record = Writing(path)
     system = load_system(file, callbacks=False)
-    for ensemble in system.ensembles.values():
-        symbols = ensemble.controller.symbols
-        spaces = {"states": symbols.state_space, "observations": symbols.observation_space}
-        names = {key: json.dumps(list(space.names)) for key, space in spaces.items() if space is not None}
-        record.writer.metadata(f"ensemble {ensemble.name}", names)
-
-    def note(channel, update):
-        record.write("stimuli", Said(update.time, channel, type(update).__name__, update), Stimulus)
 
     async def main():
-        async with Runtime(log=False) as runtime:
-            sensed = runtime.channel("predicates/sensed", messages.SensorUpdate)
-            sensed.subscribe(partial(note, sensed.name))
-            runtime.decisions.subscribe(partial(record.write, "decisions"))
-            runtime.modes.subscribe(partial(record.write, "modes"))
-            runtime.faults.subscribe(partial(record.write, "faults"))
-            for name in system.ensembles:
-                runtime.channel(f"{name}/lives", messages.ActionLife).subscribe(partial(record.write, "lives"))
+        async with Runtime(log=False, record=path) as runtime:
             await runtime.start(system)
             for seconds, predicates, events in inputs:
                 await runtime.clock.sleep(seconds - runtime.clock.now() / 1e9)
@@ -127,7 +108,7 @@ def run(path, file, inputs, *, stop=None):
             await runtime.clock.sleep((inputs[-1][0] if stop is None else stop) - runtime.clock.now() / 1e9, rank=2)
 
     run_program(main, virtual=True)
-    return record.close()
+    return path
 
 
 def tiger(path):

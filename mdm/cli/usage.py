@@ -17,6 +17,7 @@ __all__ = [
     "count",
     "finite",
     "limit",
+    "moment",
     "port",
     "seconds",
     "seed",
@@ -132,6 +133,14 @@ def seed(text: str) -> int:
         number = -1
     if number < 0:
         raise argparse.ArgumentTypeError(f"a whole number of 0 or more was expected, not {text!r}")
+    return number
+
+
+def moment(text: str) -> float:
+    """Parse an argument as a second of a record."""
+    number = finite(text)
+    if number is None:
+        raise argparse.ArgumentTypeError(f"a number of seconds was expected, not {text!r}")
     return number
 
 

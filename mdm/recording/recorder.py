@@ -373,6 +373,10 @@ class Recorder:
                 space = getattr(output.symbols, f"{key}_space", None)
                 if space is not None and len(space) <= _NAMED:
                     facts[f"{key}s"] = msgspec.json.encode(list(space.names)).decode()
+                if key != "action" and space is not None and len(space.factors) > 1:
+                    factors = {factor.name: list(factor.names) for factor in space.factors}
+                    if sum(map(len, factors.values())) <= _NAMED:
+                        facts[f"{key}_factors"] = msgspec.json.encode(factors).decode()
             self._writer.metadata(f"ensemble {output.ensemble}", facts)
 
     def latency(self, ensemble: str, epoch: int, time: int, latency: int, limit: int) -> int:

@@ -1,4 +1,4 @@
-"""Plot of a recorded run: modes, actions, beliefs and rewards over time."""
+"""Plot of a recorded run: modes, decisions, actions, faults, beliefs and rewards over time."""
 
 from __future__ import annotations
 
@@ -8,18 +8,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.errors import Error
-from mdm.messages import ActionLife, Decision, Mode
+from mdm.messages import ActionLife, Decision, Fault, Mode
 from mdm.recording.names import Names, names_of
 from mdm.views.canvas import pyplot
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from mdm.recording.reader import Record
 
 __all__ = ["run_figure"]
 
 _MODES = {"stopped": "#bbbbbb", "deciding": "#4c9f70", "safe": "#d1495b"}
+_COLOURS = (0, 1, 2, 3, 8, 9, 10, 11, 12, 13, 16, 17, 18, 19)
+"""Those of the map ``tab20`` for actions: its greens, reds and greys are too near to those of modes."""
+_FAILED = {"failed", "timed_out", "abandoned"}
+_BAR, _BAND, _MARK = (0.1, 0.9), (1.15, 0.25), 1.55
+"""Where actions, modes and faults are, from below: the place and the height."""
 _STATES = 6
 """States of a belief that are drawn: the likeliest over the run, the others as one."""
 _FEW = 12
@@ -34,9 +39,10 @@ class _Ensemble:
     def __init__(self) -> None:
         self.modes: list[tuple[float, str]] = []
         self.lives: list[tuple[float, float, str, str | None]] = []
+        self.faults: list[tuple[float, str]] = []
         self.beliefs: list[tuple[float, Any]] = []
         self.rewards: list[tuple[float, float]] = []
-        self.decisions = 0
+        self.decisions: list[float] = []
         self._running: dict[int, tuple[float, str]] = {}
 
     def add(self, message: Any, seconds: float) -> None:
@@ -49,24 +55,44 @@ class _Ensemble:
             elif message.life in self._running:
                 begin, action = self._running.pop(message.life)
                 self.lives.append((begin, seconds, action, message.status))
+        elif isinstance(message, Fault):
+            self.faults.append((seconds, message.kind))
         elif isinstance(message, Decision):
-            self.decisions += 1
+            self.decisions.append(seconds)
             if message.belief is not None:
                 self.beliefs.append((seconds, message.belief))
             if message.reward is not None:
                 self.rewards.append((seconds, message.reward))
 
     def end(self, seconds: float) -> None:
-        """Take in that nothing more is recorded."""
+        """Take in that nothing more is recorded, or drawn."""
         self.lives += [(begin, seconds, action, None) for begin, action in self._running.values()]
+        self.lives.sort(key=lambda life: life[0])
+
+    def lanes(self) -> list[list[tuple[float, float, str, str | None]]]:
+        """Return the lives in as few rows as have none over another: those of actions at the same time lie apart."""
+        lanes: list[list[tuple[float, float, str, str | None]]] = []
+        for life in self.lives:
+            free = next((lane for lane in lanes if lane[-1][1] <= life[0]), None)
+            if free is None:
+                lanes.append([life])
+            else:
+                free.append(life)
+        return lanes
 
 
-def run_figure(record: Record, ensembles: Sequence[str] | None = None) -> Any:
+def run_figure(
+    record: Record, ensembles: Sequence[str] | None = None, *, since: float = 0.0, until: float | None = None
+) -> Any:
     """Draw a record over its time.
+
+    Faults of other actors, such as a predicate manager's, are with the first ensemble.
 
     Args:
         record: The record.
         ensembles: The paths of ensembles; by default all, up to eight.
+        since: From this second of the record on; rewards are summed from there.
+        until: To this second; by default to the end.
 
     Raises:
         Error: If there is nothing to draw, or no such ensemble.
@@ -74,18 +100,20 @@ def run_figure(record: Record, ensembles: Sequence[str] | None = None) -> Any:
     if record.span is None:
         raise Error(f"{record.path}: there are no messages to draw")
     start, last = record.span
-    end = (last - start) / 1e9
-    found: dict[str, _Ensemble] = {}
-    topics = [topic for topic in ("decisions", "lives", "modes") if topic in record.topics]
-    for each in record.messages(topics):
-        if isinstance(each.message, Decision | ActionLife | Mode):
-            found.setdefault(each.message.ensemble, _Ensemble()).add(each.message, (each.time - start) / 1e9)
+    whole = (last - start) / 1e9
+    end = whole if until is None else min(until, whole)
+    if not since < end and (since or until is not None):
+        part = f"from second {since:g} on" if until is None else f"between the seconds {since:g} and {until:g}"
+        raise Error(f"{record.path}: there is nothing to draw {part}: the record lasts {whole:g} s")
+    found, faults = _found(record, end)
     for name in ensembles or ():
         if name not in found:
             raise Error(f"{record.path}: there is no ensemble {name!r}; there are {', '.join(sorted(found)) or 'none'}")
     chosen = list(found)[:_MOST] if ensembles is None else list(dict.fromkeys(ensembles))
     if not chosen:
         raise Error(f"{record.path}: there are no decisions, lives of actions or modes to draw")
+    for seconds, fault in faults:
+        found[_owner(fault.source, found) or chosen[0]].add(fault, seconds)
     names = names_of(record)
     heights = [height for name in chosen for height in ((1.0, 1.6) if found[name].beliefs else (1.0,))]
     rewarded = any(found[name].rewards for name in chosen)
@@ -101,39 +129,52 @@ def run_figure(record: Record, ensembles: Sequence[str] | None = None) -> Any:
     axes = iter(grid[:, 0])
     for name in chosen:
         found[name].end(end)
-        _draw_lives(next(axes), name, found[name], end)
+        _draw_lives(next(axes), name, found[name], since, end)
         if found[name].beliefs:
             _draw_belief(next(axes), found[name], names.get(name, Names()), end)
     if rewarded:
-        _draw_rewards(next(axes), {name: found[name] for name in chosen if found[name].rewards}, end)
-    grid[-1, 0].set_xlim(0, end or 1.0)
+        _draw_rewards(next(axes), {name: found[name] for name in chosen if found[name].rewards}, since, end)
+    grid[-1, 0].set_xlim(since, end or 1.0)
     grid[-1, 0].set_xlabel("seconds")
     return figure
 
 
-def _draw_lives(axes: Any, name: str, ensemble: _Ensemble, end: float) -> None:
-    """Draw the modes as a band above the lives of actions, a bar each; what failed is hatched."""
-    changes = [*ensemble.modes, (end, "")]
-    for (begin, mode), (until, _) in pairwise(changes):
-        axes.broken_barh([(begin, until - begin)], (1.1, 0.25), color=_MODES.get(mode, "white"), lw=0)
-    actions = list(dict.fromkeys(action for _, _, action, _ in ensemble.lives))
-    colours = pyplot().get_cmap("tab20")
-    width = end / 1000
-    for place, action in enumerate(actions):
-        bars = [
-            (begin, max(until - begin, width), status) for begin, until, own, status in ensemble.lives if own == action
-        ]
-        axes.broken_barh(
-            [bar[:2] for bar in bars],
-            (0.1, 0.9),
-            color=colours(place % 20),
-            lw=0,
-            label=action if place < _FEW else "_",
-        )
-        failed = [bar[:2] for bar in bars if bar[2] in {"failed", "timed_out", "abandoned"}]
-        axes.broken_barh(failed, (0.1, 0.9), facecolor="none", edgecolor=_MODES["safe"], hatch="////", lw=0)
-    axes.set_ylim(0, 1.45)
-    axes.set_yticks([0.55, 1.22], ["action", "mode"], fontsize=8)
+def _found(record: Record, end: float) -> tuple[dict[str, _Ensemble], list[tuple[float, Fault]]]:
+    """Return what happened to each ensemble until some second, and the faults."""
+    assert record.span is not None
+    start = record.span[0]
+    found: dict[str, _Ensemble] = {}
+    faults = []
+    topics = [topic for topic in ("decisions", "lives", "modes", "faults") if topic in record.topics]
+    for _, time, _, message in record.messages(topics, until=start + round(end * 1e9) + 1):
+        seconds = (time - start) / 1e9
+        if isinstance(message, Fault):
+            faults.append((seconds, message))
+        elif isinstance(message, Decision | ActionLife | Mode):
+            found.setdefault(message.ensemble, _Ensemble()).add(message, seconds)
+    return found, faults
+
+
+def _owner(source: str, ensembles: Mapping[str, _Ensemble]) -> str | None:
+    """Return the ensemble of which an actor is, the lowest one; None for others."""
+    above = [name for name in ensembles if f"{source}/".startswith(f"{name}/")]
+    return max(above, key=len, default=None)
+
+
+def _draw_lives(axes: Any, name: str, ensemble: _Ensemble, since: float, end: float) -> None:
+    """Draw the lives of actions, a bar each, of which what failed is hatched; decisions, modes and faults above."""
+    for (begin, mode), (until, _) in pairwise([*ensemble.modes, (end, "")]):
+        axes.broken_barh([(begin, until - begin)], _BAND, color=_MODES.get(mode, "white"), lw=0)
+    axes.vlines(ensemble.decisions, sum(_BAR), _BAND[0], color="black", lw=0.6)
+    _draw_bars(axes, ensemble, (end - since) / 200)
+    if ensemble.faults:
+        seconds = [at for at, _ in ensemble.faults]
+        axes.plot(seconds, [_MARK] * len(seconds), "v", color=_MODES["safe"], ms=5, clip_on=False)
+        if len(seconds) <= _FEW:
+            for at, kind in ensemble.faults:
+                axes.annotate(kind, (at, _MARK), (5, 0), textcoords="offset points", va="center", fontsize=6)
+    axes.set_ylim(0, 1.7 if ensemble.faults else 1.5)
+    axes.set_yticks([0.55, 1.27], ["action", "mode"], fontsize=8)
     axes.set_title(name, loc="left", fontsize=9)
     handles, labels = axes.get_legend_handles_labels()
     shown = dict.fromkeys(mode for _, mode in ensemble.modes)
@@ -141,6 +182,30 @@ def _draw_lives(axes: Any, name: str, ensemble: _Ensemble, end: float) -> None:
     labels += [*shown]
     if handles:
         axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=7)
+
+
+def _draw_bars(axes: Any, ensemble: _Ensemble, least: float) -> None:
+    """Draw the lives in lanes; short ones are as wide as can be seen, but cover none that follows."""
+    lanes = ensemble.lanes()
+    height = _BAR[1] / max(1, len(lanes))
+    bars: dict[str, list[tuple[float, float, float, str | None]]] = {action: [] for _, _, action, _ in ensemble.lives}
+    for place, lane in enumerate(lanes):
+        begins = [life[0] for life in lane[1:]]
+        for (begin, until, action, status), following in zip(lane, [*begins, float("inf")], strict=True):
+            width = max(until - begin, min(least, following - begin))
+            bars[action].append((begin, width, _BAR[0] + place * height, status))
+    colours = pyplot().get_cmap("tab20")
+    for number, (action, each) in enumerate(bars.items()):
+        colour, label = colours(_COLOURS[number % len(_COLOURS)]), action if number < _FEW else "_"
+        for bottom in dict.fromkeys(bar[2] for bar in each):
+            here = [(begin, width) for begin, width, own, _ in each if own == bottom]
+            axes.broken_barh(here, (bottom, height), color=colour, lw=0, label=label)
+            label = "_"
+            failed = [(begin, width) for begin, width, own, status in each if own == bottom and status in _FAILED]
+            if failed:
+                axes.broken_barh(
+                    failed, (bottom, height), facecolor="none", edgecolor=_MODES["safe"], hatch="////", lw=0
+                )
 
 
 def _draw_belief(axes: Any, ensemble: _Ensemble, names: Names, end: float) -> None:
@@ -162,10 +227,11 @@ def _draw_belief(axes: Any, ensemble: _Ensemble, names: Names, end: float) -> No
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=7)
 
 
-def _draw_rewards(axes: Any, ensembles: dict[str, _Ensemble], end: float) -> None:
-    """Draw the sum of rewards since the start, to the end of the record."""
+def _draw_rewards(axes: Any, ensembles: dict[str, _Ensemble], since: float, end: float) -> None:
+    """Draw the sums of rewards from some second on."""
     for name, ensemble in ensembles.items():
-        seconds, rewards = zip(*ensemble.rewards, strict=True)
+        got = [(seconds, reward) for seconds, reward in ensemble.rewards if seconds >= since] or [(since, 0.0)]
+        seconds, rewards = zip(*got, strict=True)
         axes.step([*seconds, end], np.cumsum([*rewards, 0.0]), where="post", label=name)
     axes.set_ylabel("sum of rewards", fontsize=8)
     axes.grid(alpha=0.3)

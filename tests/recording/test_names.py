@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
+from hypothesis import given, strategies as st
 from records import Writing
 from sentences import refused
 
@@ -16,6 +18,24 @@ ROBOT = Names(states=("hall", "lab", "yard"), observations=("hear-left", "hear-r
 def test_symbols_have_the_names_at_their_indices():
     assert [ROBOT.state(index) for index in range(3)] == ["hall", "lab", "yard"]
     assert ROBOT.observation(1) == "hear-right"
+
+
+@given(sizes=st.lists(st.integers(1, 5), min_size=2, max_size=4), data=st.data())
+def test_joint_states_of_several_factors_have_a_value_of_each(sizes, data):
+    factors = {f"f{place}": tuple(f"s{each}" for each in range(size)) for place, size in enumerate(sizes)}
+    names = Names(state_factors=factors, observation_factors=factors)
+    index = data.draw(st.integers(0, int(np.prod(sizes)) - 1))
+    values = np.unravel_index(index, sizes)
+    assert names.state(index) == ", ".join(f"f{place}=s{value}" for place, value in enumerate(values))
+    assert names.observation(tuple(map(int, values))) == names.state(index)
+    assert names.state(int(np.prod(sizes))) is None
+
+
+def test_components_that_are_not_known_are_left_out():
+    names = Names(observation_factors={"ears": ("left", "right"), "nose": ("dry", "wet")})
+    assert names.observation((None, 1)) == "nose=wet"
+    for unnamed in ((None, None), (1, 2), (-1, 0), (1,), (), None, -1):
+        assert names.observation(unnamed) is None
 
 
 @pytest.mark.parametrize("given", [None, 2, -1, (1, None), ()])

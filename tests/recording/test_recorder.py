@@ -5,14 +5,17 @@ from __future__ import annotations
 import asyncio
 import json
 
+import numpy as np
 import pytest
 from sentences import refused
 
 import mdm
 from mdm.errors import ConfigError, Error
 from mdm.messages import ActionLife, Control, SensorUpdate, State
+from mdm.models import Factor, Space
 from mdm.recording import Record, Recorder
 from mdm.recording.stimuli import Began, Ended, Finished, Lasts, Raised, Said, Ticked
+from mdm.recording.table import rows
 from mdm.testing import probe, run_virtual
 
 
@@ -156,6 +159,24 @@ def test_the_head_says_what_ran_and_names(tmp_path):
     assert json.loads(facts["actions"]) == ["listen", "open-left", "open-right"]
     assert json.loads(facts["states"]) == ["tiger-left", "tiger-right"]
     assert [(each.name, each.data) for each in found.attachments if each.name == "map.txt"] == [("map.txt", b"a map")]
+
+
+def test_names_of_several_factors_are_kept_by_factors(tmp_path):
+    states = Space([Factor("lamp", ["off", "on"]), Factor("door", ["shut", "ajar", "open"])])
+    model = mdm.models.MDP([np.eye(6)], np.zeros((6, 1)), discount=0.9, states=states, actions=["wait"])
+    ensemble = mdm.Ensemble("robot", policy=[0] * 6, model=model, actions={"wait": lambda: None})
+
+    async def main(runtime):
+        await runtime.start(ensemble)
+        ensemble.publish_state(5)
+        await asyncio.sleep(1)
+
+    run_virtual(main, record=tmp_path / "run.mcap")
+    found = Record(tmp_path / "run.mcap")
+    facts = found.metadata["ensemble robot"]
+    assert json.loads(facts["state_factors"]) == {"lamp": ["off", "on"], "door": ["shut", "ajar", "open"]}
+    assert "action_factors" not in facts
+    assert [row.state for row in rows(found)] == ["lamp=on, door=open"]
 
 
 def test_beyond_the_bound_items_are_lost_counted_and_told(tmp_path):

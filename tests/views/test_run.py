@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from records import Writing, decision, tiger, written
@@ -10,7 +12,7 @@ from sentences import refused
 pytest.importorskip("matplotlib")
 
 from mdm.errors import Error
-from mdm.messages import ActionLife, Cause, Mode, State
+from mdm.messages import ActionLife, Cause, Fault, Mode, State
 from mdm.recording.reader import Record
 from mdm.views.canvas import pyplot
 from mdm.views.run import run_figure
@@ -71,9 +73,72 @@ def test_lives_and_modes_are_bars_of_their_length(tmp_path):
         record.write(topic, message)
     (axes,) = run_figure(Record(record.close())).axes
     found = bars(axes)
-    assert found[1.1] == [(0, 3), (3, 6), (6, 8)]
+    assert found[1.15] == [(0, 3), (3, 6), (6, 8)]
     assert found[0.1] == [(1, 3), (1, 3), (4, 8)]  # what failed is hatched by a second bar; what lives goes on
     assert axes.get_xlim() == (0, 8)
+
+
+def lives(path, told, *others):
+    """Write lives as actions with their begin and end in seconds, and other messages; return the record."""
+    record = Writing(path)
+    events = [(begin, number, action, "running") for number, (action, begin, _) in enumerate(told)]
+    events += [(end, number, action, "succeeded") for number, (action, _, end) in enumerate(told)]
+    for seconds, number, action, status in sorted(events, key=lambda event: event[0]):
+        record.write("lives", ActionLife(round(seconds * 1e9), "patrol", number, action, status))
+    for topic, message in others:
+        record.write(topic, message)
+    return Record(record.close())
+
+
+def test_short_lives_cover_none_that_follow(tmp_path):
+    told = [(("Go", "Stop")[number % 2], number / 1000, number / 1000) for number in range(1001)]
+    (axes,) = run_figure(lives(tmp_path / "run.mcap", told)).axes
+    drawn = bars(axes)[0.1]
+    assert len(drawn) == 1001
+    assert all(until <= begin + 1e-6 for (_, until), (begin, _) in pairwise(drawn))
+    (axes,) = run_figure(lives(tmp_path / "few.mcap", [("Go", 1, 1), ("Stop", 2, 3)])).axes
+    begin, until = bars(axes)[0.1][0]
+    assert until - begin == pytest.approx((3 - 1) / 200)
+
+
+def test_actions_at_the_same_time_lie_apart(tmp_path):
+    told = [("Go", 0, 4), ("Look", 1, 3), ("Say", 2, 6), ("Look", 4, 5)]
+    (axes,) = run_figure(lives(tmp_path / "run.mcap", told)).axes
+    assert bars(axes) == {0.1: [(0, 4), (4, 5)], 0.4: [(1, 3)], 0.7: [(2, 6)]}
+
+
+def test_decisions_and_faults_are_marks(tmp_path):
+    second = 10**9
+    record = lives(
+        tmp_path / "run.mcap",
+        [("Go", 0, 10)],
+        ("decisions", decision(2000, reward=None)),
+        ("decisions", decision(9000, ensemble="patrol/left", reward=None)),
+        ("faults", Fault(3 * second, "patrol", "timeout", "Go")),
+        ("faults", Fault(4 * second, "patrol/left/sub", "failed_action", "Look")),
+        ("faults", Fault(5 * second, "patrolling", "queue", "full")),
+    )
+    upper, lower = run_figure(record).axes
+    assert bars(upper)[1.0] == [(2, 2)]
+    assert bars(lower)[1.0] == [(9, 9)]
+    assert [list(line.get_xdata()) for axes in (upper, lower) for line in axes.lines] == [[3, 5], [4]]
+    assert [text.get_text() for text in upper.texts] == ["timeout", "queue"]
+
+
+def test_a_part_of_a_run_has_what_goes_on_in_it(tmp_path):
+    record = lives(
+        tmp_path / "run.mcap",
+        [("Go", 0, 4), ("Stop", 4, 8)],
+        *(("decisions", decision(1000 * number, reward=1.0)) for number in range(9)),
+    )
+    upper, rewards = run_figure(record, since=2.5, until=6).axes
+    assert upper.get_xlim() == (2.5, 6)
+    assert bars(upper)[0.1] == [(0, 4), (4, 6)]
+    assert list(rewards.lines[0].get_xdata()) == [3, 4, 5, 6, 6]
+    assert list(rewards.lines[0].get_ydata()) == [1, 2, 3, 4, 4]
+    for since, until in ((9, None), (3, 3), (0, -1)):
+        with refused(Error):
+            run_figure(record, since=since, until=until)
 
 
 def test_unlikely_states_are_drawn_as_one(tmp_path):

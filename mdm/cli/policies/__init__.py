@@ -5,7 +5,17 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from mdm.cli.usage import add_discount, add_durations, add_false_negative, add_file, complete, count, limit, seed
+from mdm.cli.usage import (
+    add_discount,
+    add_durations,
+    add_false_negative,
+    add_file,
+    complete,
+    count,
+    limit,
+    moment,
+    seed,
+)
 
 
 def add_compare(verbs: Any, line: str) -> None:
@@ -108,12 +118,14 @@ def add_plot(verbs: Any, line: str) -> None:
         kinds,
         "run",
         "a recorded run over time",
-        "Draw the record of a run over time: the modes of each ensemble, the lives of its actions, its belief, and the "
-        "rewards since the start.",
-        "mdm plot run run.mcap -o run.png",
+        "Draw the record of a run over time: the modes of each ensemble, its decisions, the lives of its actions, its "
+        "faults, its belief, and the rewards since the start.",
+        "mdm plot run run.mcap -o run.png --since 10 --until 20",
     )
     run.add_argument("record", metavar="FILE", help="the record")
     run.add_argument("--ensemble", metavar="NAME", action="append", help="this ensemble alone; can be given again")
+    run.add_argument("--since", metavar="S", type=moment, default=0.0, help="from second S of the record on (0)")
+    run.add_argument("--until", metavar="S", type=moment, help="to second S of the record (its end)")
     for each in (policy, belief):
         each.add_argument("--seed", metavar="S", type=seed, default=0, help="of the simulated episodes (0)")
         add_false_negative(each)

@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
         from mdm.views.run import run_figure  # noqa: PLC0415
 
         check_picture(arguments.output, arguments.record)
-        figure = run_figure(Record(arguments.record), arguments.ensemble)
+        figure = run_figure(Record(arguments.record), arguments.ensemble, since=arguments.since, until=arguments.until)
     else:
         check_picture(arguments.output, arguments.model, arguments.policy)
         figure = _of_policy(arguments)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from mdm.cli.usage import add_discount, complete, count, finite, port, seconds, seed
+from mdm.cli.usage import add_discount, complete, count, finite, moment, port, seconds, seed
 
 __all__ = ["VERBS", "add_explain", "add_page", "add_record", "add_replay", "add_statistics", "add_watch"]
 
@@ -87,7 +87,7 @@ def add_watch(verbs: Any, line: str) -> None:
     )
     parser.add_argument("source", metavar="URL|FILE", help="the address of a page, or a record")
     parser.add_argument("--once", action="store_true", help="print one picture, of a record its end, and stop")
-    parser.add_argument("--at", metavar="S", type=_moment, help="of a record, begin at second S")
+    parser.add_argument("--at", metavar="S", type=moment, help="of a record, begin at second S")
     complete(parser, "watch", "mdm.cli.records.watch")
 
 
@@ -192,8 +192,8 @@ def _add_cat(verbs: Any, name: str) -> argparse.ArgumentParser:
     )
     parser.add_argument("file", metavar="FILE", help="the record")
     parser.add_argument("--topic", metavar="NAME", action="append", help="this topic alone; can be given again")
-    parser.add_argument("--since", metavar="S", type=_moment, help="from second S of the record on")
-    parser.add_argument("--until", metavar="S", type=_moment, help="before second S of the record")
+    parser.add_argument("--since", metavar="S", type=moment, help="from second S of the record on")
+    parser.add_argument("--until", metavar="S", type=moment, help="before second S of the record")
     parser.add_argument("--ensemble", metavar="NAME", help="messages of this ensemble alone, and of those below it")
     parser.add_argument("--stimuli", action="store_true", help="print the stimuli, as mdm trace reads them")
     return parser
@@ -238,10 +238,3 @@ def _share(text: str) -> float:
     if number is None or not 0 < number < 1:
         raise argparse.ArgumentTypeError(f"a number above 0 and below 1 was expected, not {text!r}")
     return number
-
-
-def _moment(text: str) -> float:
-    moment = finite(text)
-    if moment is None:
-        raise argparse.ArgumentTypeError(f"a number of seconds was expected, not {text!r}")
-    return moment

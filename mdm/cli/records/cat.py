@@ -11,6 +11,7 @@ from mdm.cli.records.traced import traced
 from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError
 from mdm.errors import Error
+from mdm.recording.names import Names, names_of
 from mdm.recording.reader import Record
 
 if TYPE_CHECKING:
@@ -20,6 +21,9 @@ __all__ = ["run"]
 
 _FIELDS = ("ensemble", "source", "actor", "channel")
 """The fields of messages that name an ensemble, or something of it, by a path."""
+
+_NAMED = {"mdm.Decision", "mdm.State", "mdm.Observation"}
+"""The types of messages with states or observations, whose names are printed beside their numbers."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -42,6 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _print_messages(record: Record, arguments: argparse.Namespace, since: int | None, until: int | None) -> None:
     start = 0 if record.span is None else record.span[0]
+    named = {name for name, topic in record.topics.items() if topic.schema_name in _NAMED}
+    names = names_of(record)
     known: set[str] = set()
     printed = 0
     for topic, time, sequence, data in record.raw(arguments.topic, since, until):
@@ -51,11 +57,24 @@ def _print_messages(record: Record, arguments: argparse.Namespace, since: int | 
                 known |= paths
                 continue
         printed += 1
-        head = as_json({"topic": topic, "seconds": (time - start) / 1e9, "sequence": sequence})
+        line: dict[str, Any] = {"topic": topic, "seconds": (time - start) / 1e9, "sequence": sequence}
+        if topic in named:
+            line |= _names(names, topic, record.topics[topic].schema_name, msgspec.json.decode(data))
+        head = as_json(line)
         print(f'{head[:-1]},"message":{data.decode()}}}')
     if arguments.ensemble is not None and not printed:
         there = f"; there are messages of {', '.join(sorted(known)[:12])}" if known else ""
         raise Error(f"{record.path}: there are no messages of {arguments.ensemble!r}{there}")
+
+
+def _names(names: dict[str, Names], topic: str, kind: str, message: dict[str, Any]) -> dict[str, str]:
+    """Return the names of a message's state and observation, as far as they have any."""
+    decision = kind == "mdm.Decision"
+    own = names.get(message["ensemble"] if decision else topic.rpartition("/")[0], Names())
+    state = message["state"] if decision else message["index"] if kind == "mdm.State" else None
+    observation = message["observation"] if decision else message["index"] if kind == "mdm.Observation" else None
+    found = {"state_name": own.state(state), "observation_name": own.observation(observation)}
+    return {key: name for key, name in found.items() if name is not None}
 
 
 def _print_stimuli(record: Record, ensemble: str | None, since: int | None, until: int | None) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from mdm.cli.report import as_json, printable
 from mdm.recording.reader import Record
 
@@ -14,6 +16,8 @@ if TYPE_CHECKING:
 __all__ = ["run"]
 
 _OWN = {"mdm", "mdm.file", "mdm.end", "mdm.repaired"}
+_SHOWN = 4
+"""Names of states, observations or actions that are told, of many."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -67,17 +71,25 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
         **facts["head"],
     }
     for name, values in facts["metadata"].items():
-        told |= {
-            f"{name.removeprefix('ensemble ')}: {key}": value
-            for key, value in values.items()
-            if not value.startswith("[")
-        }
-    yield from (f"{'file':24}{path}" for path in facts["files"])
+        told |= {f"{name.removeprefix('ensemble ')}: {key}": _told(value) for key, value in values.items()}
+    width = max(22, min(38, max(map(len, told)))) + 2
+    yield from (f"{'file':{width}}{path}" for path in facts["files"])
     for key, value in told.items():
         if value is not None:
-            yield f"{printable(key, 22):24}{value if key == 'torn' else printable(value)}"
+            yield f"{printable(key, width - 2):{width}}{value if key == 'torn' else printable(value)}"
     yield from _table("topic", "messages", [tuple(each.values()) for each in facts["topics"]])
     yield from _table("attached file", "bytes", [tuple(each.values()) for each in facts["attachments"]])
+
+
+def _told(value: str) -> str:
+    """Return a list of names as their number and the first of them, factors with their values; others as they are."""
+    try:
+        names: list[str] | dict[str, list[str]] = msgspec.json.decode(value, type=list[str] | dict[str, list[str]])
+    except msgspec.MsgspecError:
+        return value
+    if isinstance(names, dict):
+        return "; ".join(f"{factor}: {', '.join(symbols)}" for factor, symbols in names.items())
+    return f"{len(names):,}: {', '.join(names[:_SHOWN])}{', …' if len(names) > _SHOWN else ''}"
 
 
 def _table(name: str, number: str, lines: list[tuple[str, str, int]]) -> Iterator[str]:

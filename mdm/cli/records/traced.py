@@ -25,7 +25,7 @@ _COMMANDS = {"start", "stop", "reset", "release"}
 def traced(
     record: Record, ensemble: str | None, since: int | None, until: int | None, others: dict[str, int]
 ) -> Iterator[dict[str, Any]]:
-    """Yield the lines that `mdm trace` reads.
+    """Yield the lines that `mdm trace` reads; the last one's time is that of the last decision, or later.
 
     Args:
         record: The record.
@@ -39,11 +39,22 @@ def traced(
     """
     if "stimuli" not in record.topics:
         raise Error(f"{record.path}: there are no stimuli in this record")
-    assert record.span is not None or not record.counts
     start = 0 if record.span is None else record.span[0]
+    latest = start
+    for latest, line in _said(record, ensemble, since, until, others):
+        yield {"time": (latest - start) / 1e9, **line}
+    decided = record.raw(["decisions"], since, until) if "decisions" in record.topics else ()
+    last = max((time for _, time, _, _ in decided), default=latest)
+    if last > latest:  # ticks and timers decide until then
+        yield {"time": (last - start) / 1e9}
+
+
+def _said(
+    record: Record, ensemble: str | None, since: int | None, until: int | None, others: dict[str, int]
+) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield what each stimulus says, and its time."""
     actions = _actions(record)
     for _, time, _, stimulus in record.messages(["stimuli"], since, until):
-        line: dict[str, Any] | None = None
         if isinstance(stimulus, Said):
             path, _, name = stimulus.channel.rpartition("/")
             if ensemble is not None and name != "sensed" and path != ensemble:
@@ -51,14 +62,12 @@ def traced(
             line = _line(name, stimulus.message)
             if line is None:
                 others[stimulus.channel] = others.get(stimulus.channel, 0) + 1
-            elif name != "sensed":
-                line["ensemble"] = path.rpartition("/")[2]
+            else:
+                yield time, line if name == "sensed" else line | {"ensemble": path.rpartition("/")[2]}
         elif isinstance(stimulus, Ended) and not stimulus.cancelled:
             action = actions.get((stimulus.ensemble, stimulus.life))
             if action is not None and ensemble in {None, stimulus.ensemble}:
-                line = {"events": [f"{action}.{'succeeded' if stimulus.error is None else 'failed'}"]}
-        if line is not None:
-            yield {"time": (time - start) / 1e9, **line}
+                yield time, {"events": [f"{action}.{'succeeded' if stimulus.error is None else 'failed'}"]}
 
 
 def _line(channel: str, message: Any) -> dict[str, Any] | None:
@@ -75,6 +84,11 @@ def _line(channel: str, message: Any) -> dict[str, Any] | None:
     if channel == "control" and isinstance(message, Control) and message.command in _COMMANDS:
         return {"control": message.command}
     return None
+
+
+def _decisions(record: Record, since: int | None, until: int | None) -> Iterator[tuple[str, int, int, bytes]]:
+    """Return the decisions, as they are in the file."""
+    return record.raw(["decisions"], since, until) if "decisions" in record.topics else iter(())
 
 
 def _actions(record: Record) -> dict[tuple[str, int], str]:

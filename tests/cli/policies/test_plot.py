@@ -18,6 +18,9 @@ def test_a_recorded_run_is_drawn(mdm, tmp_path):
     record, path = tiger(tmp_path / "run.mcap"), tmp_path / "run.png"
     assert mdm("plot", "run", record, "-o", path) == (0, [f"{path}: drawn"], "")
     assert path.read_bytes().startswith(b"\x89PNG")
+    assert mdm("plot", "run", record, "-o", path, "--since", 2, "--until", 4) == (0, [f"{path}: drawn"], "")
+    errors = mdm("plot", "run", record, "-o", path, "--since", 20)[2]
+    assert "there is nothing to draw from second 20 on: the record lasts 9.5 s" in errors
     status, _, errors = mdm("plot", "run", record, "-o", path, "--ensemble", "robot")
     assert status == 1
     assert "there is no ensemble 'robot'; there are tiger" in errors

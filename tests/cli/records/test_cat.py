@@ -25,6 +25,21 @@ def test_all_messages_are_printed_as_they_were_written(mdm, tmp_path):
     ] == [(topic, time, number, json.loads(data)) for topic, time, number, _, data in official(path)]
 
 
+def test_states_and_observations_have_their_names_beside(mdm, tmp_path):
+    path = tmp_path / "run.mcap"
+    assert mdm("simulate", EXAMPLES / "tiger.toml", "--episodes", 2, "--record", path)[0] == 0
+    heard = {None: None, 0: "hear-left", 1: "hear-right"}
+    for line in lines(mdm, path):
+        message = line["message"]
+        if line["topic"] == "decisions":
+            assert line.get("observation_name") == heard[message["observation"]]
+            assert "state_name" not in line
+        elif line["topic"].endswith("/true_state"):
+            assert line["state_name"] == ("tiger-left", "tiger-right")[message["index"]]
+        else:
+            assert line.keys() == {"topic", "seconds", "sequence", "message"}
+
+
 def test_topics_and_times_are_chosen(mdm, tmp_path):
     path = tiger(tmp_path / "run.mcap")
     chosen = lines(mdm, path, "--topic", "decisions", "--topic", "modes", "--since", 2.5, "--until", "4")
@@ -94,6 +109,19 @@ def test_stimuli_decide_again_as_they_did(mdm, tmp_path):
         assert again["belief"] == before["belief"]
         for field in ("epoch", "cause", "action", "action_name", "reward"):
             assert again[field] == before[field]
+
+
+def test_ticks_without_input_decide_again_too(mdm, tmp_path):
+    path = tmp_path / "run.mcap"
+    assert mdm("run", EXAMPLES / "tiger.toml", "--virtual", "--epochs", 5, "--record", path)[0] == 0
+    decisions = [line["message"] for line in lines(mdm, path, "--topic", "decisions")]
+    stimuli = mdm("record", "cat", path, "--stimuli")[1]
+    traced = [json.loads(line) for line in mdm("trace", EXAMPLES / "tiger.toml", stdin="\n".join(stimuli))[1]]
+    assert len(traced) == 5
+    assert [(each["time"], each["action_name"]) for each in traced] == [
+        (each["time"] / 1e9, each["action_name"]) for each in decisions
+    ]
+    assert [json.loads(line)["time"] for line in mdm("record", "cat", path, "--stimuli", "--until", 1)[1]] == [0.5]
 
 
 def said(seconds, channel, message):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from records import Writing, decision, tiger, written
+from records import Writing, decision, official, tiger, written
 
 
 def test_a_record_is_described(mdm, tmp_path):
@@ -16,6 +16,8 @@ def test_a_record_is_described(mdm, tmp_path):
     assert ["complete", "yes"] in words
     assert ["end", "of", "the", "run", "in", "order"] in words
     assert ["clock", "virtual"] in words
+    assert ["tiger:", "states", "2:", "tiger-left,", "tiger-right"] in words
+    assert ["tiger:", "actions", "3:", "listen,", "open-left,", "open-right"] in words
     assert ["decisions", "mdm.Decision", "20"] in words
 
 
@@ -27,7 +29,7 @@ def test_it_is_one_json_object(mdm, tmp_path):
     assert facts["bytes"] == path.stat().st_size
     assert (facts["complete"], facts["torn"], facts["ended_in_order"], facts["lost"]) == (True, None, True, 0)
     assert facts["seconds"] == 9.5
-    assert facts["messages"] == sum(topic["messages"] for topic in facts["topics"]) == 77
+    assert facts["messages"] == sum(topic["messages"] for topic in facts["topics"]) == len(official(path))
     assert facts["head"]["format"] == "1"
     assert json.loads(facts["metadata"]["ensemble tiger"]["states"]) == ["tiger-left", "tiger-right"]
 
@@ -54,11 +56,15 @@ def test_files_of_one_run_are_described_together(mdm, tmp_path):
 def test_more_is_told_where_there_is_more(mdm, tmp_path):
     record = Writing(tmp_path / "run.mcap", bound=3000)
     record.writer.metadata("seeds", {"patrol": "7"})
+    facts = {"states": '["a","b","c","d","e"]', "state_factors": '{"lamp":["off","on"],"door":["shut","open"]}'}
+    record.writer.metadata("ensemble patrol", facts)
     record.writer.attach("files/robot.toml", "application/toml", b"[ensembles]")
     for number in range(100):
         record.write("decisions", decision(number))
     words = [line.split() for line in mdm("record", "info", record.close())[1]]
     assert ["seeds:", "patrol", "7"] in words
+    assert ["patrol:", "states", "5:", "a,", "b,", "c,", "d,", "…"] in words
+    assert ["patrol:", "state_factors", "lamp:", "off,", "on;", "door:", "shut,", "open"] in words
     assert ["files/robot.toml", "application/toml", "11"] in words
     lost = record.writer.statistics().dropped
     assert ["lost", "messages", str(lost)] in words

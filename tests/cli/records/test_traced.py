@@ -26,6 +26,17 @@ def test_what_trace_does_by_itself_is_left_out_in_silence(tmp_path):
     assert others == {}
 
 
+def test_the_last_line_has_the_time_of_the_last_decision(tmp_path):
+    record = Writing(tmp_path / "run.mcap")
+    record.write("stimuli", Said(2_000_000, "patrol/control", "Control", Control(7, "stop")), Stimulus)
+    record.write("decisions", decision(2))
+    record.write("decisions", decision(9))
+    read = Record(record.close())
+    stop = {"time": 0.0, "control": "stop", "ensemble": "patrol"}
+    assert [*traced(read, None, None, None, {})] == [stop, {"time": 0.007}]
+    assert [*traced(read, None, None, 9_000_000, {})] == [stop]
+
+
 def test_a_record_without_stimuli_is_told(tmp_path):
     record = Writing(tmp_path / "run.mcap")
     record.write("decisions", decision(1))

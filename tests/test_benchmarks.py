@@ -52,7 +52,7 @@ def test_benchmark(tmp_path, name):
         [sys.executable, str(BENCHMARKS / f"{name}.py"), "--quick", "--output", str(output)],
         capture_output=True,
         text=True,
-        timeout=280,
+        timeout=100,
     )
     assert done.returncode == 0, done.stderr
     results = json.loads(output.read_text())

@@ -27,7 +27,7 @@ class Layer(Actor):
     def after(self, seconds: float, function: Callable[[], object]) -> Timer:
         """Call a function in a turn, after so many seconds: also where this layer or its ensemble fails meanwhile."""
         runtime, turn = self.runtime, Subscription[None](None, self, lambda _: function())
-        return runtime.dispatcher.call_at(runtime.now() + round(seconds * 1e9), turn)
+        return runtime.dispatcher.call_at(runtime.dispatcher.counts_from(self.path) + round(seconds * 1e9), turn)
 
     def problems(self) -> Iterator[ConfigError]:
         """Yield everything that would keep this layer from starting."""

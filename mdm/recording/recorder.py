@@ -26,6 +26,8 @@ from mdm.recording import schemas
 from mdm.recording.stimuli import (
     TRUE_STATE,
     Began,
+    Behind,
+    Delays,
     Ended,
     Failed,
     Finished,
@@ -106,6 +108,7 @@ class Recorder:
         self._layers: dict[str, _Acting] = {}
         self._tasks: dict[asyncio.Task[Any] | None, tuple[str, int]] = {}
         self._controlled: set[str] = set()
+        self._delays = Delays()
         self._waits = False
         self._virtual = False
         self._failed = False
@@ -313,6 +316,13 @@ class Recorder:
         if values:
             self._put((Kept(time, actor, dict(values), dict(times)),))
         return values, times
+
+    def counts_from(self, actor: str, time: int, begin: int) -> int:
+        """Note when a delay begins, where that is not the time of its turn."""
+        number = self._delays.count(actor, time)
+        if begin != time:
+            self._put((Behind(time, actor, number, begin),))
+        return begin
 
     def rates(self, actor: str, rate: float, ticker: Any) -> None:
         """Let an actor tick."""

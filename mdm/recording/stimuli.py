@@ -30,7 +30,9 @@ __all__ = [
     "Answered",
     "Asked",
     "Began",
+    "Behind",
     "Commanded",
+    "Delays",
     "Ended",
     "Failed",
     "Finished",
@@ -72,6 +74,22 @@ class _Counted(Protocol):
 def count_messages(channels: Iterable[_Counted]) -> int:
     """Return how many messages the channels have carried that lead to decisions: how far a turn has come."""
     return sum([channel.published for channel in channels if channel.type in _COUNTED])
+
+
+class Delays:
+    """Counts the delays that each actor asks for in a turn."""
+
+    def __init__(self) -> None:
+        self._time = -1
+        self._asked: dict[str, int] = {}
+
+    def count(self, actor: str, time: int) -> int:
+        """Count a delay of an actor in the turn of a time; return its number, from 0 on."""
+        if time != self._time:
+            self._time, self._asked = time, {}
+        number = self._asked.get(actor, 0)
+        self._asked[actor] = number + 1
+        return number
 
 
 TRUE_STATE = "true_state"
@@ -183,6 +201,14 @@ class Late(_Stimulus, frozen=True, gc=False):
     latency: int
 
 
+class Behind(_Stimulus, frozen=True, gc=False):
+    """A turn was so far behind the clock that a delay, an actor's ``number``-th in it, counted from ``begin``."""
+
+    actor: str
+    number: int
+    begin: int
+
+
 class Joined(_Stimulus, frozen=True, gc=False):
     """An agent of a team began its link to the others, in a life of this number."""
 
@@ -260,6 +286,7 @@ Stimulus = (
     | Raised
     | GoesOn
     | Late
+    | Behind
     | Joined
     | Opened
     | Seen

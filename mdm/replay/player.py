@@ -7,7 +7,7 @@ from collections import Counter, defaultdict, deque
 from typing import TYPE_CHECKING, Any
 
 from mdm.messages import Decision
-from mdm.recording.stimuli import Began, Ended, GoesOn, Kept, Lasts, Late, Raised, Said
+from mdm.recording.stimuli import Began, Behind, Delays, Ended, GoesOn, Kept, Lasts, Late, Raised, Said
 from mdm.replay.difference import Difference, unlike
 from mdm.replay.stand_in import AsRecordedError, StandIn
 
@@ -68,6 +68,8 @@ class Player:
         self._kept: dict[tuple[str, int], tuple[dict[str, bool | None], dict[str, int]]] = {}
         self._ended: set[tuple[str, int]] = set()
         self._goes_on: dict[tuple[str, int, int], bool] = {}
+        self._delays = Delays()
+        self._behind: dict[tuple[str, int, int], int] = {}
         self._late: dict[tuple[str, int, int], int] = {}
         self._begins: Counter[tuple[str, str]] = Counter()
         self._waiting: dict[tuple[str, str], asyncio.Future[None]] = {}
@@ -83,10 +85,8 @@ class Player:
 
     def _sort(self, stimulus: Stimulus) -> None:
         """Put what answers a question where it is found when that is asked."""
-        if isinstance(stimulus, Said) and stimulus.where == "call":
-            self._said[stimulus.ensemble, stimulus.life].append(stimulus)
-        elif isinstance(stimulus, Said) and stimulus.where == "turn":
-            self.turns.append(stimulus)
+        if isinstance(stimulus, Said):
+            self._sort_said(stimulus)
         elif isinstance(stimulus, Raised):
             self._raised[stimulus.ensemble, stimulus.life] = stimulus
         elif isinstance(stimulus, Lasts):
@@ -95,12 +95,21 @@ class Player:
             self._goes_on[stimulus.ensemble, stimulus.epoch, stimulus.time] = stimulus.answer
         elif isinstance(stimulus, Late):
             self._late[stimulus.ensemble, stimulus.epoch, stimulus.time] = stimulus.latency
+        elif isinstance(stimulus, Behind):
+            self._behind[stimulus.actor, stimulus.time, stimulus.number] = stimulus.begin
         elif isinstance(stimulus, Kept):
             self._kept[stimulus.actor, stimulus.time] = stimulus.values, stimulus.times
         elif isinstance(stimulus, Began):
             self._begins[stimulus.actor, stimulus.step] += 1
         elif isinstance(stimulus, Ended):
             self._ended.add((stimulus.ensemble, stimulus.life))
+
+    def _sort_said(self, said: Said) -> None:
+        """Put what was said within calls and turns where it has its place."""
+        if said.where == "call":
+            self._said[said.ensemble, said.life].append(said)
+        elif said.where == "turn":
+            self.turns.append(said)
 
     # -- Starts and ends -----------------------------------------------------------------------------------------------
 
@@ -156,6 +165,10 @@ class Player:
 
     def said(self, channel: Any, message: Any, time: int) -> None:
         """Take it that something is said again."""
+
+    def counts_from(self, actor: str, time: int, begin: int) -> int:
+        """Return when a delay began."""
+        return self._behind.get((actor, time, self._delays.count(actor, time)), time)
 
     def rates(self, actor: str, rate: float, ticker: Ticker) -> None:
         """Keep a ticker, which ticks when the record does."""

@@ -309,7 +309,7 @@ class Actor:
 
     def call_later(self, seconds: float, function: Callable[[], object]) -> Timer:
         """Call a function in a turn of its own, after so many seconds."""
-        return self.call_at(self.runtime.now() + round(seconds * 1e9), function)
+        return self.call_at(self.runtime.dispatcher.counts_from(self.path) + round(seconds * 1e9), function)
 
     def call_at(self, when: int, function: Callable[[], object]) -> Timer:
         """Call a function in a turn of its own, when the clock shows ``when`` nanoseconds: that is the turn's time."""

@@ -112,6 +112,8 @@ class Inbox:
 _STAMPED: Final = (State, Observation, Belief, Control)
 """Messages whose time says when they were made, and not, as that of a pose, when something was so."""
 _FRESH: Final = 1_000_000
+_BEHIND: Final = 10_000_000
+"""Nanoseconds by which a turn may be behind the clock, and delays still count from its own time."""
 _SLICE: Final = 256
 _MOST_CUTS: Final = 64
 _ROOM: Final = 500
@@ -245,6 +247,17 @@ class Dispatcher:
             return tell()
 
         return now
+
+    def counts_from(self, actor: str) -> int:
+        """Return the time from which a delay counts that an actor asks for now: that of the running turn.
+
+        Where that has fallen behind the clock, for the loop was held, it is the clock's, which a record keeps. Else who
+        calls itself after a delay that is shorter than its own work would be called without end, at times further and
+        further in the past, and nothing that is due later would ever come.
+        """
+        time, shown = self.now(), self.clock.now()
+        begin = shown if shown - time > _BEHIND else time
+        return begin if self.tape is None else self.tape.counts_from(actor, time, begin)
 
     def stamp(self, message: Any) -> int:
         """Return the time of a stimulus: that which its maker has just stamped it with, else now."""

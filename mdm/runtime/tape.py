@@ -115,6 +115,9 @@ class Tape(Protocol):
     def kept(self, actor: str, values: dict[str, bool | None], times: dict[str, int], time: int) -> Kept:
         """Return the values that sensors told a predicate manager before it starts: those given, or the record's."""
 
+    def counts_from(self, actor: str, time: int, begin: int) -> int:
+        """Return when a delay begins that an actor asks for in the turn of a time: then, or as the record has it."""
+
     def rates(self, actor: str, rate: float, ticker: Ticker) -> None:
         """An actor is to tick, so many times a second."""
 

@@ -6,7 +6,8 @@ import asyncio
 import threading
 
 import pytest
-from replay.held import START, recorded
+from replay import held
+from replay.held import START, HeldClock, recorded
 
 import mdm
 from mdm.messages import Tick
@@ -186,3 +187,58 @@ def test_input_of_threads_is_delivered_late_and_as_old_as_it_was_sensed(tmp_path
 
     recorded(tmp_path / "run.mcap", [robot], happen)
     assert found == expected
+
+
+class Tired:
+    """An ensemble that decides again 5 ms after an action that holds the event loop for 50."""
+
+    def __init__(self, act=lambda: None):
+        self.predicates = mdm.PredicateManager("predicates")
+        self.near = self.predicates.sensor("Near", initial=False)
+        self.robot = mdm.Ensemble(
+            "robot",
+            policy=[0, 0],
+            predicates=self.predicates,
+            states=[mdm.StateFactor("near", ["Near"])],
+            actions={"go": mdm.Binding(act, then="decide", pause=0.005)},
+        )
+
+
+@pytest.mark.parametrize("planted", [False, True])
+def test_who_decides_again_sooner_than_it_has_acted_leaves_the_loop_to_others(tmp_path, planted):
+    clocks, calls = [], []
+
+    def act():
+        calls.append(clocks[0].shown)
+        clocks[0].shown += 50 * _MS
+        assert len(calls) < 100, "it is called without end"
+
+    tired = Tired(act)
+
+    async def happen(clock):
+        for number in range(5):
+            clock.hold_until((clock.shown - START) / _MS + 20)
+            before = len(calls)
+            tired.near.set(number % 2 == 0)  # a timer, and the decision on it
+            assert len(calls) - before <= 3
+
+    def run():
+        class First(HeldClock):
+            def __init__(self):
+                super().__init__()
+                clocks.append(self)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(held, "HeldClock", First)
+            if planted:
+                patch.setattr(Dispatcher, "counts_from", lambda self, actor: self.now())
+            return recorded(tmp_path / "run.mcap", [tired.robot], happen)
+
+    if planted:
+        with pytest.raises(AssertionError):
+            run()
+        return
+    decisions = run()
+    result = replay(tmp_path / "run.mcap", Tired().robot)
+    assert result.differences == ()
+    assert result.recorded == len(decisions) > 5

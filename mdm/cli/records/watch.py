@@ -91,6 +91,8 @@ async def _watch_page(url: str, *, once: bool) -> None:
             while True:
                 told = await _next(socket)
                 if told.scene is not None:
+                    if told.scene.source == "record":
+                        raise Error(f"this page shows a record: watch its file, mdm watch {told.scene.title}")
                     chosen = 0 if terminal is None else terminal.selected
                     terminal = Terminal(told.scene)
                     terminal.selected = chosen

@@ -46,6 +46,7 @@ def folder(tmp_path, monkeypatch):
     for name in ("tiger.pomdp", "tiger.vf", "tiger.toml", "tiger.py"):
         shutil.copy(EXAMPLES / name, tmp_path)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # for the folder's content is compared
     sys.modules.pop("tiger", None)  # of another folder, where another test has loaded it
     yield tmp_path
     sys.modules.pop("tiger", None)

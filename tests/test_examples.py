@@ -637,16 +637,25 @@ def test_a_robot_is_controlled_from_off_board(capsys):
     assert sum("opens" in line for line in lines) >= 3
 
 
-@pytest.mark.parametrize(
-    ("name", "agents", "times"),
-    [
-        ("meeting", ("ada", "bob"), 3),
-        ("carriers", ("a", "b", "c", "d"), 3),
-        ("offboard", ("base", "robot"), 3),
-        ("communicating", ("ada", "bob"), 3),
-        ("building/building", ("ada", "bob"), 2),
-    ],
-)
+TEAMS = [
+    ("meeting", ("ada", "bob"), 3),
+    ("carriers", ("a", "b", "c", "d"), 3),
+    ("offboard", ("base", "robot"), 3),
+    ("communicating", ("ada", "bob"), 3),
+    ("building/building", ("ada", "bob"), 2),
+]
+
+
+@pytest.mark.parametrize("page", ["README.md"])
+def test_the_team_that_a_page_starts_is_one_that_is_tried(page):
+    started = [
+        line.split()[3] for block in blocks.blocks(page) for line in block.text.splitlines() if "team up exam" in line
+    ]
+    assert len(started) == 1
+    assert started[0] in {f"examples/team/{name}.toml" for name, *_ in TEAMS}
+
+
+@pytest.mark.parametrize(("name", "agents", "times"), TEAMS)
 def test_teams_run_in_processes_of_their_own(tmp_path, name, agents, times):
     for folder in ("team", "patrol"):
         shutil.copytree(EXAMPLES / folder, tmp_path / folder)

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import http.client
+import os
+import re
+import shlex
 import signal
 import socket
 import subprocess
 import sys
+from contextlib import closing, contextmanager
 
+import blocks
 import pytest
 from shown import a_robot
 
@@ -32,14 +37,68 @@ def test_a_record_is_served_until_it_is_interrupted(record):
     command = [sys.executable, "-m", "mdm", "page", str(record), "--port", "0"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as served:
         address = served.stderr.readline().removeprefix("page: ").strip()
-        port = int(address.split(":")[2].split("/")[0])
-        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
-        connection.request("GET", "/" + address.split("/", 3)[3])
-        answer = connection.getresponse()
-        assert answer.status == 303
-        connection.close()
+        assert get(address).status == 303
         served.send_signal(signal.SIGINT)
         assert served.wait(20) == 130
+
+
+@contextmanager
+def serving(folder, command):
+    """Run a command that serves a page; yield the page's address."""
+    environment = {**os.environ, "MDM_PAGE_TOKEN": "secret" * 8}
+    command = [sys.executable, "-m", *shlex.split(command), *(["--port", "0"] if "page run" in command else ["0"])]
+    with subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True, env=environment) as served:
+        try:
+            lines = iter(served.stderr.readline, "")
+            yield next(line for line in lines if "page: " in line).split("page: ")[1].strip()
+        finally:
+            served.send_signal(signal.SIGINT)
+            served.stderr.read()
+        assert served.wait(60) == 130
+
+
+def test_the_commands_of_page_md_show_a_run(record, tmp_path):
+    """Those that the page names, at ports that are free; what is for a terminal is printed once."""
+    pytest.importorskip("rich")
+    a_robot(tmp_path).rename(tmp_path / "robot.toml")
+    serve, watch = (
+        [line for line in block.text.splitlines() if line.startswith("mdm")]
+        for block in blocks.blocks("docs/page.md")
+        if block.info.get("checked") == "tests/cli/records/test_page.py"
+    )
+    assert [line.split()[1] for line in (*serve, *watch)] == ["run", "page", "watch", "watch"]
+    run, page = serve
+    live, recorded = watch
+    with serving(tmp_path, run) as address:
+        assert get(address).status == 303
+        status, told, errors = once(tmp_path, re.sub(r"'http[^']*'", address, live))
+        assert (status, errors) == (0, "")
+        assert "top/walk" in told
+    with serving(tmp_path, page) as address:
+        assert get(address).status == 303
+        assert once(tmp_path, f"mdm watch {address}") == (
+            1,
+            "",
+            "mdm watch: this page shows a record: watch its file, mdm watch run.mcap\n",
+        )
+    status, told, errors = once(tmp_path, recorded)
+    assert (status, errors) == (0, "")
+    assert "top/walk" in told
+
+
+def once(folder, command):
+    """Print what a terminal shows; return the exit status, what is printed, and the errors."""
+    command = [sys.executable, "-m", *shlex.split(command), "--once"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
+    return done.returncode, done.stdout, done.stderr
+
+
+def get(address):
+    """Return the answer of a page's server."""
+    connection = http.client.HTTPConnection("127.0.0.1", int(address.split(":")[2].split("/")[0]), timeout=10)
+    with closing(connection):
+        connection.request("GET", "/" + address.split("/", 3)[3])
+        return connection.getresponse()
 
 
 def test_bad_input_is_a_sentence(record, tmp_path):

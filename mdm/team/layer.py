@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from mdm.team.transport.transport import Sample
 
 __all__ = ["TeamLayer"]
+
+T = TypeVar("T")
 
 _FAREWELL = 10.0
 """Seconds within which the agents of a team that ends have all said so."""
@@ -95,14 +97,18 @@ class TeamLayer(Layer):
         self._held = False
         self._now = self.runtime.dispatcher.now
         if self.ownership.takes == "state":
-            self.subscribe(channel("own_state", State, retain=True), self._on_own_state)
+            self._take_in(channel("own_state", State, retain=True), self._on_own_state)
         else:
-            self.subscribe(channel("own_observation", Observation), self._on_own_observation)
+            self._take_in(channel("own_observation", Observation), self._on_own_observation)
         if self.team.period is not None:
             self.tick = next_tick(self._now(), 1 / self.team.period) - 1
             self.every(1 / self.team.period, self._on_tick)
         self._hears = [self.link.watch(self._on_live, self)]
         self.serve_configuration()
+
+    def _take_in(self, channel: Channel[T], handler: Callable[[T], object]) -> None:
+        channel.input = True  # users' code may publish there, where no layer covers this agent's factors
+        self.subscribe(channel, handler)
 
     def on_stop(self) -> None:
         """Cancel the subscriptions."""

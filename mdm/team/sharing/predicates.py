@@ -118,11 +118,17 @@ class PredicatePublisher(Actor):
             subscription.cancel()
 
     def _take(self, body: bytes) -> bytes:
-        """Answer a request, which a record keeps: what is sent from then on follows from it."""
-        if self.runtime.tape is not None:
-            key = self._link.key(PREDICATES, "follow")
-            self.runtime.tape.note(Asked(self.runtime.now(), self._link.agent, key, bytes(body)))
-        return self._answer(body)
+        """Answer a request in a turn of its own, which a record keeps: what is sent from then on follows from it."""
+        answers: list[bytes] = []
+
+        def take(body: bytes) -> None:
+            if self.runtime.tape is not None:
+                key = self._link.key(PREDICATES, "follow")
+                self.runtime.tape.note(Asked(self.runtime.now(), self._link.agent, key, bytes(body)))
+            answers.append(self._answer(body))
+
+        self.runtime.dispatcher.deliver(Subscription(None, self, take), body)
+        return answers[0] if answers else b""  # where another turn goes on first: it asks again
 
     def _answer(self, body: bytes) -> bytes:
         try:

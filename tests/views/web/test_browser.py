@@ -80,7 +80,7 @@ def test_a_safe_mode_comes_first_with_its_cause_and_what_to_do():
 def test_a_page_that_sleeps_is_sent_nothing_and_then_the_newest():
     async def look_at(page, runtime, served):
         await page.evaluate("globalThis.requestAnimationFrame = (draw) => { globalThis.slept = draw; }")
-        await asyncio.sleep(0.3)
+        await page.wait_for_function("() => globalThis.slept", polling=50)  # which is not by drawing
         before = served._live.now
         frames = await page.evaluate("mdmPage.frame.time")
         await asyncio.sleep(1.0)

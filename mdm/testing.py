@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import tempfile
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mdm import replay as replays
@@ -16,9 +17,10 @@ from mdm.runtime import Runtime, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator, Sequence
-    from pathlib import Path
 
+    from mdm.config import System
     from mdm.messages import Decision
+    from mdm.replay.transport import ReplayTransport
     from mdm.runtime import Actor, Channel, Subscription
 
 __all__ = ["block", "capture_decisions", "crash", "delay", "probe", "replay", "run_virtual"]
@@ -85,7 +87,7 @@ def replay(path: str | Path, actors: Actor | Sequence[Actor] | None = None, *, c
             assert replay("hall.mcap", config="robot.toml") > 100
 
     Args:
-        path: The record.
+        path: The record, or the folder with those of a team's agents, which are then replayed together.
         actors: The system, or the actors at the top, built as for the run and not started. Without them the TOML file
             is loaded that the record has.
         config: A TOML file in place of the record's own.
@@ -94,25 +96,59 @@ def replay(path: str | Path, actors: Actor | Sequence[Actor] | None = None, *, c
         How many decisions there are.
 
     Raises:
-        AssertionError: If one of them differs: the first difference, with the input before it.
+        AssertionError: If one of them differs: the first difference, with the input before it; or if an agent of a
+            team received what the replay of its sender has not sent.
         Error: If the record cannot be replayed: it has no beginning or no configuration, or its model is another one.
     """
+    if Path(path).is_dir():
+        if actors is not None:
+            raise Error("a replay of a team's records takes config, and no actors: each agent has its own")
+        return _replay_team(Path(path), config)
     record = Record(path)
     if actors is not None:
         if config is not None:
             raise Error("a replay takes either actors or config, not both")
         result = replays.replay(record, actors, most=1)
     else:
-        check_beginning(record)
         with tempfile.TemporaryDirectory() as folder:
-            transports = replays.transports_of(record)
-            system = load_recorded(record, folder, config, transport=next(iter(transports.values()), None))
-            if config is None:
-                check_digests(record, system.ensembles.values())
+            system, transports = _rebuilt(record, folder, config)
             result = replays.replay(record, system, most=1, transports=transports)
+    _raise_difference(record, result)
+    return result.recorded
+
+
+def _replay_team(folder: Path, config: str | Path | None) -> int:
+    records = {file.name: Record(file) for file in sorted(folder.glob("*.mcap"))}
+    if not records:
+        raise Error(f"{folder}: there are no records in this folder")
+    with ExitStack() as folders:
+        runs = {
+            name: _rebuilt(record, folders.enter_context(tempfile.TemporaryDirectory()), config)
+            for name, record in records.items()
+        }
+        systems = {name: system for name, (system, _) in runs.items()}
+        together = replays.replay_together(records, systems, {name: run[1] for name, run in runs.items()}, most=1)
+    for name, result in together.agents.items():
+        _raise_difference(records[name], result)
+    for received in together.unlike:
+        raise AssertionError(
+            f"{folder}: {received.agent} received {received.key} of {received.owner}, whose replay did not send it"
+        )
+    return sum(result.recorded for result in together.agents.values())
+
+
+def _rebuilt(record: Record, folder: str, config: str | Path | None) -> tuple[System, dict[str, ReplayTransport]]:
+    check_beginning(record)
+    transports = replays.transports_of(record)
+    system = load_recorded(record, folder, config, transport=next(iter(transports.values()), None))
+    if config is None:
+        check_digests(record, system.ensembles.values())
+    return system, transports
+
+
+def _raise_difference(record: Record, result: replays.Replayed) -> None:
     for difference in result.differences:
         raise AssertionError(f"{record.path}: {difference.describe(int(record.head['epoch']))}")
-    return result.recorded
 
 
 def crash(actor: Actor, error: Exception | None = None) -> None:

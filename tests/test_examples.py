@@ -680,9 +680,5 @@ def test_teams_run_in_processes_of_their_own(tmp_path, name, agents, times):
     command = [sys.executable, "-m", "mdm", "replay", str(tmp_path / "records")]
     replayed = subprocess.run(command, capture_output=True, text=True, timeout=100)
     assert replayed.stderr == ""
-    assert "not the same" not in replayed.stdout, replayed.stdout
-    if (
-        name != "building/building"
-    ):  # whose simulated building, of which a replay runs nothing, tells robots of each other
-        assert replayed.returncode == 0, replayed.stdout
-        assert ", 0 of them not sent" in replayed.stdout
+    assert replayed.returncode == 0, replayed.stdout
+    assert ", 0 of them not sent" in replayed.stdout

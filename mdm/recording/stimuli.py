@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "TRUE_STATE",
+    "Acknowledged",
     "Answered",
     "Asked",
     "Began",
@@ -263,6 +264,12 @@ class Answered(_Stimulus, frozen=True, gc=False):
     body: bytes
 
 
+class Acknowledged(_Stimulus, frozen=True, gc=False):
+    """A layer had the chance to acknowledge a step to its team, behind what followed at once from the step."""
+
+    actor: str
+
+
 class Commanded(_Stimulus, frozen=True, gc=False):
     """Somebody asked this agent, from outside, for a command to the team."""
 
@@ -292,6 +299,7 @@ Stimulus = (
     | Seen
     | Received
     | Unsent
+    | Acknowledged
     | Answered
     | Asked
     | Commanded

@@ -6,6 +6,7 @@ time. Users' functions are not called: stand-ins last as long as they did, and s
 
 from __future__ import annotations
 
+import asyncio
 from collections import defaultdict
 from typing import TYPE_CHECKING
 
@@ -14,10 +15,11 @@ import msgspec
 from mdm.errors import Error
 from mdm.recording import Record
 from mdm.recording.recorder import environment
-from mdm.recording.stimuli import Began, Finished, Joined, Unsent
+from mdm.recording.stimuli import Began, Finished, Joined, Received, Unsent
 from mdm.replay.clock import ReplayClock
 from mdm.replay.difference import Difference
 from mdm.replay.driver import Driver
+from mdm.replay.exchange import Exchange
 from mdm.replay.player import Player
 from mdm.replay.transport import ReplayTransport
 from mdm.runtime import Actor, Runtime, run
@@ -30,7 +32,7 @@ if TYPE_CHECKING:
     from mdm.recording.stimuli import Stimulus
     from mdm.runtime.tape import Tape
 
-__all__ = ["Replayed", "check_beginning", "replay", "transports_of"]
+__all__ = ["Replayed", "Together", "check_beginning", "replay", "replay_together", "transports_of"]
 
 _BITS = ("numpy", "numba", "blas", "machine")
 
@@ -56,6 +58,27 @@ class Replayed(msgspec.Struct, frozen=True):
     def same(self) -> bool:
         """Whether all decisions were the same."""
         return not self.differences
+
+
+class Together(msgspec.Struct, frozen=True):
+    """What became of the replay of a team.
+
+    Attributes:
+        agents: What became of each agent's.
+        received: How many messages came from agents that were replayed, too, as long as their records go.
+        unlike: Those of them that the replay of their sender had not sent by then.
+        unrepeated: How many more came on channels of the program's own, of which a replay runs nothing.
+    """
+
+    agents: dict[str, Replayed]
+    received: int
+    unlike: tuple[Received, ...]
+    unrepeated: int
+
+    @property
+    def same(self) -> bool:
+        """Whether all decisions were the same, and all messages were sent."""
+        return not self.unlike and all(each.same for each in self.agents.values())
 
 
 def check_beginning(record: Record) -> None:
@@ -108,27 +131,90 @@ def replay(
     Raises:
         Error: If the record has no beginning.
     """
-    found = record if isinstance(record, Record) else Record(record)
-    tops = [actors] if isinstance(actors, Actor) else list(actors)
-    check_beginning(found)
-    stimuli, decisions = _contents(found)
-    now = environment()
-    exact = all(found.head.get(name) == now[name] for name in _BITS)
-    player = Player(stimuli, decisions, tolerance=0.0 if exact else 1e-9, most=most)
-    for name, facts in found.metadata.items():
-        if name.startswith("ensemble ") and "draws" in facts:
-            player.draw_from(name.removeprefix("ensemble "), facts["draws"])
-    clock = ReplayClock(int(found.head["epoch"]))
+    run_again = _Again(record if isinstance(record, Record) else Record(record), actors, transports, most)
 
     async def main() -> None:
-        runtime = Runtime(clock=clock, log=False, watchdog=None, signals=False)
-        tape: Tape = player
-        runtime.dispatcher.tape = tape
-        listen(runtime)
-        await Driver(runtime, player, clock, tops, transports).play(stimuli, most)
+        await run_again.play(listen)
 
     run(main, virtual=True)
-    return Replayed(player.count, player.made, tuple(player.differences), exact, found.lost)
+    return run_again.replayed()
+
+
+def replay_together(
+    records: Mapping[str, Record],
+    actors: Mapping[str, Actor | Sequence[Actor]],
+    transports: Mapping[str, Mapping[str, ReplayTransport]],
+    *,
+    most: int = 100,
+) -> Together:
+    """Run once more what the agents of a team have recorded, all in one process, and compare every decision.
+
+    What one agent received of another is what the other's replay has sent. It comes when the record says that it came,
+    and the one replay waits until the other has sent it.
+
+    Args:
+        records: By agent, or any name of theirs.
+        actors: Of each, as for `replay`.
+        transports: Of each, those that `transports_of` returned.
+        most: How many differences of each are kept.
+
+    Raises:
+        Error: If a record has no beginning.
+    """
+    exchange = Exchange()
+    runs = {name: _Again(record, actors[name], transports[name], most) for name, record in records.items()}
+    for name, each in runs.items():
+        exchange.add(each.stimuli, transports[name])
+
+    async def play(each: _Again) -> None:
+        try:
+            await each.play()
+        finally:
+            exchange.leave()
+
+    async def main() -> None:
+        await asyncio.gather(*map(play, runs.values()))
+
+    run(main, virtual=True)
+    replayed = {name: each.replayed() for name, each in runs.items()}
+    return Together(replayed, exchange.received, tuple(exchange.unlike), exchange.unrepeated)
+
+
+class _Again:
+    """A record and its actors, which is run once more."""
+
+    def __init__(
+        self,
+        record: Record,
+        actors: Actor | Sequence[Actor],
+        transports: Mapping[str, ReplayTransport],
+        most: int,
+    ) -> None:
+        check_beginning(record)
+        self.stimuli, decisions = _contents(record)
+        self._record, self._transports, self._most = record, transports, most
+        self._tops = [actors] if isinstance(actors, Actor) else list(actors)
+        now = environment()
+        self._exact = all(record.head.get(name) == now[name] for name in _BITS)
+        self._player = Player(self.stimuli, decisions, tolerance=0.0 if self._exact else 1e-9, most=most)
+        for name, facts in record.metadata.items():
+            if name.startswith("ensemble ") and "draws" in facts:
+                self._player.draw_from(name.removeprefix("ensemble "), facts["draws"])
+
+    async def play(self, listen: Callable[[Runtime], object] = lambda _: None) -> None:
+        """Run it."""
+        clock = ReplayClock(int(self._record.head["epoch"]))
+        runtime = Runtime(clock=clock, log=False, watchdog=None, signals=False)
+        tape: Tape = self._player
+        runtime.dispatcher.tape = tape
+        listen(runtime)
+        driver = Driver(runtime, self._player, clock, self._tops, self._transports)
+        await driver.play(self.stimuli, self._most)
+
+    def replayed(self) -> Replayed:
+        """Return what became of it."""
+        player = self._player
+        return Replayed(player.count, player.made, tuple(player.differences), self._exact, self._record.lost)
 
 
 def _no_beginning(record: Record) -> Error:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any
 
-from mdm.recording.stimuli import Answered, Asked, Commanded, Opened, Received, Seen
+from mdm.recording.stimuli import Acknowledged, Answered, Asked, Commanded, Opened, Received, Seen
 from mdm.runtime.actor import descendants
 from mdm.runtime.channel import Subscription
 from mdm.team.layer import TeamLayer
+from mdm.team.replicated import ReplicatedLayer
 from mdm.team.sharing.predicates import PredicateSubscriber
 
 if TYPE_CHECKING:
@@ -44,9 +45,12 @@ class Teammates:
             self._command(stimulus)
         elif isinstance(stimulus, Answered):
             self._answer(stimulus)
+        elif isinstance(stimulus, Acknowledged):
+            self._acknowledge(stimulus)
         elif transport is not None and isinstance(stimulus, Received):
+            if transport.exchange is not None:
+                await transport.exchange.comes(stimulus, heard=transport.hears(stimulus.expression))
             transport.receive(stimulus)
-            await asyncio.sleep(0)  # what it acknowledges behind its turn
         elif transport is not None and isinstance(stimulus, Asked):
             transport.request(stimulus)
         elif transport is not None and isinstance(stimulus, Seen):
@@ -76,3 +80,9 @@ class Teammates:
         for actor in descendants(self._runtime.root):
             if isinstance(actor, PredicateSubscriber) and actor.path == answered.actor:
                 actor.repeat_answer(answered.body)
+
+    def _acknowledge(self, acknowledged: Acknowledged) -> None:
+        """Have a layer acknowledge a step where it did."""
+        for actor in descendants(self._runtime.root):
+            if isinstance(actor, ReplicatedLayer) and actor.path == acknowledged.actor:
+                actor.repeat_acknowledgement()

@@ -1,4 +1,4 @@
-"""The transport of a replay: what other agents sent comes from the record, and what this one sends goes nowhere."""
+"""The transport of a replay: it hands on what the record has, and what it sends goes to agents replayed with it."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from mdm.recording.stimuli import Asked, Received
+    from mdm.replay.exchange import Exchange
     from mdm.team.transport.transport import Priority
 
 __all__ = ["ReplayTransport"]
@@ -26,7 +27,7 @@ class ReplayTransport:
         unsent: The numbers of its messages that were held back.
 
     Attributes:
-        sent: The messages that it has sent, by their keys.
+        exchange: What brings its messages to other agents that are replayed together with it, where there is one.
     """
 
     def __init__(self, agent: str, incarnation: int, unsent: frozenset[int] = frozenset()) -> None:
@@ -34,7 +35,7 @@ class ReplayTransport:
         self.incarnation = incarnation
         self._unsent = unsent
         self._puts = 0
-        self.sent: list[tuple[str, bytes]] = []
+        self.exchange: Exchange | None = None
         self._answering: dict[str, Callable[[bytes], bytes]] = {}
         self._handlers: dict[str, Callable[[Sample], None]] = {}
         self._watchers: list[Callable[[Mapping[str, int]], None]] = []
@@ -51,6 +52,10 @@ class ReplayTransport:
         """Let it be open."""
         self._opened.set()
 
+    def hears(self, expression: str) -> bool:
+        """Whether anything listens to the keys of an expression."""
+        return expression in self._handlers
+
     def receive(self, received: Received) -> None:
         """Hand a recorded message on."""
         handler = self._handlers.get(received.expression)
@@ -64,11 +69,12 @@ class ReplayTransport:
             watcher(live)
 
     def put(self, key: str, body: bytes, *, priority: Priority = "value") -> bool:
-        """Send nothing; return whether it was sent then."""
+        """Send to agents that are replayed together with this one; return whether it was sent then."""
         self._puts += 1
         if self._puts in self._unsent:
             return False
-        self.sent.append((key, bytes(body)))
+        if self.exchange is not None:
+            self.exchange.send(self.agent, self.incarnation, key, bytes(body))
         return True
 
     def subscribe(self, expression: str, handler: Callable[[Sample], None]) -> None:
@@ -78,6 +84,10 @@ class ReplayTransport:
     def serve(self, key: str, answer: Callable[[bytes], bytes]) -> None:
         """Have a function called with each recorded request under a key; nobody hears the answer."""
         self._answering[key] = answer
+
+    def serves(self, key: str) -> bool:
+        """Whether requests under a key are answered."""
+        return key in self._answering
 
     def request(self, asked: Asked) -> None:
         """Hand a recorded request on."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Literal
 import msgspec
 
 from mdm.errors import ConfigError, Error
+from mdm.recording.stimuli import Acknowledged
 from mdm.runtime import ActorStatistics, Subscription
 from mdm.runtime.supervision import describe
 from mdm.team.agreement import Agreement, decode, encode
@@ -197,8 +198,14 @@ class ReplicatedLayer(TeamLayer):
                 self._acknowledgement = None
             self._send(send)
 
+    def repeat_acknowledgement(self) -> None:
+        """Acknowledge the last step, where the record of a run does."""
+        self._dispatcher.deliver(self._acknowledging, None)
+
     def _acknowledge(self, _: None) -> None:
         """Acknowledge the last step, unless a proposal has done so meanwhile."""
+        if self.runtime.tape is not None:
+            self.runtime.tape.note(Acknowledged(self.runtime.now(), self.path))
         word, self._acknowledgement, self._acknowledges = self._acknowledgement, None, False
         if word is not None:
             self._send(word)
@@ -216,7 +223,8 @@ class ReplicatedLayer(TeamLayer):
         if self._acknowledgement is not None and not self._acknowledges:
             # Who observes something as soon as it was called offers it to the next step, and says the same by that.
             self._acknowledges = True
-            get_running_loop().call_soon(self._dispatcher.deliver, self._acknowledging, None)
+            if self.runtime.tape is None or not self.runtime.tape.repeats:
+                get_running_loop().call_soon(self._dispatcher.deliver, self._acknowledging, None)
 
     # -- Receiving -----------------------------------------------------------------------------------------------
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,14 +12,15 @@ from mdm.cli.report import as_json
 from mdm.config.recorded import check_digests
 from mdm.errors import Error
 from mdm.recording import Record
-from mdm.replay import Exchange, replay
+from mdm.replay import replay, replay_together
 from mdm.replay.replay import check_beginning
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Mapping
 
-    from mdm.replay import Replayed
-    from mdm.replay.transport import ReplayTransport
+    from mdm.cli.records.rebuilt import Rebuilt
+    from mdm.replay import Replayed, Together
 
 __all__ = ["run"]
 
@@ -30,7 +32,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _replay_one(record: Record, arguments: argparse.Namespace) -> int:
-    result, _ = _replayed(record, arguments)
+    with tempfile.TemporaryDirectory() as folder:
+        run = _rebuilt(record, folder, arguments)
+        result = replay(record, run.actors, transports=run.transports, most=_most(arguments))
     epoch = int(record.head["epoch"])
     if arguments.json:
         print(as_json(_facts(result, epoch)))
@@ -42,54 +46,56 @@ def _replay_one(record: Record, arguments: argparse.Namespace) -> int:
 
 
 def _replay_team(folder: Path, arguments: argparse.Namespace) -> int:
-    """Replay the records of a team's agents, and compare what they received with what the others' replays sent."""
+    """Replay the records of a team's agents together: each receives what the replays of the others send."""
     files = sorted(folder.glob("*.mcap"))
     if not files:
         raise Error(f"{folder}: there are no records in this folder: mdm team up --record {folder} makes them")
-    exchange, same, facts = Exchange(), True, {}
-    for file in files:
-        record = Record(file)
-        result, transports = _replayed(record, arguments)
-        exchange.add(record, transports)
-        same = same and result.same
-        epoch = int(record.head["epoch"])
-        facts[file.name] = _facts(result, epoch)
-        if not arguments.json:
-            print(f"{file.name}: {_summary(record, result)}")
-            for difference in result.differences:
-                print(difference.describe(epoch))
-    unlike = exchange.unlike()
+    records = {file.name: Record(file) for file in files}
+    with ExitStack() as folders:
+        runs = {
+            name: _rebuilt(record, folders.enter_context(tempfile.TemporaryDirectory()), arguments)
+            for name, record in records.items()
+        }
+        actors = {name: run.actors for name, run in runs.items()}
+        transports = {name: run.transports for name, run in runs.items()}
+        result = replay_together(records, actors, transports, most=_most(arguments))
+    epochs = {name: int(record.head["epoch"]) for name, record in records.items()}
     if arguments.json:
-        print(
-            as_json(
-                {
-                    "agents": facts,
-                    "messages": exchange.compared,
-                    "messages_not_sent": len(unlike),
-                    "messages_unrepeated": exchange.unrepeated,
-                }
-            )
-        )
-    else:
-        print(
-            f"{exchange.compared:,} messages received, {len(unlike):,} of them not sent in the replay of their sender"
-        )
-        if exchange.unrepeated:
-            print(f"{exchange.unrepeated:,} more are of channels of the program's own, which a replay does not run")
-        for received in unlike[: arguments.most or 1]:
-            print(f"  {received.agent} received {received.key} of {received.owner}, which did not send it")
-    return 0 if same and not unlike else 1
+        print(as_json(_facts_of_team(result, epochs)))
+        return 0 if result.same else 1
+    for name, each in result.agents.items():
+        print(f"{name}: {_summary(records[name], each)}")
+        for difference in each.differences:
+            print(difference.describe(epochs[name]))
+    print(
+        f"{result.received:,} messages received, {len(result.unlike):,} of them not sent in the replay of their sender"
+    )
+    if result.unrepeated:
+        print(f"{result.unrepeated:,} more are of channels of the program's own, which a replay does not run")
+    for received in result.unlike[: arguments.most or 1]:
+        print(f"  {received.agent} received {received.key} of {received.owner}, which did not send it")
+    return 0 if result.same else 1
 
 
-def _replayed(record: Record, arguments: argparse.Namespace) -> tuple[Replayed, dict[str, ReplayTransport]]:
-    """Return what became of the replay of a record, and what its agents of a team sent by."""
+def _rebuilt(record: Record, folder: str, arguments: argparse.Namespace) -> Rebuilt:
     check_beginning(record)  # first: of one that was torn early, its files may be missing as well
-    with tempfile.TemporaryDirectory() as folder:
-        run = rebuilt(record, folder, arguments.config)
-        if arguments.config is None:
-            check_digests(record, run.ensembles.values())
-        most = arguments.most or (1 if arguments.config is None else 20)
-        return replay(record, run.actors, transports=run.transports, most=most), run.transports
+    run = rebuilt(record, folder, arguments.config)
+    if arguments.config is None:
+        check_digests(record, run.ensembles.values())
+    return run
+
+
+def _most(arguments: argparse.Namespace) -> int:
+    return arguments.most or (1 if arguments.config is None else 20)
+
+
+def _facts_of_team(result: Together, epochs: Mapping[str, int]) -> dict[str, object]:
+    return {
+        "agents": {name: _facts(each, epochs[name]) for name, each in result.agents.items()},
+        "messages": result.received,
+        "messages_not_sent": len(result.unlike),
+        "messages_unrepeated": result.unrepeated,
+    }
 
 
 def _summary(record: Record, result: Replayed) -> str:

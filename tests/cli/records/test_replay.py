@@ -16,7 +16,7 @@ from mdm.messages import Decision
 from mdm.policies import DeterministicPolicy
 from mdm.recording import Record
 from mdm.recording.stimuli import Stimulus
-from mdm.testing import run_virtual
+from mdm.testing import replay, run_virtual
 
 CODE = """
 import asyncio
@@ -167,7 +167,7 @@ def test_a_simulation_is_repeated(mdm, tmp_path):
     assert output[0].startswith("30 decisions recorded, 30 replayed: all the same")
 
 
-def test_a_team_of_two_is_repeated_agent_by_agent(mdm, tmp_path):
+def test_a_team_of_two_is_repeated_together(mdm, tmp_path):
     code = team_file.CODE.replace(
         "    import asyncio\n    await asyncio.Event().wait()",
         "    import asyncio\n    for number in range(10**9):\n"
@@ -188,4 +188,6 @@ def test_a_team_of_two_is_repeated_agent_by_agent(mdm, tmp_path):
     assert [agent["same"] for agent in facts["agents"].values()] == [True, True]
     assert all(agent["recorded"] >= 10 for agent in facts["agents"].values())
     assert facts["messages"] > 20
+    recorded = sum(agent["recorded"] for agent in facts["agents"].values())
+    assert replay(tmp_path / "records") == recorded
     assert facts["messages_not_sent"] == 0

@@ -34,6 +34,8 @@ _FIELD = 1.5
 """Metres from the robot within which it is looked for."""
 _FIRST = 2.5
 """Sides of a cell to which the first step leads at most."""
+_DIRECTIONS = 64
+"""In which a straight way out is looked for."""
 
 
 def refuge(paths: Paths, here: Cell, others: Iterable[tuple[Cell, Sequence[Cell], float]]) -> list[Cell] | None:
@@ -98,14 +100,14 @@ def way_out(
     """
     frame = grid.frame
     near = [one for one in others if math.dist(here, one.agent.position) < _FIELD + radius + one.radius]
-    fits = grid.clearance_to_edges() >= radius + WALL_GAP
+    fits = past_walls = grid.clearance_to_edges() >= radius + WALL_GAP
     away = np.full(frame.shape, math.inf)
     rows, columns = np.indices(frame.shape)
     for one in near:
         row, column = frame.locate(one.pose.x, one.pose.y)
         apart = np.hypot(rows - row, columns - column) * frame.resolution - radius - one.radius
         away = np.minimum(away, apart)
-    fits &= away >= GAP + _HAIR
+    fits = fits & (away >= GAP + _HAIR)
     row, column = frame.locate(*here)
     metres = np.hypot(rows - row, columns - column) * frame.resolution
     fits &= metres < _FIELD
@@ -116,7 +118,34 @@ def way_out(
         found = _search(first, fits, cells & (away > room))
         if found:
             return [frame.centre(*cell) for cell in found]
+    # Between two that hardly leave room, no cell's centre may be on the way, which is a straight line then.
+    for cells, room in ample:
+        line = _straight(here, radius, grid, near, past_walls, cells & (away > room))
+        if line is not None:
+            return [line]
     return []
+
+
+def _straight(
+    here: Point,
+    radius: float,
+    grid: Grid,
+    near: Sequence[Body],
+    fits: NDArray[np.bool_],
+    ample: NDArray[np.bool_],
+) -> Point | None:
+    """Return the nearest point where there is room, straight on in some direction; None where there is none."""
+    side = grid.frame.resolution
+    blocked: set[float] = set()
+    for metres in np.arange(side, _FIELD, side).tolist():
+        for angle in np.linspace(0.0, math.tau, _DIRECTIONS, endpoint=False).tolist():
+            there = here[0] + metres * math.cos(angle), here[1] + metres * math.sin(angle)
+            cell = grid.frame.cell(*there)
+            if angle in blocked or cell is None or not fits[cell] or not _leads(here, there, radius, near):
+                blocked.add(angle)
+            elif ample[cell]:
+                return there
+    return None
 
 
 def _leads(here: Point, there: Point, radius: float, near: Sequence[Body]) -> bool:

@@ -369,6 +369,7 @@ def test_a_robot_aside_that_is_sent_elsewhere_goes_at_once():
     yaw=st.floats(-math.pi, math.pi),
 )  # fmt: skip
 @example(gap=0.6, tilt=0.64, aside=0.0, far=0.7, yaw=-0.4)
+@example(gap=0.578125, tilt=0.5, aside=0.0, far=1.0, yaw=0.0)
 def test_a_robot_comes_past_two_that_stand_close_together(gap, tilt, aside, far, yaw):
     """Between them, if there is room, or around; it gets in between, and out again, where there hardly is."""
     building = Building(Floor(8.0, 8.0, {"hall": (0.0, 0.0, 8.0, 8.0)}, {}).map(), seed=1)

@@ -109,6 +109,7 @@ class _File:
         self.gaps = 0
         """How many numbers between them no message has."""
         self.torn: str | None = None
+        self.grows = False
         self.whole = 0
         """Bytes from the start that are whole."""
         self.size = 0
@@ -126,7 +127,9 @@ class _File:
                 try:
                     self._scan(file)
                 except _Torn as torn:
-                    self.torn = f"{_being_written(file) or torn}, at byte {self.whole:,} of {self.size:,}"
+                    self.grows = _is_written(file)
+                    why = "it is still being written" if self.grows else torn
+                    self.torn = f"{why}, at byte {self.whole:,} of {self.size:,}"
         except FileNotFoundError:
             raise FormatError("there is no such file", file=path) from None
         except IsADirectoryError:
@@ -312,17 +315,17 @@ def _mapping(content: bytes, position: int) -> dict[str, str]:
     return found
 
 
-def _being_written(file: IO[bytes]) -> str | None:
-    """Return that a file is being written, if its recorder still holds its lock."""
+def _is_written(file: IO[bytes]) -> bool:
+    """Whether a file is being written: its recorder still holds its lock."""
     with suppress(ImportError):
         import fcntl  # noqa: PLC0415 - not everywhere
 
         try:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except OSError:
-            return "it is still being written"
+            return True
         fcntl.flock(file, fcntl.LOCK_UN)
-    return None
+    return False
 
 
 class Record:
@@ -343,6 +346,7 @@ class Record:
         topics: The topics by name.
         counts: How many messages each topic has.
         torn: Why and where the file cannot be read to its end; None for one that is complete.
+        grows: Whether it is still being written.
         closed: Whether the run ended in order; False where its process was killed, None where the file's end is not
             there to tell.
         lost: How many messages are known to have been dropped.
@@ -372,6 +376,7 @@ class Record:
         self.topics = {topic.name: topic for file in self._files for topic in file.topics.values()}
         self.counts: Counter[str] = sum((file.counts for file in self._files), Counter())
         self.torn = next((f"{file.path}: {file.torn}" for file in self._files if file.torn is not None), None)
+        self.grows = any(file.grows for file in self._files)
         end = self.metadata.get(_END)
         self.closed = None if end is None else end.get("closed") == "yes"
         self.number = _number(self._files[0].metadata, _FILE, "number")

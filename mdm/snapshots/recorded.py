@@ -185,7 +185,11 @@ class RecordedRun:
                 self._of(name.removeprefix("ensemble "))
         self._ensembles = dict(sorted(self._ensembles.items()))
         if record.torn is not None:
-            self._remarks.append(f"the record ends before its run did: {record.torn}")
+            self._remarks.append(
+                "the record is still being written: open it again for what has come since"
+                if record.grows
+                else f"the record ends before its run did: {record.torn}"
+            )
         if record.lost:
             self._remarks.append(f"{record.lost:,} messages were lost while it was recorded")
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import sys
+from glob import escape
+from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING
 
 from mdm.cli.records.shown import recorded_run
@@ -14,16 +17,18 @@ from mdm.views.web.server import websockets
 if TYPE_CHECKING:
     import argparse
 
+    from mdm.snapshots import RecordedRun
+
 __all__ = ["run"]
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Show the record until Ctrl-C; return the exit status."""
     websockets()  # before a long replay
-    shown = recorded_run(arguments.file, replay=not arguments.no_replay)
+    shown = _Shown(arguments.file, replay=not arguments.no_replay)
 
     async def main() -> None:
-        server = PageServer(shown, port=arguments.port, live=False)
+        server = PageServer(shown.run, port=arguments.port, live=False, renew=shown.newest)
         await server.open()
         print(f"page: {server.address}", file=sys.stderr, flush=True)
         try:
@@ -33,3 +38,38 @@ def run(arguments: argparse.Namespace) -> int:
 
     run_program(main)
     return 0
+
+
+class _Shown:
+    """A record that is shown, and read anew where it has grown: its recorder may still be at work.
+
+    Args:
+        path: The record.
+        replay: Have predicates from a replay.
+
+    Attributes:
+        run: As it was when it was last read.
+    """
+
+    def __init__(self, path: str, *, replay: bool) -> None:
+        self._path, self._replay = Path(path), replay
+        self._lock = Lock()
+        self._sizes = self._found()
+        self.run = recorded_run(path, replay=replay)
+
+    def _found(self) -> dict[str, int]:
+        """Return the sizes of the record's files, however many there are by now."""
+        likely = self._path.parent.glob(f"{escape(self._path.stem)}*{escape(self._path.suffix)}")
+        return {path.name: path.stat().st_size for path in likely}
+
+    def newest(self) -> RecordedRun:
+        """Return the record as it is now.
+
+        Raises:
+            Error: If it cannot be read any more.
+        """
+        with self._lock:  # one page at a time
+            sizes = self._found()
+            if sizes != self._sizes:
+                self.run, self._sizes = recorded_run(self._path, replay=self._replay), sizes
+            return self.run

@@ -21,6 +21,8 @@ from mdm.views.web.ports import in_use
 from mdm.views.web.session import Reader
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from mdm.views.web.session import LiveSource, RecordSource
 
 __all__ = ["PORT", "PageServer"]
@@ -55,6 +57,7 @@ class PageServer:
         live: Whether the source is a running system.
         control: Whether commands are taken.
         token: The secret of its address; by default that of the environment's ``MDM_PAGE_TOKEN``, else a random one.
+        renew: Returns the source anew, in a thread, for each page that is loaded: a record may have grown since.
 
     Raises:
         Error: If ``websockets`` is not installed, or the port is none.
@@ -68,8 +71,10 @@ class PageServer:
         live: bool,
         control: bool = False,
         token: str | None = None,
+        renew: Callable[[], RecordSource] | None = None,
     ) -> None:
         self._source: Any = source
+        self._renew = renew
         self._port = port
         self._live = live
         self._control = control
@@ -172,9 +177,12 @@ class PageServer:
     # -- The socket ----------------------------------------------------------------------------------------------
 
     async def _serve(self, connection: Any) -> None:
-        reader = Reader(self._source, self._newest if self._live else None, control=self._control and self._live)
-        self._readers.add(reader)
+        reader: Reader | None = None
         try:
+            if self._renew is not None:
+                self._source = await asyncio.to_thread(self._renew)
+            reader = Reader(self._source, self._newest if self._live else None, control=self._control and self._live)
+            self._readers.add(reader)
             await connection.send(reader.greeting(), text=True)
             async for message in connection:
                 for answer in await reader.answers(message):
@@ -184,7 +192,8 @@ class PageServer:
         except self._websockets.ConnectionClosed:
             pass
         finally:
-            self._readers.discard(reader)
+            if reader is not None:
+                self._readers.discard(reader)
 
     # -- Frames of a running system ------------------------------------------------------------------------------
 

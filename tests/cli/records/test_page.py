@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import http.client
+import json
 import os
 import re
 import shlex
@@ -15,10 +16,12 @@ from contextlib import closing, contextmanager
 
 import blocks
 import pytest
+from records import PATIENCE, Writing, decision
 from shown import a_robot
 
 import mdm
 from mdm.testing import run_virtual
+from mdm.views.web.client import opened
 
 pytest.importorskip("websockets")
 
@@ -42,11 +45,43 @@ def test_a_record_is_served_until_it_is_interrupted(record):
         assert served.wait(20) == 130
 
 
+def test_a_record_that_grows_is_shown_as_far_as_it_goes_when_the_page_is_loaded(tmp_path):
+    growing = Writing(tmp_path / "run.mcap")
+
+    def grow(*times):
+        for time in times:
+            growing.write("decisions", decision(1000 * time))
+            growing.writer.drain(PATIENCE)
+        while growing.writer.statistics().written < times[-1]:
+            growing.writer.flush()
+
+    async def scene(address):
+        async with opened(address) as socket:
+            return json.loads(await socket.receive())["scene"]
+
+    grow(1, 2)
+    with serving(tmp_path, "mdm page run.mcap") as address:
+        first = asyncio.run(scene(address))
+        assert first["last"] == 1.0
+        assert "still being written" in first["remarks"][0]
+        grow(3, 4, 5)
+        second = asyncio.run(scene(address))
+        assert second["last"] == 4.0
+        growing.close()
+        third = asyncio.run(scene(address))
+        assert (third["last"], third.get("remarks")) == (4.0, [])
+
+
 @contextmanager
 def serving(folder, command):
     """Run a command that serves a page; yield the page's address."""
     environment = {**os.environ, "MDM_PAGE_TOKEN": "secret" * 8}
-    command = [sys.executable, "-m", *shlex.split(command), *(["--port", "0"] if "page run" in command else ["0"])]
+    command = [
+        sys.executable,
+        "-m",
+        *shlex.split(command),
+        *(["--port", "0"] if command.startswith("mdm page") else ["0"]),
+    ]
     with subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True, env=environment) as served:
         try:
             lines = iter(served.stderr.readline, "")

@@ -15,6 +15,7 @@ def needed():
     """Skip the tests of a module where there is no browser."""
     pytest.importorskip("websockets")
     pytest.importorskip("playwright")
+    pytest.importorskip("axe_playwright_python")
     if CHROMIUM is None:
         pytest.skip("there is no Chromium: apt-get install chromium fonts-dejavu-core", allow_module_level=True)
 
@@ -48,6 +49,19 @@ async def browser(**options):
         finally:
             await context.close()
             await started.close()
+
+
+async def barriers(page):
+    """Return what axe-core finds in a page that keeps people out: what it calls serious or critical, and where."""
+    from axe_playwright_python.async_playwright import Axe
+
+    found = (await Axe().run(page)).response["violations"]
+    return [
+        f"{each['id']}: {node['html'][:200]}"
+        for each in found
+        if each["impact"] in {"serious", "critical"}
+        for node in each["nodes"]
+    ]
 
 
 def _note_foreign(url, address, wrong):

@@ -29,13 +29,14 @@ async def text(page, selector):
 
 
 def seen(look_at, *actors, of=None, **options):
-    """Run a test of a browser that looks at a live page; nothing may go wrong in it."""
+    """Run a test of a browser that looks at a live page; nothing may go wrong in it, or keep people out."""
 
     async def main(runtime, page):
         async with browsers.browser(**(of or {})) as (look, wrong):
             opened = await look(page.address)
             await opened.wait_for_function(UNTIL)
             found = await look_at(opened, runtime, page)
+            assert await browsers.barriers(opened) == []
             assert wrong == []
             return found
 
@@ -230,6 +231,7 @@ def test_a_record_is_stepped_through_by_keyboard_alone(tmp_path):
             await page.wait_for_function("() => !mdmPage.playing")
             events = await page.evaluate("mdmPage.cursor")
             assert events == len(run_.after(0, 10**9)[0])
+            assert await browsers.barriers(page) == []
             assert wrong == []
         await server.close()
 

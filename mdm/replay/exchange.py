@@ -12,8 +12,10 @@ import asyncio
 from collections import Counter
 from typing import TYPE_CHECKING
 
+from mdm.recording.stimuli import Finished
+
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping, Sequence
 
     from mdm.recording.stimuli import Received, Stimulus
     from mdm.replay.transport import ReplayTransport
@@ -39,9 +41,10 @@ class Exchange:
         self._waiting: list[tuple[Received, asyncio.Future[None]]] = []
         self._running = 0
 
-    def add(self, stimuli: Iterable[Stimulus], transports: Mapping[str, ReplayTransport]) -> None:
-        """Let the agents of a record take part, before any of them is replayed."""
-        last = max((stimulus.time for stimulus in stimuli), default=0)
+    def add(self, stimuli: Sequence[Stimulus], transports: Mapping[str, ReplayTransport]) -> None:
+        """Let the agents of a record take part, before any of them is replayed: up to where its run began to end."""
+        end = next((stimulus for stimulus in stimuli if isinstance(stimulus, Finished)), None)
+        last = end.time if end is not None else max((stimulus.time for stimulus in stimuli), default=0)
         for agent, transport in transports.items():
             life = agent, transport.incarnation
             self._until[life], self._transports[life], self._sent[life] = last, transport, Counter()

@@ -84,9 +84,9 @@ def test_agents_of_whom_there_is_no_record_and_what_comes_behind_its_end_are_not
         received(60, "a", "b", b"sent behind the end of the record", sent=55),
         received(61, "a", "a", b"of its own"),
     ]
-    exchange, order = played({"a": [*said, END], "b": [Finished(50)]})
+    exchange, order = played({"a": [*said, END], "b": [Finished(50), received(70, "b", "c", b"", sent=69)]})
     assert (exchange.received, exchange.unlike) == (0, [])
-    assert len(order) == 4
+    assert len(order) == 5
 
 
 def test_channels_of_the_programs_own_are_counted_apart_unless_a_replay_sends_on_them():

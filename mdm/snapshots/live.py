@@ -47,12 +47,19 @@ def remedy_of(kind: str) -> str:
     return KINDS[kind].remedy if kind in KINDS else ""
 
 
-def factors_of(space: Space | None) -> tuple[FactorScene, ...]:
-    """Return the factors of a space as a scene has them."""
+def factors_of(space: Space | None, ensemble: Ensemble | None = None) -> tuple[FactorScene, ...]:
+    """Return the factors of a space of states as a scene has them, and the predicates of an ensemble that tell them."""
     if space is None:
         return ()
+    layer = None if ensemble is None else ensemble.state
+    told_by = {} if layer is None else {each.name: tuple(each.predicates) for each in layer.factors}
     return tuple(
-        [FactorScene(each.name, tuple(each.names[:_LISTED]) if len(each) <= _LISTED else ()) for each in space.factors]
+        [
+            FactorScene(each.name, tuple(each.names), told_by.get(each.name, ()))
+            if len(each) <= _LISTED
+            else FactorScene(each.name, ())
+            for each in space.factors
+        ]
     )
 
 
@@ -444,7 +451,7 @@ def _scenes(ensembles: list[Ensemble]) -> Iterable[EnsembleScene]:
             summary=ensemble.summary(),
             actions=tuple(ensemble.action.names[:_LISTED]),
             states=symbols.num_states or 0,
-            factors=factors_of(symbols.state_space),
+            factors=factors_of(symbols.state_space, ensemble),
             grid=grid_factors(symbols.state_space) is not None,
         )
 

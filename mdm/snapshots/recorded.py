@@ -334,7 +334,7 @@ class RecordedRun:
                 summary="" if model is None else model.summary(),
                 actions=actions[:64],
                 states=0 if space is None else len(space),
-                factors=factors_of(space),
+                factors=factors_of(space, model),
                 grid=grid_factors(space) is not None,
             )
 

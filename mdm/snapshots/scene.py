@@ -10,10 +10,17 @@ __all__ = ["EnsembleScene", "FactorScene", "FloorScene", "PlaceScene", "Predicat
 
 
 class FactorScene(msgspec.Struct, frozen=True):
-    """A factor of states or observations: its name, and those of its symbols, where there are few enough to list."""
+    """A factor of states.
+
+    Attributes:
+        name: Its name.
+        symbols: The names of its symbols, where there are few enough to list.
+        told_by: The predicates that tell it, where an ensemble has a state layer and they are few.
+    """
 
     name: str
     symbols: tuple[str, ...]
+    told_by: tuple[str, ...] = ()
 
 
 class EnsembleScene(msgspec.Struct, frozen=True):

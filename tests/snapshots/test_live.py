@@ -8,12 +8,14 @@ from collections import Counter
 import msgspec
 import pytest
 from decided import ensemble
+from places import EXAMPLES
 from sentences import refused
 from shown import a_robot
 
 import mdm
 from mdm import Error
 from mdm.snapshots import Frame, LiveRun, Scene
+from mdm.snapshots.live import factors_of
 from mdm.testing import probe, run_virtual
 
 
@@ -32,6 +34,12 @@ def looked_at(file, seconds, look):
         return live
 
     return run_virtual(main)
+
+
+def test_factors_say_which_predicates_tell_them():
+    top = mdm.load_system(EXAMPLES / "patrol" / "patrol.toml", callbacks=False).ensembles["top"]
+    found = {each.name: each.told_by for each in factors_of(top.controller.symbols.state_space, top)}
+    assert found == {"person": ("PersonIsWaiting",), "intruder": ("IntruderIsSeen",), "fire": ("FireIsSeen",)}
 
 
 def test_frames_say_what_the_actors_do(tmp_path):

@@ -201,7 +201,8 @@ def test_a_record_is_stepped_through_by_keyboard_alone(tmp_path):
     run_virtual(run, record=tmp_path / "run.mcap")
     record = Record(tmp_path / "run.mcap")
     first = record.span[0]
-    run_ = RecordedRun(record)
+    system = mdm.load_system(a_robot(tmp_path))
+    run_ = RecordedRun(record, system, ensembles=system.ensembles, predicates=system.predicates)
 
     async def program():
         server = PageServer(run_, port=0, live=False, token=TOKEN)
@@ -219,6 +220,17 @@ def test_a_record_is_stepped_through_by_keyboard_alone(tmp_path):
                 if before is not None:
                     await page.keyboard.press(f"Shift+{key}")
                     await page.wait_for_function(f"() => Math.abs(mdmPage.frame.time - {before}) < 1e-5")
+            told = "mdmPage.why && mdmPage.why.decided === mdmPage.frame.details.top.decided"
+            await page.keyboard.press("w")
+            await page.wait_for_function(f"() => {told}")
+            before = await page.evaluate("mdmPage.why.decided")
+            for _ in range(30):  # until the next decision is one of this ensemble: it is told anew
+                await page.keyboard.press("d")
+                await page.wait_for_function(f"() => {told}")
+                if await page.evaluate("mdmPage.why.decided") != before:
+                    break
+            else:
+                raise AssertionError("it goes on to tell of the decision before")
             await page.get_by_label("Time", exact=True).focus()
             await page.keyboard.press("End")
             await page.wait_for_function(f"() => Math.abs(mdmPage.frame.time - {run_.last}) < 0.01")

@@ -89,7 +89,7 @@ export function Detail({ scene, frame, path, why, ask, control, command }) {
     <dl>
       <dt>live</dt><dd>${each.live?.length ? each.live.map((life) => `${life.action}, for ${seconds(frame.time - life.since)}${life.remaining == null ? "" : `, ${number(life.remaining)} m to go`}`).join("; ") : html`<span class="soft">no action lasts</span>`}</dd>
       <dt>decided</dt><dd>${each.decisions || each.epoch > -1 ? html`<b>${each.action}</b> <span class="soft number">decision ${each.epoch}${detail.decided == null ? "" : `, ${seconds(frame.time - detail.decided)} ago`}${detail.cause ? `, on ${detail.cause}` : ""}</span>` : html`<span class="soft">nothing yet</span>`}</dd>
-      ${detail.state != null && html`<dt>in state</dt><dd>${detail.factors?.length ? html`<span class="chips">${detail.factors.map(([factor, value]) => html`<span class="chip" key=${factor}>${factor} <b>${value ?? "unknown"}</b></span>`)}</span>` : html`<b>${detail.state}</b>`}</dd>`}
+      ${detail.state != null && html`<dt>in state</dt><dd>${detail.factors?.length ? html`<span class="chips">${detail.factors.map(([factor, value]) => html`<span class="chip" key=${factor} title=${sources(of, factor).join(", ")}>${factor} <b>${value ?? "unknown"}</b>${sources(of, factor).length === 1 ? html` <span class="soft">← ${sources(of, factor)[0]}</span>` : ""}</span>`)}</span>` : html`<b>${detail.state}</b>`}</dd>`}
       ${detail.observation != null && html`<dt>observed</dt><dd><b>${detail.observation}</b></dd>`}
       ${detail.reward != null && html`<dt>expected reward</dt><dd class="number">${number(detail.reward)}</dd>`}
       ${detail.value != null && html`<dt>expected return</dt><dd class="number">${number(detail.value)}</dd>`}
@@ -99,9 +99,12 @@ export function Detail({ scene, frame, path, why, ask, control, command }) {
     ${detail.belief && html`<${Belief} belief=${detail.belief} />`}
     <div class="commands"><button onClick=${ask} title="w">Why this action?</button>
       ${control && ["start", "stop", "reset", "release"].map((word) => html`<button key=${word} onClick=${() => command(word, path)}>${word}</button>`)}</div>
-    ${why && why.ensemble === path && html`<${Why} told=${why.why} />`}
+    ${why && why.ensemble === path && html`${why.decided !== detail.decided && html`<p class="said">This is of an earlier decision: ask again.</p>`}<${Why} told=${why.why} />`}
   </section>`;
 }
+
+// The predicates that tell a factor of the state.
+const sources = (of, factor) => of.factors?.find((each) => each.name === factor)?.told_by ?? [];
 
 function Why({ told }) {
   if (!told) return html`<p class="empty">Nothing tells why: this version explains no decisions of this kind.</p>`;

@@ -22,6 +22,8 @@ const link = new Connection(receive, (state, reason) => {
   schedule();
 });
 
+let asked = null;      // When the decision was made of which it is told why.
+const decided = () => told.frame?.details?.[told.selected]?.decided;
 const isRecord = () => told.scene?.source === "record";
 const close = () => (told.selected ? [told.selected] : []);
 
@@ -41,11 +43,12 @@ function receive(message) {
     const more = message.cursor > told.cursor;
     told.cursor = message.cursor;
     told.seen.add(told.selected, message.frame);
+    if (isRecord() && !told.playing && told.why && told.why.decided !== decided()) why();   // of the decision shown now
     if (isRecord() && more && wanted == null) wanted = told.frame.time;   // until all events are here
   } else if (message.refused || message.done) {
     told.said = message;
   } else if ("why" in message) {
-    told.why = message;
+    told.why = { ...message, decided: asked };
   }
   schedule();
 }
@@ -106,6 +109,7 @@ function choose(path) {
 }
 
 function why() {
+  asked = decided();
   if (told.selected) link.say({ say: "why", ensemble: told.selected, time: isRecord() ? told.frame.time : null });
 }
 

@@ -23,6 +23,7 @@ const link = new Connection(receive, (state, reason) => {
 });
 
 let asked = null;      // When the decision was made of which it is told why.
+const place = () => told.scene.ensembles.findIndex((each) => each.path === told.selected);
 const decided = () => told.frame?.details?.[told.selected]?.decided;
 const isRecord = () => told.scene?.source === "record";
 const close = () => (told.selected ? [told.selected] : []);
@@ -42,7 +43,7 @@ function receive(message) {
     for (const event of message.events) told.history.add(event);
     const more = message.cursor > told.cursor;
     told.cursor = message.cursor;
-    told.seen.add(told.selected, message.frame);
+    told.seen.add(told.selected, message.frame, message.frame.ensembles[place()]?.epoch ?? 0);
     if (isRecord() && !told.playing && told.why && told.why.decided !== decided()) why();   // of the decision shown now
     if (isRecord() && more && wanted == null) wanted = told.frame.time;   // until all events are here
   } else if (message.refused || message.done) {

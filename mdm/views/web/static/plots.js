@@ -3,6 +3,7 @@ import { html, useEffect, useRef } from "./vendor/htm-preact.js";
 import { colour } from "./words.js";
 
 const STATES = 5, KEPT = 600;
+const GAP = 2;   // Seconds without the decisions between, from which on no line is drawn.
 
 // What was seen of one ensemble's belief and reward since it was chosen.
 export class Seen {
@@ -10,13 +11,19 @@ export class Seen {
 
   clear() { this.times = []; this.beliefs = []; this.rewards = []; }
 
-  add(path, frame) {
+  add(path, frame, epoch) {
     if (path !== this.path) { this.path = path; this.clear(); }
     const detail = frame.details?.[path];
     if (!detail || detail.decided == null) return;
     const last = this.times[this.times.length - 1];
     if (last != null && detail.decided < last) this.clear();
     if (detail.decided === last) return;
+    if (last != null && epoch > this.epoch + 1 && detail.decided > last + GAP) {
+      this.times.push(last + GAP / 1000);   // what came between has not been seen
+      this.beliefs.push(null);
+      this.rewards.push(null);
+    }
+    this.epoch = epoch;
     this.times.push(detail.decided);
     this.beliefs.push(detail.belief ? new Map(detail.belief.top) : null);
     this.rewards.push(detail.reward ?? null);
@@ -28,7 +35,7 @@ export class Seen {
     const sums = new Map();
     for (const each of this.beliefs) for (const [state, chance] of each ?? []) sums.set(state, (sums.get(state) ?? 0) + chance);
     const names = [...sums].sort((one, two) => two[1] - one[1]).slice(0, STATES).map(([state]) => state);
-    const lists = names.map((state) => this.beliefs.map((each) => each?.get(state) ?? 0));
+    const lists = names.map((state) => this.beliefs.map((each) => (each ? each.get(state) ?? 0 : null)));
     return { names, lists };
   }
 }
@@ -52,7 +59,7 @@ export function Plots({ seen, path, scheme }) {
     if (!belief.current || !believes || length < 2) return undefined;
     const { names, lists } = seen.bands();
     const sums = [];
-    lists.forEach((list, place) => sums.push(list.map((value, index) => value + (place ? sums[place - 1][index] : 0))));
+    lists.forEach((list, place) => sums.push(list.map((value, index) => (value == null ? null : value + (place ? sums[place - 1][index] : 0)))));
     const series = names.map((state, place) => ({ label: `${place + 1} ${state}`, stroke: colour(`s${place}`), width: 1.5,
       fill: `color-mix(in srgb, ${colour(`s${place}`)} 35%, ${colour("paper")})`, dash: [[], [8, 3], [2, 3], [10, 3, 2, 3], [4, 4]][place], paths: window.uPlot.paths.stepped({ align: 1 }) }));
     // The highest line first, so that those below are drawn over it.
@@ -61,7 +68,7 @@ export function Plots({ seen, path, scheme }) {
   }, [path, length, scheme, believes]);
   useEffect(() => {
     if (!reward.current || !rewarded) return undefined;
-    const made = plot(reward.current, [seen.times, seen.rewards], { axes: axes(), series: [{}, { label: "expected reward", stroke: colour("s0"), width: 2, spanGaps: true, paths: window.uPlot.paths.stepped({ align: 1 }), points: { show: true, size: 5 } }] });
+    const made = plot(reward.current, [seen.times, seen.rewards], { axes: axes(), series: [{}, { label: "expected reward", stroke: colour("s0"), width: 2, paths: window.uPlot.paths.stepped({ align: 1 }), points: { show: true, size: 5 } }] });
     return () => made.destroy();
   }, [path, length, scheme, rewarded]);
   if (!believes && !rewarded) return null;

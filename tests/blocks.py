@@ -65,13 +65,22 @@ def run(block, folder, scope):
         said = re.findall(r"^print\(.*\)  # ([^,\n]*)", block.text, re.MULTILINE)
         assert not said or printed.getvalue().splitlines() == said, f"{block.page}:{block.line}"
     elif block.language == "console":
-        for line in block.text.replace("\\\n", " ").splitlines():
-            folder = _command(shlex.split(line, comments=True), folder)
+        for words in _lines(block):
+            folder = _command(words, folder)
     elif block.language == "toml":
         tomllib.loads(block.text)
     else:
         raise AssertionError(f"{block.page}:{block.line}: a block of {block.language or 'no language'} does not run")
     return folder
+
+
+def printed(block, folder):
+    """Run the commands of a console block in a folder; return what they print."""
+    return "".join(_printed(words, folder, None) for words in _lines(block) if words)
+
+
+def _lines(block):
+    return [shlex.split(line, comments=True) for line in block.text.replace("\\\n", " ").splitlines()]
 
 
 def _command(words, folder):

@@ -26,7 +26,7 @@ from team_file import running
 from team_processes import histories, on_free_ports, up
 
 import mdm
-from mdm import estimation
+from mdm.recording import Record
 from mdm.team import Committed
 
 
@@ -70,37 +70,35 @@ def test_the_steps_of_the_tutorial_print_what_its_page_says(step, told):
     assert run(f"tutorial/{step}") == told
 
 
-def burning(folder, name):
-    """Record ten minutes of the demo that is in a folder; return the record, and for how long it knew of fires."""
-    command = [sys.executable, "-m", "mdm", "run", "patrol.toml", "--virtual", "--seconds", "600", "--record", name]
-    subprocess.run(command, cwd=folder, capture_output=True, timeout=250, check=True)
-    record = mdm.recording.Record(folder / name)
+def burning(record):
+    """Return for how many seconds of a record the demo knew of fires."""
     told = [each.message for each in record.messages(["decisions"]) if each.message.ensemble == "top"]
     ends = [each.time for each in told[1:]] + [record.span[1]]
     fires = [end - each.time for each, end in zip(told, ends, strict=True) if each.state % 2]  # the last factor is it
-    return record, sum(fires) / 1e9
+    return sum(fires) / 1e9
 
 
 def test_what_a_record_of_the_demo_tells_of_its_model_makes_it_better(tmp_path):
-    """Not in the model that was estimated alone, but in the building, of which no model is known."""
+    """By the commands of statistics.md; also in the building, of which no model is known."""
     pytest.importorskip("navground")
     folder = tmp_path / "patrol"
     shutil.copytree(EXAMPLES / "patrol", folder)
-    program = "import mdm, make_models as made; mdm.save_model(made.top(goes_out=0.75), 'top.pomdpx')"
-    subprocess.run([sys.executable, "-c", program], cwd=folder, timeout=100, check=True)
-    hopeful = mdm.load_model(folder / "top.pomdpx")
-    mdm.save_policy(mdm.solve(hopeful).policy, folder / "top.policy", hopeful)
-    record, before = burning(folder, "before.mcap")
-    report = estimation.statistics(estimation.chains_of_records([record], "top"), hopeful, step=1.0)
-    assert report.rows[0].says == "differs"
-    (told,) = blocks.texts("docs/statistics.md", "text")
-    assert set(told.splitlines()) <= {line.rstrip() for line in estimation.as_text(report).splitlines()}
-    better = mdm.solve(report.model, durations=report.durations).policy
-    mdm.save_policy(better, folder / "top.policy", report.model)
-    _, after = burning(folder, "after.mcap")
+    checked = [block for block in blocks.blocks("docs/statistics.md") if "checked" in block.info]
+    program, run_and_count, told, solve_and_compare = checked
+    blocks.run(program, folder, {})
+    printed = blocks.printed(run_and_count, folder)
+    assert set(told.text.splitlines()) <= {line.rstrip() for line in printed.splitlines()}
+    report = blocks.printed(solve_and_compare, folder)
+    before = burning(Record(folder / "run.mcap"))
+    again = ["run", "patrol.toml", "--virtual", "--seconds", "600", "--record", "after.mcap"]
+    (folder / "patrol.toml").write_text((folder / "patrol.toml").read_text().replace("top.policy", "better.policy"))
+    subprocess.run([sys.executable, "-m", "mdm", *again], cwd=folder, capture_output=True, timeout=250, check=True)
+    after = burning(Record(folder / "after.mcap"))
     assert after < before / 2
     page = (ROOT / "docs" / "statistics.md").read_text()
     assert f"for {after:.0f} of 600 seconds; with the old one it was {before:.0f}." in page
+    old, new = (float(line.split()[2]) for line in lines_with(report, "exact value"))
+    assert f"The old policy is worth {old:.0f}, the new one {new:.0f}." in page
 
 
 def test_the_patrol_of_the_tutorial_goes_safe_and_on():

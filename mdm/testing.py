@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from mdm import replay as replays
 from mdm.config.recorded import check_digests, load_recorded
 from mdm.errors import Error
-from mdm.recording import Record
+from mdm.recording import Record, records_of
 from mdm.replay.replay import check_beginning
 from mdm.runtime import Runtime, run
 
@@ -118,9 +118,7 @@ def replay(path: str | Path, actors: Actor | Sequence[Actor] | None = None, *, c
 
 
 def _replay_team(folder: Path, config: str | Path | None) -> int:
-    records = {file.name: Record(file) for file in sorted(folder.glob("*.mcap"))}
-    if not records:
-        raise Error(f"{folder}: there are no records in this folder")
+    records = records_of(folder)
     with ExitStack() as folders:
         runs = {
             name: _rebuilt(record, folders.enter_context(tempfile.TemporaryDirectory()), config)

@@ -109,6 +109,11 @@ def test_a_replay_that_cannot_be_is_refused(tmp_path):
         replay(tmp_path / "run.mcap", robot, config="robot.toml")
     with refused(mdm.Error):
         replay(tmp_path / "run.mcap")
+    with pytest.raises(mdm.Error, match="takes config, and no actors: each agent has its own"):
+        replay(tmp_path, robot)
+    (tmp_path / "none").mkdir()
+    with pytest.raises(mdm.Error, match="there are no records in this folder"):
+        replay(tmp_path / "none")
 
 
 @pytest.mark.parametrize(("options", "told"), [({}, 1), ({"log": False}, 0)])

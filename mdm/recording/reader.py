@@ -498,3 +498,17 @@ def _following(first: _File) -> Iterator[_File]:
             return
         yield file
         number += 1
+
+
+def records_of(folder: str | Path) -> dict[str, Record]:
+    """Return the records in a folder by the names of their files; of one that was split, its first file stands for all.
+
+    Raises:
+        Error: If there are none.
+        FormatError: If a file is no record.
+    """
+    found = {path.name: Record(path) for path in sorted(Path(folder).glob("*.mcap"))}
+    records = {name: record for name, record in found.items() if not record.number}
+    if not records:
+        raise Error(f"{folder}: there are no records in this folder: mdm team up --record {folder} makes them")
+    return records

@@ -3,6 +3,7 @@ from __future__ import annotations
 import io
 import json
 import random
+import re
 import struct
 from contextlib import suppress
 
@@ -17,7 +18,7 @@ from sentences import refused
 from mdm.errors import Error, FormatError
 from mdm.messages import ActionLife, Control, Decision, Message, State
 from mdm.recording.process import File
-from mdm.recording.reader import Record
+from mdm.recording.reader import Record, records_of
 from mdm.recording.schemas import schema
 from mdm.recording.stimuli import Said, Stimulus
 
@@ -304,3 +305,20 @@ def test_what_json_cannot_say_of_numbers(tmp_path):
     (only,) = Record(path).messages()
     assert only.message.reward is None
     assert msgspec.json.decode(official(path)[0][-1])["reward"] is None
+
+
+def test_the_records_of_a_folder_are_those_of_its_runs(tmp_path):
+    with pytest.raises(Error, match=re.escape(f"{tmp_path}: there are no records in this folder")):
+        records_of(tmp_path)
+    split = Writing(tmp_path / "b.mcap", split_bytes=1000)
+    for number in range(100):
+        split.write("decisions", decision(number))
+        split.writer.drain(PATIENCE)
+    split.close()
+    written(tmp_path / "a.mcap", [("decisions", decision(0))])
+    assert len([*tmp_path.glob("b-*.mcap")]) > 1
+    found = records_of(tmp_path)
+    assert {name: record.counts["decisions"] for name, record in found.items()} == {"a.mcap": 1, "b.mcap": 100}
+    (tmp_path / "c.mcap").write_text("a letter")
+    with pytest.raises(Error, match="is no MCAP file, and so no record"):
+        records_of(tmp_path)

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from mdm.cli.records.rebuilt import rebuilt
 from mdm.cli.report import as_json
 from mdm.config.recorded import check_digests
-from mdm.errors import Error
-from mdm.recording import Record
+from mdm.recording import Record, records_of
 from mdm.replay import replay, replay_together
 from mdm.replay.replay import check_beginning
 
@@ -47,10 +46,7 @@ def _replay_one(record: Record, arguments: argparse.Namespace) -> int:
 
 def _replay_team(folder: Path, arguments: argparse.Namespace) -> int:
     """Replay the records of a team's agents together: each receives what the replays of the others send."""
-    files = sorted(folder.glob("*.mcap"))
-    if not files:
-        raise Error(f"{folder}: there are no records in this folder: mdm team up --record {folder} makes them")
-    records = {file.name: Record(file) for file in files}
+    records = records_of(folder)
     with ExitStack() as folders:
         runs = {
             name: _rebuilt(record, folders.enter_context(tempfile.TemporaryDirectory()), arguments)

@@ -160,6 +160,11 @@ class RecordedRun:
         self._events = self._made_events()
         self._encoded = [msgspec.json.encode(event) for event in self._events]
 
+    @property
+    def grows(self) -> bool:
+        """Whether the record was still being written when it was read."""
+        return self._record.grows
+
     def _seconds(self, time: int) -> float:
         return round((time - self._epoch) / 1e9, 6)
 

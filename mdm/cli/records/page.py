@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from glob import escape
-from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING
 
@@ -41,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 class _Shown:
-    """A record that is shown, and read anew where it has grown: its recorder may still be at work.
+    """A record that is shown, and read anew for as long as it grows: its recorder may still be at work.
 
     Args:
         path: The record.
@@ -52,15 +50,9 @@ class _Shown:
     """
 
     def __init__(self, path: str, *, replay: bool) -> None:
-        self._path, self._replay = Path(path), replay
+        self._path, self._replay = path, replay
         self._lock = Lock()
-        self._sizes = self._found()
         self.run = recorded_run(path, replay=replay)
-
-    def _found(self) -> dict[str, int]:
-        """Return the sizes of the record's files, however many there are by now."""
-        likely = self._path.parent.glob(f"{escape(self._path.stem)}*{escape(self._path.suffix)}")
-        return {path.name: path.stat().st_size for path in likely}
 
     def newest(self) -> RecordedRun:
         """Return the record as it is now.
@@ -69,7 +61,6 @@ class _Shown:
             Error: If it cannot be read any more.
         """
         with self._lock:  # one page at a time
-            sizes = self._found()
-            if sizes != self._sizes:
-                self.run, self._sizes = recorded_run(self._path, replay=self._replay), sizes
+            if self.run.grows:
+                self.run = recorded_run(self._path, replay=self._replay)
             return self.run

@@ -100,17 +100,16 @@ def way_out(
     """
     frame = grid.frame
     near = [one for one in others if math.dist(here, one.agent.position) < _FIELD + radius + one.radius]
-    fits = past_walls = grid.clearance_to_edges() >= radius + WALL_GAP
+    past_walls = grid.clearance_to_edges() >= radius + WALL_GAP
     away = np.full(frame.shape, math.inf)
     rows, columns = np.indices(frame.shape)
     for one in near:
         row, column = frame.locate(one.pose.x, one.pose.y)
         apart = np.hypot(rows - row, columns - column) * frame.resolution - radius - one.radius
         away = np.minimum(away, apart)
-    fits = fits & (away >= GAP + _HAIR)
     row, column = frame.locate(*here)
     metres = np.hypot(rows - row, columns - column) * frame.resolution
-    fits &= metres < _FIELD
+    fits = past_walls & (away >= GAP + _HAIR) & (metres < _FIELD)
     begins = np.argwhere(fits & (metres < _FIRST * frame.resolution))
     begins = begins[metres[tuple(begins.T)].argsort(kind="stable")]
     first = [(int(r), int(c)) for r, c in begins if _leads(here, frame.centre(int(r), int(c)), radius, near)]

@@ -44,11 +44,11 @@ function receive(message) {
     const more = message.cursor > told.cursor;
     told.cursor = message.cursor;
     told.seen.add(told.selected, message.frame, message.frame.ensembles[place()]?.epoch ?? 0);
-    if (isRecord() && !told.playing && told.why && told.why.decided !== decided()) why();   // of the decision shown now
+    if (isRecord() && !told.playing && told.why && asked !== decided()) why();   // of the decision shown now
     if (isRecord() && more && wanted == null) wanted = told.frame.time;   // until all events are here
   } else if (message.refused || message.done) {
     told.said = message;
-  } else if ("why" in message) {
+  } else if ("why" in message && message.ensemble === told.selected) {
     told.why = { ...message, decided: asked };
   }
   schedule();

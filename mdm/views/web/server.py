@@ -38,6 +38,8 @@ _HEARTBEAT = 1.0
 """Seconds after which a running system is looked at though nobody else looks, so that its past has no gap."""
 _LARGEST = 16_384
 _READERS = 32
+_PARTING = 1.0
+"""Seconds that one who is sent away has to answer: a flood is not read to its end."""
 _STATIC = Path(__file__).parent / "static"
 _KINDS = {
     ".html": "text/html; charset=utf-8",
@@ -108,6 +110,7 @@ class PageServer:
                 compression=None,
                 max_size=_LARGEST,
                 max_queue=4,
+                close_timeout=_PARTING,
                 server_header=None,
                 logger=logger,
             )

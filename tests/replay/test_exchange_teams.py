@@ -8,10 +8,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from records import Writing
 from team_robots import Robot, over_beliefs, three
 
 import mdm
 from mdm.recording import Record, Recorder
+from mdm.recording.stimuli import Said, Stimulus
 from mdm.replay import replay_together, transports_of
 from mdm.team import Network, Team
 
@@ -93,3 +95,23 @@ def test_each_agent_sends_what_it_sent(tmp_path, seed, options, ways):
     assert together.received > 50
     for name, messages in live.items():
         assert again[name][: len(messages)] == messages
+
+
+@pytest.mark.parametrize("options", TEAMS)
+def test_observations_that_a_record_lacks_are_messages_that_its_agent_has_not_sent(tmp_path, options):
+    """They are found where others received them, who go on with what their records say."""
+    model, team = three(), Team("fire", ["one", "two", "three"], **options)
+    recorded(team, model, tmp_path, 1)
+    kept = Record(tmp_path / "two.mcap")
+    shorter = Writing(tmp_path / "shorter.mcap", kept.head)
+    for name, facts in kept.metadata.items():
+        if name.startswith("ensemble "):
+            shorter.writer.metadata(name, facts)
+    for each in kept.messages(["stimuli", "decisions"]):
+        if not isinstance(each.message, Said):
+            shorter.write(each.topic, each.message, Stimulus if each.topic == "stimuli" else None)
+    shorter.close().replace(tmp_path / "two.mcap")
+    together, _ = repeated(team, model, tmp_path)
+    assert not together.same
+    assert together.unlike
+    assert {each.owner for each in together.unlike} >= {"two"}

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mdm import replay as replays
-from mdm.config.recorded import check_digests, load_recorded
+from mdm.config.recorded import check_digests, check_team, load_recorded
 from mdm.errors import Error
 from mdm.recording import Record, records_of
 from mdm.replay.replay import check_beginning
@@ -141,6 +141,7 @@ def _rebuilt(record: Record, folder: str, config: str | Path | None) -> tuple[Sy
     system = load_recorded(record, folder, config, transport=next(iter(transports.values()), None))
     if config is None:
         check_digests(record, system.ensembles.values())
+    check_team(record, system)
     return system, transports
 
 

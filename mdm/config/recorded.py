@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from mdm.config.builder import load_system
 from mdm.errors import ConfigError, Error
+from mdm.recording.stimuli import Joined
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from mdm.recording import Record, Recorder
     from mdm.team.transport.transport import Transport
 
-__all__ = ["attach_configuration", "attach_file", "check_digests", "lay_out", "load_recorded"]
+__all__ = ["attach_configuration", "attach_file", "check_digests", "check_team", "lay_out", "load_recorded"]
 
 _LARGEST = 64 * 1024 * 1024
 _FOLDER = "files/"
@@ -182,3 +183,23 @@ def check_digests(record: Record, ensembles: Iterable[Ensemble]) -> None:
             f"{record.head.get('mdm', 'unknown')} may have read them otherwise, or a function makes them; with "
             f"--config a configuration of yours is compared"
         )
+
+
+def check_team(record: Record, system: System) -> None:
+    """Refuse to repeat an agent of a team with another configuration than it had: its teammates would refuse it.
+
+    Raises:
+        Error: With the first fact that differs.
+    """
+    if system.member is None or "stimuli" not in record.topics:
+        return
+    stimuli = (each.message for each in record.messages(["stimuli"]))
+    joined = next((each for each in stimuli if isinstance(each, Joined)), None)
+    now = system.member.link.configuration.facts
+    then = {} if joined is None else joined.facts
+    for fact, was in then.items():
+        if now.get(fact, was) != was:
+            raise Error(
+                f"{record.path}: {fact} is {now[fact]}, and was {was} in the run, of mdm {record.head['mdm']}: agents "
+                f"of a team that differ refuse each other, so that a team is replayed as it ran"
+            )

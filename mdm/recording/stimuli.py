@@ -211,10 +211,14 @@ class Behind(_Stimulus, frozen=True, gc=False):
 
 
 class Joined(_Stimulus, frozen=True, gc=False):
-    """An agent of a team began its link to the others, in a life of this number."""
+    """An agent of a team began its link to the others, in a life of this number.
+
+    ``facts`` are those that must be the same at all agents, by name: they refuse each other where one differs.
+    """
 
     agent: str
     incarnation: int
+    facts: dict[str, str] = {}
 
 
 class Opened(_Stimulus, frozen=True, gc=False):

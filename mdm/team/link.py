@@ -135,7 +135,8 @@ class Link(Actor):
     def on_start(self) -> None:
         """Have failures of the transport's handlers be this actor's, and dropped messages reported."""
         if self.runtime.tape is not None:
-            self.runtime.tape.note(Joined(self.runtime.now(), self.agent, self.transport.incarnation))
+            facts = dict(self.configuration.facts)
+            self.runtime.tape.note(Joined(self.runtime.now(), self.agent, self.transport.incarnation, facts))
         self.transport.supervise(self.fail, self.report)
         self.transport.watch(self._in_turn(self._on_seen))
         self.listen(join(self.team.name, "*", FAREWELL), self._on_farewell, self)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 from mdm.cli.records.rebuilt import rebuilt
 from mdm.cli.report import as_json
-from mdm.config.recorded import check_digests
+from mdm.config import System
+from mdm.config.recorded import check_digests, check_team
 from mdm.recording import Record, records_of
 from mdm.replay import replay, replay_together
 from mdm.replay.replay import check_beginning
@@ -63,9 +64,8 @@ def _replay_team(folder: Path, arguments: argparse.Namespace) -> int:
         print(f"{name}: {_summary(records[name], each)}")
         for difference in each.differences:
             print(difference.describe(epochs[name]))
-    print(
-        f"{result.received:,} messages received, {len(result.unlike):,} of them not sent in the replay of their sender"
-    )
+    unlike = len(result.unlike)
+    print(f"{result.received:,} messages received, {unlike:,} of them not sent in the replay of their sender")
     if result.unrepeated:
         print(f"{result.unrepeated:,} more are of channels of the program's own, which a replay does not run")
     for received in result.unlike[: arguments.most or 1]:
@@ -78,6 +78,8 @@ def _rebuilt(record: Record, folder: str, arguments: argparse.Namespace) -> Rebu
     run = rebuilt(record, folder, arguments.config)
     if arguments.config is None:
         check_digests(record, run.ensembles.values())
+    if isinstance(run.actors, System):
+        check_team(record, run.actors)
     return run
 
 

@@ -11,7 +11,7 @@ import team_processes
 from places import EXAMPLES
 from records import Writing
 
-from mdm import Ensemble
+from mdm import Ensemble, Error
 from mdm.messages import Decision
 from mdm.policies import DeterministicPolicy
 from mdm.recording import Record
@@ -191,3 +191,12 @@ def test_a_team_of_two_is_repeated_together(mdm, tmp_path):
     recorded = sum(agent["recorded"] for agent in facts["agents"].values())
     assert replay(tmp_path / "records") == recorded
     assert facts["messages_not_sent"] == 0
+    assert mdm("replay", tmp_path / "records", "--config", file)[0] == 0
+    other = file.with_name("other.toml")
+    other.write_text(file.read_text().replace("[team]", "[team]\nlease = 2.5", 1))
+    status, output, errors = mdm("replay", tmp_path / "records", "--config", other)
+    assert (status, output) == (1, [])
+    assert "configuration of ensemble " in errors
+    assert "agents of a team that differ refuse each other, so that a team is replayed as it ran" in errors
+    with pytest.raises(Error, match="replayed as it ran"):
+        replay(tmp_path / "records", config=other)

@@ -7,7 +7,7 @@ import json
 import os
 import signal
 import sys
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 
 from places import ROOT
 
@@ -66,6 +66,7 @@ async def peers(program=PROGRAM, **environment):
     finally:
         for peer in started:
             if peer.process.returncode is None:
-                peer.signal(signal.SIGCONT)
-                peer.signal(signal.SIGKILL)
+                with suppress(ProcessLookupError):  # it has ended, and the loop has not heard of it
+                    peer.signal(signal.SIGCONT)
+                    peer.signal(signal.SIGKILL)
             await peer.process.communicate()

@@ -214,12 +214,16 @@ class PredicateManager(Actor):
     # -- Values --------------------------------------------------------------------------------------------------
 
     def value(self, name: str) -> bool | None:
-        """Return a predicate's value: true, false, or None where it is unknown."""
+        """Return a predicate's value: true, false, or None where it is unknown, as all are before the start."""
+        if not self._begun and self.declared.names.get(name) == "predicate":
+            return None
         value = self._network.value(name)
         return None if self._lost else value
 
     def values(self) -> dict[str, bool | None]:
-        """Return the value of every predicate."""
+        """Return the value of every predicate: true, false, or None where it is unknown, as before the start."""
+        if not self._begun:
+            return {name: None for name, kind in self.declared.names.items() if kind == "predicate"}
         values = self._network.values()
         return dict.fromkeys(values) if self._lost else values
 

@@ -51,6 +51,18 @@ def test_sensors_formulas_latches_and_events():
     run_virtual(main)
 
 
+def test_before_the_start_every_predicate_is_unknown():
+    manager = PredicateManager()
+    south = manager.sensor("South", initial=False)
+    manager.define("NotSouth", "not South")
+    manager.event("Arrived", "South")
+    assert manager.values() == {"South": None, "NotSouth": None}
+    assert (manager.value("NotSouth"), south.value) == (None, None)
+    for name in ("Arrived", "Sout"):
+        with pytest.raises(Error, match="there is no predicate"):
+            manager.value(name)
+
+
 def test_a_frozen_sensor_becomes_unknown_and_is_reported():
     async def main(runtime):
         manager = PredicateManager()

@@ -9,6 +9,7 @@ import importlib.util
 import inspect
 import re
 import typing
+from functools import cache
 from pathlib import Path
 
 import msgspec
@@ -39,10 +40,10 @@ def pages(generated):
     return generated.pages()
 
 
+@cache
 def sources():
-    """Yield every module of the package, parsed."""
-    for path in PACKAGE.rglob("*.py"):
-        yield path, ast.parse(path.read_text(encoding="utf-8"))
+    """Return every module of the package, parsed."""
+    return [(path, ast.parse(path.read_text(encoding="utf-8"))) for path in PACKAGE.rglob("*.py")]
 
 
 def test_every_public_name_is_documented(generated, pages):

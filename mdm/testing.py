@@ -9,18 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mdm import replay as replays
-from mdm.config.recorded import check_digests, check_team, load_recorded
+from mdm.config.rebuilt import rebuilt_to_compare
 from mdm.errors import Error
 from mdm.recording import Record, records_of
-from mdm.replay.replay import check_beginning
 from mdm.runtime import Runtime, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator, Sequence
 
-    from mdm.config import System
     from mdm.messages import Decision
-    from mdm.replay.transport import ReplayTransport
     from mdm.runtime import Actor, Channel, Subscription
 
 __all__ = ["block", "capture_decisions", "crash", "delay", "probe", "replay", "run_virtual"]
@@ -111,8 +108,8 @@ def replay(path: str | Path, actors: Actor | Sequence[Actor] | None = None, *, c
         result = replays.replay(record, actors, most=1)
     else:
         with tempfile.TemporaryDirectory() as folder:
-            system, transports = _rebuilt(record, folder, config)
-            result = replays.replay(record, system, most=1, transports=transports)
+            run = rebuilt_to_compare(record, folder, config)
+            result = replays.replay(record, run.actors, most=1, transports=run.transports)
     _raise_difference(record, result)
     return result.recorded
 
@@ -121,11 +118,12 @@ def _replay_team(folder: Path, config: str | Path | None) -> int:
     records = records_of(folder)
     with ExitStack() as folders:
         runs = {
-            name: _rebuilt(record, folders.enter_context(tempfile.TemporaryDirectory()), config)
+            name: rebuilt_to_compare(record, folders.enter_context(tempfile.TemporaryDirectory()), config)
             for name, record in records.items()
         }
-        systems = {name: system for name, (system, _) in runs.items()}
-        together = replays.replay_together(records, systems, {name: run[1] for name, run in runs.items()}, most=1)
+        actors = {name: run.actors for name, run in runs.items()}
+        transports = {name: run.transports for name, run in runs.items()}
+        together = replays.replay_together(records, actors, transports, most=1)
     for name, result in together.agents.items():
         _raise_difference(records[name], result)
     for received in together.unlike:
@@ -133,16 +131,6 @@ def _replay_team(folder: Path, config: str | Path | None) -> int:
             f"{folder}: {received.agent} received {received.key} of {received.owner}, whose replay did not send it"
         )
     return sum(result.recorded for result in together.agents.values())
-
-
-def _rebuilt(record: Record, folder: str, config: str | Path | None) -> tuple[System, dict[str, ReplayTransport]]:
-    check_beginning(record)
-    transports = replays.transports_of(record)
-    system = load_recorded(record, folder, config, transport=next(iter(transports.values()), None))
-    if config is None:
-        check_digests(record, system.ensembles.values())
-    check_team(record, system)
-    return system, transports
 
 
 def _raise_difference(record: Record, result: replays.Replayed) -> None:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from mdm.cli.records.rebuilt import rebuilt
 from mdm.cli.report import as_json
 from mdm.cli.robots.why import named
+from mdm.config.rebuilt import rebuilt
 from mdm.errors import Error
 from mdm.explanation import explain
 from mdm.recording import Record

@@ -7,19 +7,15 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mdm.cli.records.rebuilt import rebuilt
 from mdm.cli.report import as_json
-from mdm.config import System
-from mdm.config.recorded import check_digests, check_team
+from mdm.config.rebuilt import rebuilt_to_compare
 from mdm.recording import Record, records_of
 from mdm.replay import replay, replay_together
-from mdm.replay.replay import check_beginning
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Mapping
 
-    from mdm.cli.records.rebuilt import Rebuilt
     from mdm.replay import Replayed, Together
 
 __all__ = ["run"]
@@ -33,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _replay_one(record: Record, arguments: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory() as folder:
-        run = _rebuilt(record, folder, arguments)
+        run = rebuilt_to_compare(record, folder, arguments.config)
         result = replay(record, run.actors, transports=run.transports, most=_most(arguments))
     epoch = int(record.head["epoch"])
     if arguments.json:
@@ -50,7 +46,7 @@ def _replay_team(folder: Path, arguments: argparse.Namespace) -> int:
     records = records_of(folder)
     with ExitStack() as folders:
         runs = {
-            name: _rebuilt(record, folders.enter_context(tempfile.TemporaryDirectory()), arguments)
+            name: rebuilt_to_compare(record, folders.enter_context(tempfile.TemporaryDirectory()), arguments.config)
             for name, record in records.items()
         }
         actors = {name: run.actors for name, run in runs.items()}
@@ -71,16 +67,6 @@ def _replay_team(folder: Path, arguments: argparse.Namespace) -> int:
     for received in result.unlike[: arguments.most or 1]:
         print(f"  {received.agent} received {received.key} of {received.owner}, which did not send it")
     return 0 if result.same else 1
-
-
-def _rebuilt(record: Record, folder: str, arguments: argparse.Namespace) -> Rebuilt:
-    check_beginning(record)  # first: of one that was torn early, its files may be missing as well
-    run = rebuilt(record, folder, arguments.config)
-    if arguments.config is None:
-        check_digests(record, run.ensembles.values())
-    if isinstance(run.actors, System):
-        check_team(record, run.actors)
-    return run
 
 
 def _most(arguments: argparse.Namespace) -> int:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import tempfile
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mdm import replay as replays
-from mdm.config.rebuilt import rebuilt_to_compare
+from mdm.config.rebuilt import rebuilt_to_compare, replay_team
 from mdm.errors import Error
 from mdm.recording import Record, records_of
 from mdm.runtime import Runtime, run
@@ -93,8 +93,9 @@ def replay(path: str | Path, actors: Actor | Sequence[Actor] | None = None, *, c
         How many decisions there are.
 
     Raises:
-        AssertionError: If one of them differs: the first difference, with the input before it; or if an agent of a
-            team received what the replay of its sender has not sent.
+        AssertionError: If one of them differs: the first difference, with the input before it; if an agent of a team
+            received what the replay of its sender has not sent; or if nothing can be told from some time on of a team
+            that has another configuration.
         Error: If the record cannot be replayed: it has no beginning or no configuration, or its model is another one.
     """
     if Path(path).is_dir():
@@ -116,16 +117,15 @@ def replay(path: str | Path, actors: Actor | Sequence[Actor] | None = None, *, c
 
 def _replay_team(folder: Path, config: str | Path | None) -> int:
     records = records_of(folder)
-    with ExitStack() as folders:
-        runs = {
-            name: rebuilt_to_compare(record, folders.enter_context(tempfile.TemporaryDirectory()), config)
-            for name, record in records.items()
-        }
-        actors = {name: run.actors for name, run in runs.items()}
-        transports = {name: run.transports for name, run in runs.items()}
-        together = replays.replay_together(records, actors, transports, most=1)
+    together = replay_team(records, config, most=1)
     for name, result in together.agents.items():
         _raise_difference(records[name], result)
+    for name, result in together.agents.items():
+        if result.limit is not None:
+            at = (result.limit.time - int(records[name].head["epoch"])) / 1e9
+            raise AssertionError(
+                f"{records[name].path}: from {at:.6f} s on nothing can be told, for {result.limit.reason}"
+            )
     for received in together.unlike:
         raise AssertionError(
             f"{folder}: {received.agent} received {received.key} of {received.owner}, whose replay did not send it"

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import tempfile
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, NamedTuple
 
-from mdm.config.recorded import check_digests, check_team, load_recorded
+from mdm.config.recorded import check_digests, check_team, load_recorded, team_difference
 from mdm.config.simulations import recorded_simulation
 from mdm.config.system import System
-from mdm.replay import transports_of
+from mdm.errors import Error
+from mdm.replay import replay_together, transports_of
 from mdm.replay.replay import check_beginning
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from mdm.actors import Ensemble
     from mdm.recording import Record
+    from mdm.replay import Together
     from mdm.replay.transport import ReplayTransport
 
-__all__ = ["Rebuilt", "rebuilt", "rebuilt_to_compare"]
+__all__ = ["Rebuilt", "rebuilt", "rebuilt_to_compare", "replay_team"]
 
 
 class Rebuilt(NamedTuple):
@@ -73,3 +78,52 @@ def rebuilt_to_compare(record: Record, folder: str | Path, given: str | Path | N
     if isinstance(run.actors, System):
         check_team(record, run.actors)
     return run
+
+
+def replay_team(records: Mapping[str, Record], given: str | Path | None = None, *, most: int = 100) -> Together:
+    """Replay the records of a team's agents together, each with its own configuration, or all with another one.
+
+    Args:
+        records: The records, by names of theirs.
+        given: A TOML file, in place of what the records keep.
+        most: How many differences of each are kept.
+
+    Raises:
+        ConfigError: If a record has no configuration, or the one to take cannot be loaded.
+        Error: If a record cannot be replayed, or, for another configuration, if the records are not repeated as they
+            are with that of their run: then nothing is known of the messages.
+    """
+    with ExitStack() as folders:
+
+        def folder() -> str:
+            return folders.enter_context(tempfile.TemporaryDirectory())
+
+        if given is None:
+            return _replay({name: rebuilt_to_compare(each, folder()) for name, each in records.items()}, records, most)
+        for record in records.values():
+            check_beginning(record)
+        runs = {name: rebuilt(record, folder(), given) for name, record in records.items()}
+        different = [
+            team_difference(record, run.actors)
+            for record, run in zip(records.values(), runs.values(), strict=True)
+            if isinstance(run.actors, System)
+        ]
+        if different.count(None) == len(different):
+            return _replay(runs, records, most)
+        then = {name: rebuilt_to_compare(record, folder()) for name, record in records.items()}
+        as_recorded = _replay(then, records, 1)
+        if not as_recorded.same:
+            name = next(iter(records.values())).path.parent
+            raise Error(
+                f"{name}: with the configuration of their run the records are not repeated as they are, of which mdm "
+                f"replay {name} tells: so what another one would have decided cannot be told"
+            )
+        return _replay(runs, records, most, as_recorded)
+
+
+def _replay(
+    runs: Mapping[str, Rebuilt], records: Mapping[str, Record], most: int, as_recorded: Together | None = None
+) -> Together:
+    actors = {name: run.actors for name, run in runs.items()}
+    transports = {name: run.transports for name, run in runs.items()}
+    return replay_together(records, actors, transports, most=most, as_recorded=as_recorded)

@@ -19,7 +19,15 @@ if TYPE_CHECKING:
     from mdm.recording import Record, Recorder
     from mdm.team.transport.transport import Transport
 
-__all__ = ["attach_configuration", "attach_file", "check_digests", "check_team", "lay_out", "load_recorded"]
+__all__ = [
+    "attach_configuration",
+    "attach_file",
+    "check_digests",
+    "check_team",
+    "lay_out",
+    "load_recorded",
+    "team_difference",
+]
 
 _LARGEST = 64 * 1024 * 1024
 _FOLDER = "files/"
@@ -186,20 +194,35 @@ def check_digests(record: Record, ensembles: Iterable[Ensemble]) -> None:
 
 
 def check_team(record: Record, system: System) -> None:
-    """Refuse to repeat an agent of a team with another configuration than it had: its teammates would refuse it.
+    """Refuse to repeat an agent of a team alone with another configuration than it had: its teammates would refuse it.
 
     Raises:
         Error: With the first fact that differs.
     """
-    if system.member is None or "stimuli" not in record.topics:
-        return
-    stimuli = (each.message for each in record.messages(["stimuli"]))
+    different = team_difference(record, system)
+    if different is not None:
+        raise Error(
+            f"{record.path}: {different}: agents of a team that differ refuse each other, so that one alone is "
+            f"replayed as it ran; mdm replay FOLDER --config, with the records of all of them, replays a team of "
+            f"another configuration"
+        )
+
+
+def team_difference(record: Record, system: System) -> str | None:
+    """Return in words the first fact of a team's agent that is another than in its run; None if none is.
+
+    Raises:
+        Error: If the record is of an agent of a team, and the system is none.
+    """
+    topics = [topic for topic in record.topics if topic == "stimuli"]
+    stimuli: Iterable[Any] = (each.message for each in record.messages(topics)) if topics else ()
     joined = next((each for each in stimuli if isinstance(each, Joined)), None)
+    if joined is None:
+        return None
+    if system.member is None:
+        raise Error(f"{record.path}: it is of agent {joined.agent!r} of a team, and the configuration is of none")
     now = system.member.link.configuration.facts
-    then = {} if joined is None else joined.facts
-    for fact, was in then.items():
+    for fact, was in joined.facts.items():
         if now.get(fact, was) != was:
-            raise Error(
-                f"{record.path}: {fact} is {now[fact]}, and was {was} in the run, of mdm {record.head['mdm']}: agents "
-                f"of a team that differ refuse each other, so that a team is replayed as it ran"
-            )
+            return f"{fact} is {now[fact]}, and was {was} in the run, of mdm {record.head['mdm']}"
+    return None

@@ -37,7 +37,8 @@ class Player:
 
     Attributes:
         differences: Those found so far, in the order of the record's decisions.
-        made: How many decisions were made.
+        expected: The times of the record's decisions.
+        made: The times of those that were made.
     """
 
     repeats = True
@@ -46,8 +47,8 @@ class Player:
         self, stimuli: Sequence[Stimulus], decisions: Iterable[Decision], *, tolerance: float, most: int
     ) -> None:
         self.differences: list[Difference] = []
-        self.count = 0
-        self.made = 0
+        self.expected: list[int] = []
+        self.made: list[int] = []
         self.noted = 0
         self.stand_ins: dict[tuple[str, int], tuple[StandIn, Work]] = {}
         self.tickers: dict[tuple[str, float], Ticker] = {}
@@ -59,7 +60,7 @@ class Player:
         self._expected: dict[str, deque[tuple[int, Decision]]] = defaultdict(deque)
         for number, decision in enumerate(decisions):
             self._expected[decision.ensemble].append((number, decision))
-            self.count += 1
+            self.expected.append(decision.time)
         self._next = 0
         self._compared = False
         self._said: dict[tuple[str, int], list[Said]] = defaultdict(list)
@@ -262,7 +263,7 @@ class Player:
         belief = None if current is None else output.belief_of(current)
         name = output.name_of(action)
         made = Decision(time, output.ensemble, epoch, cause, state, observation, belief, action, name, reward)
-        self.made += 1
+        self.made.append(time)
         expected = self._expected[output.ensemble]
         if not expected:
             self._differ(Difference(self._next, None, made, (), tuple(self.since)))

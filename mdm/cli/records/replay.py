@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import tempfile
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mdm.cli.report import as_json
-from mdm.config.rebuilt import rebuilt_to_compare
+from mdm.config.rebuilt import rebuilt_to_compare, replay_team
 from mdm.recording import Record, records_of
-from mdm.replay import replay, replay_together
+from mdm.replay import replay
 
 if TYPE_CHECKING:
     import argparse
@@ -44,14 +43,7 @@ def _replay_one(record: Record, arguments: argparse.Namespace) -> int:
 def _replay_team(folder: Path, arguments: argparse.Namespace) -> int:
     """Replay the records of a team's agents together: each receives what the replays of the others send."""
     records = records_of(folder)
-    with ExitStack() as folders:
-        runs = {
-            name: rebuilt_to_compare(record, folders.enter_context(tempfile.TemporaryDirectory()), arguments.config)
-            for name, record in records.items()
-        }
-        actors = {name: run.actors for name, run in runs.items()}
-        transports = {name: run.transports for name, run in runs.items()}
-        result = replay_together(records, actors, transports, most=_most(arguments))
+    result = replay_team(records, arguments.config, most=arguments.most or 1)
     epochs = {name: int(record.head["epoch"]) for name, record in records.items()}
     if arguments.json:
         print(as_json(_facts_of_team(result, epochs)))
@@ -60,13 +52,27 @@ def _replay_team(folder: Path, arguments: argparse.Namespace) -> int:
         print(f"{name}: {_summary(records[name], each)}")
         for difference in each.differences:
             print(difference.describe(epochs[name]))
-    unlike = len(result.unlike)
-    print(f"{result.received:,} messages received, {unlike:,} of them not sent in the replay of their sender")
+        if each.limit is not None:
+            at = (each.limit.time - epochs[name]) / 1e9
+            print(f"from {at:.6f} s on nothing can be told, for {each.limit.reason}")
+    if result.traffic is None:
+        print("sensors, ends of actions, delays and losses of messages are as they were in the run")
+    else:
+        _print_messages(result, arguments.most or 1)
+    return 0 if result.same else 1
+
+
+def _print_messages(result: Together, most: int) -> None:
+    """Print how many messages were sent as they were received, and which were not."""
+    print(
+        f"{result.received:,} messages received, {len(result.unlike):,} of them not sent in the replay of their sender"
+    )
     if result.unrepeated:
         print(f"{result.unrepeated:,} more are of channels of the program's own, which a replay does not run")
-    for received in result.unlike[: arguments.most or 1]:
+    for agent, count in result.strange.items():
+        print(f"{count:,} more are of {agent} in a life of which there is no record here")
+    for received in result.unlike[:most]:
         print(f"  {received.agent} received {received.key} of {received.owner}, which did not send it")
-    return 0 if result.same else 1
 
 
 def _most(arguments: argparse.Namespace) -> int:
@@ -74,17 +80,24 @@ def _most(arguments: argparse.Namespace) -> int:
 
 
 def _facts_of_team(result: Together, epochs: Mapping[str, int]) -> dict[str, object]:
+    agents = {name: _facts(each, epochs[name]) for name, each in result.agents.items()}
+    if result.traffic is None:
+        for name, each in result.agents.items():
+            agents[name]["different"] = each.different
+        return {"agents": agents}
     return {
-        "agents": {name: _facts(each, epochs[name]) for name, each in result.agents.items()},
+        "agents": agents,
         "messages": result.received,
         "messages_not_sent": len(result.unlike),
         "messages_unrepeated": result.unrepeated,
+        "messages_strange": result.strange,
     }
 
 
 def _summary(record: Record, result: Replayed) -> str:
     how = "bit by bit" if result.exact else "numbers to 1e-9, for the environment differs"
-    same = "all the same" if result.same else "not the same"
+    several = len(result.differences) < result.different
+    same = f"{result.different} not the same" if several else "not the same" if result.different else "all the same"
     lines = [f"{result.recorded} decisions recorded, {result.replayed} replayed: {same} ({how})"]
     if record.torn is not None:
         lines.append(f"torn: {record.torn}")
@@ -94,7 +107,10 @@ def _summary(record: Record, result: Replayed) -> str:
 
 
 def _facts(result: Replayed, epoch: int) -> dict[str, object]:
+    limit = result.limit
+    until = {} if limit is None else {"until": (limit.time - epoch) / 1e9, "reason": limit.reason}
     return {
+        **until,
         "recorded": result.recorded,
         "replayed": result.replayed,
         "same": result.same,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 
 import pytest
@@ -11,7 +12,7 @@ import team_processes
 from places import EXAMPLES
 from records import Writing
 
-from mdm import Ensemble, Error
+from mdm import Ensemble
 from mdm.messages import Decision
 from mdm.policies import DeterministicPolicy
 from mdm.recording import Record
@@ -195,8 +196,23 @@ def test_a_team_of_two_is_repeated_together(mdm, tmp_path):
     other = file.with_name("other.toml")
     other.write_text(file.read_text().replace("[team]", "[team]\nlease = 2.5", 1))
     status, output, errors = mdm("replay", tmp_path / "records", "--config", other)
+    assert (status, errors) == (1, "")
+    assert [line for line in output if " 0 decisions recorded, 0 replayed" in line] == [output[0], output[2]]
+    assert all(re.search(r"from \S+ s on nothing can be told, for [ab] sen(ds|t) a message", output[n]) for n in (1, 3))
+    with pytest.raises(AssertionError, match="nothing can be told"):
+        replay(tmp_path / "records", config=other)
+    status, output, errors = mdm("replay", tmp_path / "records" / "a.mcap", "--config", other)
     assert (status, output) == (1, [])
     assert "configuration of ensemble " in errors
-    assert "agents of a team that differ refuse each other, so that a team is replayed as it ran" in errors
-    with pytest.raises(Error, match="replayed as it ran"):
+    assert "mdm replay FOLDER --config, with the records of all of them" in errors
+    other.write_text(file.read_text().replace("[0, 1, 2, 3]", "[0, 0, 2, 3]"))
+    status, output, errors = mdm("replay", tmp_path / "records", "--config", other, "--json")
+    assert (status, errors) == (1, "")
+    for name, agent in json.loads(output[0])["agents"].items():
+        decisions = [each.message for each in Record(tmp_path / "records" / name).messages(["decisions"])]
+        different = [number for number, each in enumerate(decisions[: agent["recorded"]]) if each.state == 1]
+        assert agent["differences"][0]["decision"] == different[0]
+        assert (agent["different"], agent["recorded"]) == (len(different), agent["replayed"])
+        assert agent["recorded"] >= 10
+    with pytest.raises(AssertionError, match="action 'stay go', now 'stay stay'"):
         replay(tmp_path / "records", config=other)

@@ -7,15 +7,18 @@ from importlib.machinery import all_suffixes
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from mdm.config.builder import load_system
 from mdm.errors import ConfigError, Error
 from mdm.recording.stimuli import Joined
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping
 
     from mdm.actors import Ensemble
     from mdm.config.system import System
+    from mdm.controller import Controller
     from mdm.recording import Record, Recorder
     from mdm.team.transport.transport import Transport
 
@@ -185,12 +188,38 @@ def check_digests(record: Record, ensembles: Iterable[Ensemble]) -> None:
         now |= ensemble.controller.digests()
         different = [name for name in ("model", "policy", "options") if known.get(name, now[name]) != now[name]]
         name = different[0] if different else "configuration"
+        digests = f"digest of the {name} {now[name][:12]}, then {known[name][:12]}"
+        told = different_part(known, ensemble.controller)
         raise Error(
             f"{record.path}: the {' and '.join(different) or name} of ensemble {ensemble.path!r} is not that "
-            f"of the run (digest of the {name} {now[name][:12]}, then {known[name][:12]}): mdm "
+            f"of the run ({digests if told is None else told}): mdm "
             f"{record.head.get('mdm', 'unknown')} may have read them otherwise, or a function makes them; with "
             f"--config a configuration of yours is compared"
         )
+
+
+def different_part(known: Mapping[str, str], controller: Controller) -> str | None:
+    """Return in words the first part of a model, policy or options that is another than in a run.
+
+    Args:
+        known: What the record's head says of the ensemble.
+        controller: What decides now.
+
+    Returns:
+        The sentence; None where the head has no parts, as those of older records, or none of them differs.
+    """
+    try:
+        then = msgspec.json.decode(known.get("parts", "{}"), type=dict[str, str])
+    except msgspec.MsgspecError:
+        return None
+    now = controller.parts()
+    for part in dict.fromkeys((*then, *now)) if then else ():
+        was, is_now = then.get(part, "none"), now.get(part, "none")
+        if was == is_now:
+            continue
+        digested = was.startswith("#") or is_now.startswith("#")
+        return f"it differs in the {part}" if digested else f"the {part} was {was}, and is {is_now}"
+    return None
 
 
 def check_team(record: Record, system: System) -> None:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Mapping
 
-    from mdm.replay import Replayed, Together
+    from mdm.replay import Limit, Replayed, Together
 
 __all__ = ["run"]
 
@@ -53,8 +53,7 @@ def _replay_team(folder: Path, arguments: argparse.Namespace) -> int:
         for difference in each.differences:
             print(difference.describe(epochs[name]))
         if each.limit is not None:
-            at = (each.limit.time - epochs[name]) / 1e9
-            print(f"from {at:.6f} s on nothing can be told, for {each.limit.reason}")
+            print(f"from {_seconds(records[name], each.limit)} s on nothing can be told of it, for {each.limit.reason}")
     if result.traffic is None:
         print("sensors, ends of actions, delays and losses of messages are as they were in the run")
     else:
@@ -98,12 +97,17 @@ def _summary(record: Record, result: Replayed) -> str:
     how = "bit by bit" if result.exact else "numbers to 1e-9, for the environment differs"
     several = len(result.differences) < result.different
     same = f"{result.different} not the same" if several else "not the same" if result.different else "all the same"
-    lines = [f"{result.recorded} decisions recorded, {result.replayed} replayed: {same} ({how})"]
+    until = "" if result.limit is None else f"up to {_seconds(record, result.limit)} s "
+    lines = [f"{until}{result.recorded} decisions recorded, {result.replayed} replayed: {same} ({how})"]
     if record.torn is not None:
         lines.append(f"torn: {record.torn}")
     if result.lost:
         lines.append(f"{result.lost} messages of the record are lost: behind these a replay differs")
     return "\n".join(lines)
+
+
+def _seconds(record: Record, limit: Limit) -> str:
+    return f"{(limit.time - int(record.head['epoch'])) / 1e9:.6f}"
 
 
 def _facts(result: Replayed, epoch: int) -> dict[str, object]:

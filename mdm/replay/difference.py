@@ -53,16 +53,6 @@ class Difference(msgspec.Struct, frozen=True):
         lines = [text, *(f"  before it: {_told(stimulus, epoch)}" for stimulus in self.since)]
         return "\n".join(lines)
 
-    def until(self, time: int) -> Difference | None:
-        """Return the difference as far as only what is decided before a time is known; None where that is none."""
-        recorded = None if self.recorded is None or self.recorded.time >= time else self.recorded
-        replayed = None if self.replayed is None or self.replayed.time >= time else self.replayed
-        if recorded is None and replayed is None:
-            return None
-        if recorded is self.recorded and replayed is self.replayed:
-            return self
-        return Difference(self.number, recorded, replayed, (), self.since)
-
 
 def unlike(recorded: Decision, replayed: Decision, tolerance: float) -> tuple[str, ...]:
     """Return the names of the fields of two decisions that differ; numbers by more than a tolerance."""
@@ -100,5 +90,6 @@ def _short(decision: Decision, field: str) -> str:
 def _told(stimulus: Any, epoch: int) -> str:
     facts = {name: value for name, value in msgspec.structs.asdict(stimulus).items() if value not in ("", 0, None)}
     at = (facts.pop("time", epoch) - epoch) / 1e9
+    facts = {name: f"{len(value)} bytes" if isinstance(value, bytes) else value for name, value in facts.items()}
     kind = type(stimulus).__name__.lower()
     return f"{at:.6f} s, {kind} " + ", ".join(f"{name} {value}" for name, value in facts.items())

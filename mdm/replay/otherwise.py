@@ -115,7 +115,7 @@ class Otherwise:
         if received.sent >= self._traffic.sides[self._traffic.side_of[life]].until:
             if received.key.endswith(f"/{FAREWELL}"):
                 return received  # which says nothing but that its agent ends
-            told = f"{received.agent} received what {received.owner} sent while its run ended"
+            told = f"{received.agent} received what {received.owner} sent when its run, or its record, had ended"
             raise self._parting(side, Limit(received.time, told))
         number = self._traffic.number(received)
         if number is None:  # users' code sent it, on a channel of the program's own

@@ -238,7 +238,8 @@ class _Again:
         now = environment()
         self.clock = ReplayClock(int(record.head["epoch"]))
         self._exact = all(record.head.get(name) == now[name] for name in _BITS)
-        self._player = Player(self.stimuli, decisions, tolerance=0.0 if self._exact else 1e-9, most=most)
+        tolerance = 0.0 if self._exact else 1e-9
+        self._player = Player(self.stimuli, decisions, tolerance=tolerance, most=most, now=self.clock.now)
         for name, facts in record.metadata.items():
             if name.startswith("ensemble ") and "draws" in facts:
                 self._player.draw_from(name.removeprefix("ensemble "), facts["draws"])
@@ -255,11 +256,11 @@ class _Again:
     def replayed(self, limit: Limit | None = None, most: int = sys.maxsize) -> Replayed:
         """Return what became of it, up to a limit; with so many differences."""
         player = self._player
-        made, expected, found = len(player.made), len(player.expected), player.differences
+        made, expected, found = len(player.made), player.count, player.differences
         if limit is not None:
-            made, expected = (bisect_left(times, limit.time) for times in (player.made, sorted(player.expected)))
-            before = (difference.until(limit.time) for difference in found)
-            found = [difference for difference in before if difference is not None]
+            made = bisect_left(player.made, limit.time)
+            expected = bisect_left(player.paired, limit.time) + sum(by < limit.time for by in player.missed_by)
+            found = [each for each, by in zip(found, player.found, strict=True) if by < limit.time]
         kept = tuple(found[:most])
         return Replayed(expected, made, kept, self._exact, self._record.lost, len(found), limit)
 
@@ -268,13 +269,22 @@ def _no_beginning(record: Record) -> Error:
     return Error(f"{record.path}: the record has no beginning: nothing in it says when an actor started")
 
 
-def _contents(record: Record) -> tuple[list[Stimulus], list[Decision]]:
+def _contents(record: Record) -> tuple[list[Stimulus], list[tuple[Decision, int]]]:
+    """Return the stimuli and the decisions, each with the time of the next stimulus behind it: it was made by then."""
     stimuli: list[Stimulus] = []
-    decisions: list[Decision] = []
+    decisions: list[tuple[Decision, int]] = []
+    waiting: list[Decision] = []
     for each in record.messages(_there(record, "stimuli", "decisions")):
-        (stimuli if each.topic == "stimuli" else decisions).append(each.message)
+        if each.topic == "decisions":
+            waiting.append(each.message)
+            continue
+        stimuli.append(each.message)
+        decisions += [(decision, max(decision.time, each.message.time)) for decision in waiting]
+        waiting.clear()
+    last = stimuli[-1].time if stimuli else 0
+    decisions += [(decision, max(decision.time, last)) for decision in waiting]
     end = next((stimulus.time for stimulus in stimuli if isinstance(stimulus, Finished)), None)
-    return stimuli, [decision for decision in decisions if end is None or decision.time <= end]
+    return stimuli, [each for each in decisions if end is None or each[0].time <= end]
 
 
 def _there(record: Record, *topics: str) -> list[str]:

@@ -119,16 +119,14 @@ def test_it_is_what_the_team_decides_where_it_runs_with_the_other_policy(tmp_pat
     assert as_recorded.same
     together, _ = repeated(team, MODEL, tmp_path, policy, as_recorded)
     for name, result in together.agents.items():
-        told = decisions_of(tmp_path, name)[: result.recorded]
-        for each in result.differences:
-            told[each.number : each.number + 1] = [each.replayed]
-        limit = result.limit.time if result.limit is not None else np.inf
-        seen = [each for each in decisions_of(tmp_path / "other", name) if each.time < limit]
-        if result.limit is None:
-            seen = seen[: len(told)]
-            assert len(told) > 5
-        assert [(each.time, each.action_name) for each in told] == [(each.time, each.action_name) for each in seen]
-        for one, other in zip(told, seen, strict=True):
+        decisions, different = decisions_of(tmp_path, name), {each.number: each for each in result.differences}
+        assert all(each.recorded is not None and each.replayed is not None for each in result.differences)
+        made = [different[n].replayed if n in different else decisions[n] for n in range(result.replayed)]
+        seen = decisions_of(tmp_path / "other", name)[: len(made)]
+        assert result.recorded == result.replayed
+        assert result.limit is not None or len(made) > 5
+        assert [(each.time, each.action_name) for each in made] == [(each.time, each.action_name) for each in seen]
+        for one, other in zip(made, seen, strict=True):
             assert one.belief is None or np.array_equal(one.belief, other.belief)
 
 

@@ -97,7 +97,9 @@ def _summary(record: Record, result: Replayed) -> str:
     how = "bit by bit" if result.exact else "numbers to 1e-9, for the environment differs"
     several = len(result.differences) < result.different
     same = f"{result.different} not the same" if several else "not the same" if result.different else "all the same"
-    until = "" if result.limit is None else f"up to {_seconds(record, result.limit)} s "
+    until = "" if result.limit is None else f"up to {_seconds(record, result.limit)} s, "
+    if result.limit is not None and not result.recorded and not result.replayed:
+        same = "nothing to compare"
     lines = [f"{until}{result.recorded} decisions recorded, {result.replayed} replayed: {same} ({how})"]
     if record.torn is not None:
         lines.append(f"torn: {record.torn}")

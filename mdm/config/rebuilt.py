@@ -100,8 +100,7 @@ def replay_team(records: Mapping[str, Record], given: str | Path | None = None, 
 
         if given is None:
             return _replay({name: rebuilt_to_compare(each, folder()) for name, each in records.items()}, records, most)
-        for record in records.values():
-            check_beginning(record)
+        _check_alike(records)
         runs = {name: rebuilt(record, folder(), given) for name, record in records.items()}
         different = [
             team_difference(record, run.actors)
@@ -119,6 +118,23 @@ def replay_team(records: Mapping[str, Record], given: str | Path | None = None, 
                 f"replay {name} tells: so what another one would have decided cannot be told"
             )
         return _replay(runs, records, most, as_recorded)
+
+
+def _check_alike(records: Mapping[str, Record]) -> None:
+    """Refuse records of which some are of a team's agents, and some are not: no configuration is for both.
+
+    Raises:
+        Error: If there are such, or a record has no beginning.
+    """
+    of_team: dict[bool, Record] = {}
+    for record in records.values():
+        check_beginning(record)
+        of_team.setdefault(bool(transports_of(record)), record)
+    if len(of_team) > 1:
+        raise Error(
+            f"{of_team[True].path} is of an agent of a team, and {of_team[False].path} is not: with another "
+            f"configuration, a folder has records of one run alone"
+        )
 
 
 def _replay(

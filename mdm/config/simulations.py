@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -14,8 +15,6 @@ from mdm.loading import pair_of
 from mdm.simulation.simulate import simulated
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from mdm.actors import Ensemble
     from mdm.recording import Record
 
@@ -110,5 +109,8 @@ def recorded_simulation(record: Record, folder: str | Path, given: str | Path | 
         raise Error(f"{record.path}: its head does not say what was simulated: neither a file nor model and policy")
     here = lay_out(record, folder)
     names = {name: getattr(told, name) for name in ("file", "model", "policy")}
+    for file in names.values():
+        if file is not None and Path(file).name != file:
+            raise Error(f"{record.path}: its head says that {file!r} was simulated, which is no name of a file")
     placed = {name: str(here / file) for name, file in names.items() if file is not None}
     return simulated(**msgspec.structs.replace(told, **placed).options(), seed=told.seed)

@@ -45,7 +45,12 @@ def test_another_configuration_is_compared_with_a_simulation(tmp_path):
         replay(path, config=other)
 
 
-@pytest.mark.parametrize("told", ["no JSON", '{"steps": "many"}', "{}", json.dumps({"model": "tiger.pomdp"})])
+ELSEWHERE = {"model": "/etc/hostname", "policy": "tiger.vf"}
+
+
+@pytest.mark.parametrize(
+    "told", ["no JSON", '{"steps": "many"}', "{}", json.dumps({"model": "tiger.pomdp"}), json.dumps(ELSEWHERE)]
+)
 def test_a_head_that_says_nothing_is_refused(tmp_path, told):
     writing = Writing(tmp_path / "run.mcap", {"format": "1", "mdm": "0.1.0", "simulation": told})
     (tmp_path / "laid").mkdir()

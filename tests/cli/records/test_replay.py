@@ -217,3 +217,20 @@ def test_a_team_of_two_is_repeated_together(mdm, tmp_path):
         assert agent["recorded"] >= 10
     with pytest.raises(AssertionError, match="action 'stay go', now 'stay stay'"):
         replay(tmp_path / "records", config=other)
+    (tmp_path / "records" / "b.mcap").rename(tmp_path / "b.mcap")
+    status, output, errors = mdm("replay", tmp_path / "records")
+    assert (status, errors) == (0, "")
+    assert re.fullmatch(r"\d+ more are of b in a life of which there is no record here", output[-1])
+    status, output, errors = mdm("replay", tmp_path / "records", "--config", other)
+    assert (status, errors) == (1, "")
+    assert re.fullmatch(r"a.mcap: up to \S+ s, 0 decisions recorded, 0 replayed: nothing to compare \(.*\)", output[0])
+    assert "for a received of b, of whose life then no record is here" in output[1]
+    (tmp_path / "records" / "c.mcap").write_bytes((tmp_path / "records" / "a.mcap").read_bytes())
+    status, output, errors = mdm("replay", tmp_path / "records")
+    assert (status, output) == (1, [])
+    assert "c.mcap and a.mcap are both of agent 'a' in the same life" in errors
+    model = ["--model", EXAMPLES / "tiger.pomdp", "--policy", EXAMPLES / "tiger.vf", "--episodes", "1"]
+    assert mdm("simulate", *model, "--record", tmp_path / "records" / "c.mcap")[0] == 0
+    status, output, errors = mdm("replay", tmp_path / "records", "--config", other)
+    assert (status, output) == (1, [])
+    assert "is of an agent of a team, and" in errors

@@ -217,6 +217,16 @@ def test_a_team_of_two_is_repeated_together(mdm, tmp_path):
         assert agent["recorded"] >= 10
     with pytest.raises(AssertionError, match="action 'stay go', now 'stay stay'"):
         replay(tmp_path / "records", config=other)
+    old = 'predicates = { lab = "InLab" }, owner = "b"'
+    assert old in file.read_text()
+    other.write_text(file.read_text().replace(old, old.replace("lab =", "hall =")))
+    options = ["--config", other, "--json", "--most", 1000]
+    for name, agent in json.loads(mdm("replay", tmp_path / "records", *options)[1][0])["agents"].items():
+        decisions = [each.message for each in Record(tmp_path / "records" / name).messages(["decisions"])]
+        states = [each.state for each in decisions[: agent["recorded"]]]
+        told = [each["text"].partition(": ")[2].partition(";")[0] for each in agent["differences"]]
+        assert told == [f"state {state}, now {state ^ 1}" for state in states]  # which no fact of the team says
+    other.write_text(file.read_text().replace("[0, 1, 2, 3]", "[0, 0, 2, 3]"))
     (tmp_path / "records" / "b.mcap").rename(tmp_path / "b.mcap")
     status, output, errors = mdm("replay", tmp_path / "records")
     assert (status, errors) == (0, "")

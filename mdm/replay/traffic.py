@@ -94,8 +94,8 @@ class Traffic:
         places = self._places.get(life, {}).get((received.key, bytes(received.body)))
         if not places:
             return None
-        times = [self.sent[life][place].time for place in places]
-        return places[max(bisect_right(times, received.sent) - 1, 0)]
+        sent = self.sent[life]
+        return places[max(bisect_right(places, received.sent, key=lambda place: sent[place].time) - 1, 0)]
 
     def limits(self, known: Mapping[str, Limit]) -> dict[str, Limit]:
         """Return from when on nothing can be told of each record, where that is so.

@@ -26,7 +26,7 @@ from mdm.checks import check_choice
 from mdm.compilation import sparing
 from mdm.errors import ConfigError, ModelError, PolicyError
 from mdm.loading import model_of, policy_of, spared
-from mdm.models.digest import digest, of_parts, plain
+from mdm.models.digest import digest, of_parts, parts, plain, short
 from mdm.models.factored.flattening import RewardRow, RewardRows
 from mdm.options import ControllerOptions, OnImpossible, check_options
 from mdm.policies import mismatch
@@ -620,6 +620,30 @@ class Controller:
     def digests(self) -> dict[str, str]:
         """Return the digests of ``model``, ``policy`` and ``options``, each by itself."""
         return dict(zip(("model", "policy", "options"), map(of_parts, self._constants()), strict=True))
+
+    def parts(self) -> dict[str, str]:
+        """Return what model, policy and options are made of, by names in words.
+
+        Numbers and names are told as they are, arrays by short digests, which begin with ``#``: of two controllers
+        whose digests differ, the first part that differs says where.
+        """
+        policy = self.policy
+        told = {"model's kind": "none" if self.model is None else type(self.model).__name__}
+        told |= {} if self.model is None else {f"model's {name}": part for name, part in parts(self.model).items()}
+        told["policy's kind"] = type(policy).__name__
+        packed = getattr(policy, "packed", lambda: None)()
+        if packed is None:
+            told["policy's parameters"] = short(getattr(policy, "parameters", list)())
+        else:
+            told |= {f"policy's number of {name}": str(size) for name, size in sorted(packed[0].items())}
+            told |= {f"policy's {name}": short([array]) for name, array in sorted(packed[1].items())}
+        told["tracker's kind"] = type(self.information).__name__
+        told["option horizon"] = str(self.horizon)
+        told["option on_impossible"] = self.on_impossible
+        if self._own_rewards:
+            rewards: Any = self._rewards
+            told["option rewards"] = short(rewards)
+        return told
 
     def _constants(self) -> tuple[list[Any], list[Any], list[Any]]:
         """Return what model, policy and options are, as parts of a digest."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from mdm.errors import ConfigError
 from mdm.models import MDP
-from mdm.policies import DeterministicPolicy, QTable
+from mdm.policies import DeterministicPolicy, QTable, mismatch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
         Policy | str | os.PathLike[str] | Sequence[int] | Sequence[Sequence[float]] | npt.NDArray[Any]
     )
 
-__all__ = ["model_of", "policy_of", "spared"]
+__all__ = ["model_of", "pair_of", "policy_of", "revealed", "spared"]
 
 
 _Flat = TypeVar("_Flat", bound=MDP)
@@ -99,6 +99,42 @@ def policy_of(given: GivenPolicy, model: MDP | None = None) -> Policy:
         f"array of values, states x actions, not {_told(given)}",
         key="policy",
     )
+
+
+def pair_of(
+    model: MDP, path: str | os.PathLike[str], *, seed: int | None = None, false_negative: str | None = None
+) -> tuple[Policy, MDP]:
+    """Return the policy of a file, and a model as that policy sees it.
+
+    A controller made for the model's own observations gets only these, without the fully observed factors.
+
+    Args:
+        model: The model.
+        path: The policy's file.
+        seed: Of the policy's draws, where it draws.
+        false_negative: The observation that is seen where nothing is, if the model is to have one.
+
+    Raises:
+        FormatError: If the file is not a policy, or is for another model.
+    """
+    from mdm.formats import load_policy  # noqa: PLC0415 - the formats are loaded for those who have files
+
+    seen = revealed(model)
+    policy: Any = None
+    if seen is not model:
+        policy = load_policy(Path(path), seed=seed)
+        if policy.input != "observation":
+            policy = None
+        elif mismatch(policy, seen) is not None:
+            policy, seen = None, model
+    if policy is None:
+        policy = load_policy(Path(path), model, seed=seed)
+    return policy, seen if false_negative is None else seen.with_false_negatives(false_negative)
+
+
+def revealed(model: MDP) -> MDP:
+    """Return a model whose observations include its fully observed state factors."""
+    return model if model.event_observations else model.revealed()
 
 
 def _told(given: object) -> str:

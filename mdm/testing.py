@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import tempfile
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mdm import replay as replays
-from mdm.config.recorded import check_digests, check_team, load_recorded
+from mdm.config.rebuilt import rebuilt_to_compare, replay_team
 from mdm.errors import Error
 from mdm.recording import Record, records_of
-from mdm.replay.replay import check_beginning
 from mdm.runtime import Runtime, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator, Sequence
 
-    from mdm.config import System
     from mdm.messages import Decision
-    from mdm.replay.transport import ReplayTransport
     from mdm.runtime import Actor, Channel, Subscription
 
 __all__ = ["block", "capture_decisions", "crash", "delay", "probe", "replay", "run_virtual"]
@@ -96,8 +93,9 @@ def replay(path: str | Path, actors: Actor | Sequence[Actor] | None = None, *, c
         How many decisions there are.
 
     Raises:
-        AssertionError: If one of them differs: the first difference, with the input before it; or if an agent of a
-            team received what the replay of its sender has not sent.
+        AssertionError: If one of them differs: the first difference, with the input before it; if an agent of a team
+            received what the replay of its sender has not sent; or if nothing can be told from some time on of a team
+            that has another configuration.
         Error: If the record cannot be replayed: it has no beginning or no configuration, or its model is another one.
     """
     if Path(path).is_dir():
@@ -111,38 +109,28 @@ def replay(path: str | Path, actors: Actor | Sequence[Actor] | None = None, *, c
         result = replays.replay(record, actors, most=1)
     else:
         with tempfile.TemporaryDirectory() as folder:
-            system, transports = _rebuilt(record, folder, config)
-            result = replays.replay(record, system, most=1, transports=transports)
+            run = rebuilt_to_compare(record, folder, config)
+            result = replays.replay(record, run.actors, most=1, transports=run.transports)
     _raise_difference(record, result)
     return result.recorded
 
 
 def _replay_team(folder: Path, config: str | Path | None) -> int:
     records = records_of(folder)
-    with ExitStack() as folders:
-        runs = {
-            name: _rebuilt(record, folders.enter_context(tempfile.TemporaryDirectory()), config)
-            for name, record in records.items()
-        }
-        systems = {name: system for name, (system, _) in runs.items()}
-        together = replays.replay_together(records, systems, {name: run[1] for name, run in runs.items()}, most=1)
+    together = replay_team(records, config, most=1)
     for name, result in together.agents.items():
         _raise_difference(records[name], result)
+    for name, result in together.agents.items():
+        if result.limit is not None:
+            at = (result.limit.time - int(records[name].head["epoch"])) / 1e9
+            raise AssertionError(
+                f"{records[name].path}: from {at:.6f} s on nothing can be told, for {result.limit.reason}"
+            )
     for received in together.unlike:
         raise AssertionError(
             f"{folder}: {received.agent} received {received.key} of {received.owner}, whose replay did not send it"
         )
     return sum(result.recorded for result in together.agents.values())
-
-
-def _rebuilt(record: Record, folder: str, config: str | Path | None) -> tuple[System, dict[str, ReplayTransport]]:
-    check_beginning(record)
-    transports = replays.transports_of(record)
-    system = load_recorded(record, folder, config, transport=next(iter(transports.values()), None))
-    if config is None:
-        check_digests(record, system.ensembles.values())
-    check_team(record, system)
-    return system, transports
 
 
 def _raise_difference(record: Record, result: replays.Replayed) -> None:

@@ -7,19 +7,30 @@ from importlib.machinery import all_suffixes
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from mdm.config.builder import load_system
 from mdm.errors import ConfigError, Error
 from mdm.recording.stimuli import Joined
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping
 
     from mdm.actors import Ensemble
     from mdm.config.system import System
+    from mdm.controller import Controller
     from mdm.recording import Record, Recorder
     from mdm.team.transport.transport import Transport
 
-__all__ = ["attach_configuration", "attach_file", "check_digests", "check_team", "lay_out", "load_recorded"]
+__all__ = [
+    "attach_configuration",
+    "attach_file",
+    "check_digests",
+    "check_team",
+    "lay_out",
+    "load_recorded",
+    "team_difference",
+]
 
 _LARGEST = 64 * 1024 * 1024
 _FOLDER = "files/"
@@ -177,29 +188,70 @@ def check_digests(record: Record, ensembles: Iterable[Ensemble]) -> None:
         now |= ensemble.controller.digests()
         different = [name for name in ("model", "policy", "options") if known.get(name, now[name]) != now[name]]
         name = different[0] if different else "configuration"
+        digests = f"digest of the {name} {now[name][:12]}, then {known[name][:12]}"
+        told = different_part(known, ensemble.controller)
         raise Error(
             f"{record.path}: the {' and '.join(different) or name} of ensemble {ensemble.path!r} is not that "
-            f"of the run (digest of the {name} {now[name][:12]}, then {known[name][:12]}): mdm "
+            f"of the run ({digests if told is None else told}): mdm "
             f"{record.head.get('mdm', 'unknown')} may have read them otherwise, or a function makes them; with "
             f"--config a configuration of yours is compared"
         )
 
 
+def different_part(known: Mapping[str, str], controller: Controller) -> str | None:
+    """Return in words the first part of a model, policy or options that is another than in a run.
+
+    Args:
+        known: What the record's head says of the ensemble.
+        controller: What decides now.
+
+    Returns:
+        The sentence; None where the head has no parts, as those of older records, or none of them differs.
+    """
+    try:
+        then = msgspec.json.decode(known.get("parts", "{}"), type=dict[str, str])
+    except msgspec.MsgspecError:
+        return None
+    now = controller.parts()
+    for part in dict.fromkeys((*then, *now)) if then else ():
+        was, is_now = then.get(part, "none"), now.get(part, "none")
+        if was == is_now:
+            continue
+        digested = was.startswith("#") or is_now.startswith("#")
+        return f"it differs in the {part}" if digested else f"the {part} was {was}, and is {is_now}"
+    return None
+
+
 def check_team(record: Record, system: System) -> None:
-    """Refuse to repeat an agent of a team with another configuration than it had: its teammates would refuse it.
+    """Refuse to repeat an agent of a team alone with another configuration than it had: its teammates would refuse it.
 
     Raises:
         Error: With the first fact that differs.
     """
-    if system.member is None or "stimuli" not in record.topics:
-        return
-    stimuli = (each.message for each in record.messages(["stimuli"]))
+    different = team_difference(record, system)
+    if different is not None:
+        raise Error(
+            f"{record.path}: {different}: agents of a team that differ refuse each other, so that one alone is "
+            f"replayed as it ran; mdm replay FOLDER --config, with the records of all of them, replays a team of "
+            f"another configuration"
+        )
+
+
+def team_difference(record: Record, system: System) -> str | None:
+    """Return in words the first fact of a team's agent that is another than in its run; None if none is.
+
+    Raises:
+        Error: If the record is of an agent of a team, and the system is none.
+    """
+    topics = [topic for topic in record.topics if topic == "stimuli"]
+    stimuli: Iterable[Any] = (each.message for each in record.messages(topics)) if topics else ()
     joined = next((each for each in stimuli if isinstance(each, Joined)), None)
+    if joined is None:
+        return None
+    if system.member is None:
+        raise Error(f"{record.path}: it is of agent {joined.agent!r} of a team, and the configuration is of none")
     now = system.member.link.configuration.facts
-    then = {} if joined is None else joined.facts
-    for fact, was in then.items():
+    for fact, was in joined.facts.items():
         if now.get(fact, was) != was:
-            raise Error(
-                f"{record.path}: {fact} is {now[fact]}, and was {was} in the run, of mdm {record.head['mdm']}: agents "
-                f"of a team that differ refuse each other, so that a team is replayed as it ran"
-            )
+            return f"{fact} is {now[fact]}, and was {was} in the run, of mdm {record.head['mdm']}"
+    return None

@@ -15,13 +15,18 @@ from mdm.models.factored import Tree
 from mdm.models.matrices import is_compressed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from mdm.models.factored import Potential
     from mdm.models.factored.two_slice import TwoSliceNetwork
     from mdm.models.mdp import MDP
+    from mdm.models.pomdp import POMDP
 
-__all__ = ["digest", "of_bytes", "of_parts", "plain"]
+__all__ = ["digest", "of_bytes", "of_parts", "parts", "plain", "short"]
+
+_MANY = 32
+"""A model of more actions has one part for all of their matrices."""
+_SHORT = 12
 
 _encode = msgspec.msgpack.Encoder().encode
 
@@ -68,26 +73,74 @@ def digest(model: MDP) -> str:
     return of_parts([*head, *_flat(model)])
 
 
+def parts(model: MDP) -> dict[str, str]:
+    """Return what a model is made of, by names in words: numbers and symbols as they are, and digests of arrays.
+
+    There are at most some seventy, whatever the model: beyond 32 actions, one is of the matrices of all actions.
+    """
+    told = {"discount": f"{model.discount!r}"}
+    spaces = {"states": model.state_space, "actions": model.action_space}
+    if model.pomdp is not None:
+        spaces["observations"] = model.pomdp.observation_space
+        told["false negative"] = f"{model.false_negative!r}"
+        told["waiting"] = short(model.pomdp.waiting)
+    for name, space in spaces.items():
+        told[f"number of {name}"] = str(len(space))
+        told[f"list of {name}"] = short([[factor.name, list(factor.names)] for factor in space.factors])
+    if model.network is not None:
+        network = model.network
+        told["initial belief"] = short(_of_potentials(network.initial))
+        told["transition function"] = short(_of_potentials(network.transitions))
+        told["observation function"] = short(_of_potentials(network.observation))
+        told["reward function"] = short(_of_potentials(network.utilities))
+        told["form"] = short([list(network.fully_observed), network.event_observations])
+        return told
+    told["initial belief"] = short([model.initial_belief])
+    actions = range(len(model.action_space))
+    groups = [(f" of action {model.action_space.names[each]!r}", [each]) for each in actions]
+    for name, group in groups if len(groups) <= _MANY else [("", list(actions))]:
+        told[f"transition function{name}"] = short(model.transition_matrix(action) for action in group)
+        if model.pomdp is not None:
+            told[f"observation function{name}"] = short(
+                matrix for action in group for matrix in _observation_matrices(model.pomdp, action)
+            )
+    told["reward function"] = short([model.rewards])
+    return told
+
+
+def short(values: Iterable[Any]) -> str:
+    """Return a short digest, which begins with ``#``, for one of many in a list."""
+    return f"#{of_parts(values)[:_SHORT]}"
+
+
 def _flat(model: MDP) -> Iterable[Any]:
     yield model.rewards
     yield model.initial_belief
     for action in range(len(model.action_space)):
         yield model.transition_matrix(action)
-        if (pomdp := model.pomdp) is not None:
-            if not pomdp.event_observations:
-                yield pomdp.observation_matrix(action)
-                continue
-            for observation in range(len(pomdp.observation_space)):
-                yield pomdp.event_matrix(action, observation)
+        if model.pomdp is not None:
+            yield from _observation_matrices(model.pomdp, action)
+
+
+def _observation_matrices(pomdp: POMDP, action: int) -> Iterable[Any]:
+    if not pomdp.event_observations:
+        yield pomdp.observation_matrix(action)
+        return
+    for observation in range(len(pomdp.observation_space)):
+        yield pomdp.event_matrix(action, observation)
 
 
 def _network(network: TwoSliceNetwork) -> Iterable[Any]:
     yield list(network.fully_observed)
     yield network.event_observations
     for potentials in (network.initial, network.transitions, network.observation, network.utilities):
-        yield len(potentials)
-        for potential in potentials:
-            yield from _potential(potential)
+        yield from _of_potentials(potentials)
+
+
+def _of_potentials(potentials: Sequence[Potential]) -> Iterable[Any]:
+    yield len(potentials)
+    for potential in potentials:
+        yield from _potential(potential)
 
 
 def _potential(potential: Potential) -> Iterable[Any]:

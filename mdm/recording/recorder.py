@@ -377,6 +377,7 @@ class Recorder:
         if output.ensemble not in self._controlled:
             self._controlled.add(output.ensemble)
             facts = {"configuration": output.configuration, **output.digests()}
+            facts["parts"] = msgspec.json.encode(output.parts()).decode()
             if output.draws:
                 facts["draws"] = output.draws
             for key in ("state", "action", "observation"):
@@ -420,6 +421,8 @@ class _Deciding(Protocol):
     def configuration(self) -> str: ...
 
     def digests(self) -> dict[str, str]: ...
+
+    def parts(self) -> dict[str, str]: ...
 
     @property
     def symbols(self) -> Any: ...

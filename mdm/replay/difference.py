@@ -90,5 +90,6 @@ def _short(decision: Decision, field: str) -> str:
 def _told(stimulus: Any, epoch: int) -> str:
     facts = {name: value for name, value in msgspec.structs.asdict(stimulus).items() if value not in ("", 0, None)}
     at = (facts.pop("time", epoch) - epoch) / 1e9
+    facts = {name: f"{len(value)} bytes" if isinstance(value, bytes) else value for name, value in facts.items()}
     kind = type(stimulus).__name__.lower()
     return f"{at:.6f} s, {kind} " + ", ".join(f"{name} {value}" for name, value in facts.items())

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from mdm import messages
 from mdm.messages import Tick
 from mdm.recording.stimuli import Began, Ended, Failed, Finished, Said, Ticked, count_messages
+from mdm.replay.exchange import PartedError
 from mdm.replay.input import give
 from mdm.replay.stand_in import AsRecordedError
 from mdm.replay.teammates import Teammates
@@ -76,7 +77,10 @@ class Driver:
                 if isinstance(stimulus, Finished) or len(player.differences) >= most:
                     break
                 player.since.append(stimulus)
-                await self._give(stimulus)
+                try:
+                    await self._give(stimulus)
+                except PartedError:
+                    break
                 await self._settle()
             if len(player.differences) < most:
                 player.missed(self._clock.now())

@@ -31,23 +31,38 @@ class Player:
 
     Args:
         stimuli: Those of the record.
-        decisions: Those of the record.
+        decisions: Those of the record, each with the time of the next stimulus behind it: it was made by then.
         tolerance: By how much numbers may differ.
         most: How many differences are kept.
+        now: Returns the time of the replay.
 
     Attributes:
         differences: Those found so far, in the order of the record's decisions.
-        made: How many decisions were made.
+        found: The time by which each of these was found: when it was made in the replay, else when in the record.
+        count: How many decisions the record has.
+        made: When decisions were made in the replay, which may be behind the time of what they are made on.
+        paired: The same, of those that stand beside one of the record.
+        missed_by: Until when those of the record had been made that were not made.
     """
 
     repeats = True
 
     def __init__(
-        self, stimuli: Sequence[Stimulus], decisions: Iterable[Decision], *, tolerance: float, most: int
+        self,
+        stimuli: Sequence[Stimulus],
+        decisions: Iterable[tuple[Decision, int]],
+        *,
+        tolerance: float,
+        most: int,
+        now: Callable[[], int],
     ) -> None:
         self.differences: list[Difference] = []
+        self.found: list[int] = []
         self.count = 0
-        self.made = 0
+        self.made: list[int] = []
+        self.paired: list[int] = []
+        self.missed_by: list[int] = []
+        self._now = now
         self.noted = 0
         self.stand_ins: dict[tuple[str, int], tuple[StandIn, Work]] = {}
         self.tickers: dict[tuple[str, float], Ticker] = {}
@@ -56,9 +71,9 @@ class Player:
         self.turns: deque[Said] = deque()
         self.since: deque[Stimulus] = deque(maxlen=_SINCE)
         self._tolerance, self._most = tolerance, most
-        self._expected: dict[str, deque[tuple[int, Decision]]] = defaultdict(deque)
-        for number, decision in enumerate(decisions):
-            self._expected[decision.ensemble].append((number, decision))
+        self._expected: dict[str, deque[tuple[int, Decision, int]]] = defaultdict(deque)
+        for number, (decision, by) in enumerate(decisions):
+            self._expected[decision.ensemble].append((number, decision, by))
             self.count += 1
         self._next = 0
         self._compared = False
@@ -262,20 +277,23 @@ class Player:
         belief = None if current is None else output.belief_of(current)
         name = output.name_of(action)
         made = Decision(time, output.ensemble, epoch, cause, state, observation, belief, action, name, reward)
-        self.made += 1
+        now = self._now()
+        self.made.append(now)
         expected = self._expected[output.ensemble]
         if not expected:
-            self._differ(Difference(self._next, None, made, (), tuple(self.since)))
+            self._differ(Difference(self._next, None, made, (), tuple(self.since)), now)
             return
-        number, recorded = expected.popleft()
+        number, recorded, _ = expected.popleft()
+        self.paired.append(now)
         self._next = number + 1
         fields = unlike(recorded, made, self._tolerance)
         if fields:
-            self._differ(Difference(number, recorded, made, fields, tuple(self.since)))
+            self._differ(Difference(number, recorded, made, fields, tuple(self.since)), now)
 
-    def _differ(self, difference: Difference) -> None:
+    def _differ(self, difference: Difference, by: int) -> None:
         if len(self.differences) < self._most:
             self.differences.append(difference)
+            self.found.append(by)
 
     def missed(self, until: int) -> None:
         """Take it that decisions of the record up to a time are not made any more, and compare no further ones."""
@@ -284,7 +302,8 @@ class Player:
             (item for expected in self._expected.values() for item in expected if item[1].time <= until),
             key=lambda item: item[0],
         )
-        for number, recorded in left:
-            self._differ(Difference(number, recorded, None, (), tuple(self.since)))
+        for number, recorded, by in left:
+            self.missed_by.append(by)
+            self._differ(Difference(number, recorded, None, (), tuple(self.since)), by)
         for expected in self._expected.values():
             expected.clear()

@@ -7,6 +7,8 @@ time. Users' functions are not called: stand-ins last as long as they did, and s
 from __future__ import annotations
 
 import asyncio
+import sys
+from bisect import bisect_left
 from collections import defaultdict
 from typing import TYPE_CHECKING
 
@@ -20,7 +22,9 @@ from mdm.replay.clock import ReplayClock
 from mdm.replay.difference import Difference
 from mdm.replay.driver import Driver
 from mdm.replay.exchange import Exchange
+from mdm.replay.otherwise import Otherwise
 from mdm.replay.player import Player
+from mdm.replay.traffic import Limit, Traffic
 from mdm.replay.transport import ReplayTransport
 from mdm.runtime import Actor, Runtime, run
 
@@ -46,6 +50,9 @@ class Replayed(msgspec.Struct, frozen=True):
         differences: Those that were not the same, the first one first.
         exact: Whether numbers were compared bit by bit, for the environment is that of the record; else to 1e-9.
         lost: How many messages the record lacks: behind such a gap a replay differs.
+        different: How many were not the same, also where not all of them are kept.
+        limit: Of an agent of a team that is replayed with another configuration, from when on nothing can be told, and
+            why, where that is so: all numbers are of what was before.
     """
 
     recorded: int
@@ -53,11 +60,13 @@ class Replayed(msgspec.Struct, frozen=True):
     differences: tuple[Difference, ...]
     exact: bool
     lost: int
+    different: int = 0
+    limit: Limit | None = None
 
     @property
     def same(self) -> bool:
         """Whether all decisions were the same."""
-        return not self.differences
+        return not self.differences and self.limit is None
 
 
 class Together(msgspec.Struct, frozen=True):
@@ -68,12 +77,16 @@ class Together(msgspec.Struct, frozen=True):
         received: How many messages came from agents that were replayed, too, as long as their records go.
         unlike: Those of them that the replay of their sender had not sent by then.
         unrepeated: How many more came on channels of the program's own, of which a replay runs nothing.
+        strange: How many came from agents in lives of which there is no record here, by agent.
+        traffic: All that was sent, for `replay_together` with another configuration; None of such a replay itself.
     """
 
     agents: dict[str, Replayed]
     received: int
     unlike: tuple[Received, ...]
     unrepeated: int
+    strange: dict[str, int] = {}
+    traffic: Traffic | None = None
 
     @property
     def same(self) -> bool:
@@ -146,38 +159,66 @@ def replay_together(
     transports: Mapping[str, Mapping[str, ReplayTransport]],
     *,
     most: int = 100,
+    as_recorded: Together | None = None,
 ) -> Together:
     """Run once more what the agents of a team have recorded, all in one process, and compare every decision.
 
     What one agent received of another is what the other's replay has sent. It comes when the record says that it came,
     and the one replay waits until the other has sent it.
 
+    Agents of another configuration, one for all, are compared with those that ran: what the team would have decided on
+    the input of its sensors as it was. Their messages take the places of those that were sent, with their delays and
+    losses. Where an agent would have sent otherwise, at another time or under another key, nothing is told any more of
+    it, nor of the others once they may have received that: `Replayed.limit` says from when on.
+
     Args:
         records: By agent, or any name of theirs.
         actors: Of each, as for `replay`.
         transports: Of each, those that `transports_of` returned.
         most: How many differences of each are kept.
+        as_recorded: Of actors with another configuration than the run's, the replay of the same records with that.
 
     Raises:
-        Error: If a record has no beginning.
+        Error: If a record has no beginning, two are of one agent in the same life, or the replay of the records as they
+            are was not the same.
     """
-    exchange = Exchange()
-    runs = {name: _Again(record, actors[name], transports[name], most) for name, record in records.items()}
+    exchange: Exchange | Otherwise
+    exchange = Exchange() if as_recorded is None else Otherwise(_traffic(as_recorded))
+    all_of_them = sys.maxsize if as_recorded is not None else most
+    runs = {name: _Again(record, actors[name], transports[name], all_of_them) for name, record in records.items()}
     for name, each in runs.items():
-        exchange.add(each.stimuli, transports[name])
+        exchange.add(name, each.stimuli, transports[name], each.clock.now)
 
-    async def play(each: _Again) -> None:
+    async def play(name: str, each: _Again) -> None:
         try:
             await each.play()
         finally:
-            exchange.leave()
+            exchange.leave(name)
 
     async def main() -> None:
-        await asyncio.gather(*map(play, runs.values()))
+        await asyncio.gather(*(play(name, each) for name, each in runs.items()))
 
     run(main, virtual=True)
+    if isinstance(exchange, Otherwise):
+        limits = exchange.limits()
+        return Together({name: each.replayed(limits.get(name), most) for name, each in runs.items()}, 0, (), 0)
     replayed = {name: each.replayed() for name, each in runs.items()}
-    return Together(replayed, exchange.received, tuple(exchange.unlike), exchange.unrepeated)
+    unlike = tuple(exchange.unlike)
+    return Together(replayed, exchange.received, unlike, exchange.unrepeated, exchange.strange, exchange.traffic)
+
+
+def _traffic(as_recorded: Together) -> Traffic:
+    """Return what was sent by agents of the configuration that they had.
+
+    Raises:
+        Error: If they did not decide and send what is recorded: then nothing is known of what others would.
+    """
+    if as_recorded.traffic is None or not as_recorded.same:
+        raise Error(
+            "the records are not repeated as they are, with the configuration that they had: what another one would "
+            "have decided cannot be told"
+        )
+    return as_recorded.traffic
 
 
 class _Again:
@@ -195,39 +236,55 @@ class _Again:
         self._record, self._transports, self._most = record, transports, most
         self._tops = [actors] if isinstance(actors, Actor) else list(actors)
         now = environment()
+        self.clock = ReplayClock(int(record.head["epoch"]))
         self._exact = all(record.head.get(name) == now[name] for name in _BITS)
-        self._player = Player(self.stimuli, decisions, tolerance=0.0 if self._exact else 1e-9, most=most)
+        tolerance = 0.0 if self._exact else 1e-9
+        self._player = Player(self.stimuli, decisions, tolerance=tolerance, most=most, now=self.clock.now)
         for name, facts in record.metadata.items():
             if name.startswith("ensemble ") and "draws" in facts:
                 self._player.draw_from(name.removeprefix("ensemble "), facts["draws"])
 
     async def play(self, listen: Callable[[Runtime], object] = lambda _: None) -> None:
         """Run it."""
-        clock = ReplayClock(int(self._record.head["epoch"]))
-        runtime = Runtime(clock=clock, log=False, watchdog=None, signals=False)
+        runtime = Runtime(clock=self.clock, log=False, watchdog=None, signals=False)
         tape: Tape = self._player
         runtime.dispatcher.tape = tape
         listen(runtime)
-        driver = Driver(runtime, self._player, clock, self._tops, self._transports)
+        driver = Driver(runtime, self._player, self.clock, self._tops, self._transports)
         await driver.play(self.stimuli, self._most)
 
-    def replayed(self) -> Replayed:
-        """Return what became of it."""
+    def replayed(self, limit: Limit | None = None, most: int = sys.maxsize) -> Replayed:
+        """Return what became of it, up to a limit; with so many differences."""
         player = self._player
-        return Replayed(player.count, player.made, tuple(player.differences), self._exact, self._record.lost)
+        made, expected, found = len(player.made), player.count, player.differences
+        if limit is not None:
+            made = bisect_left(player.made, limit.time)
+            expected = bisect_left(player.paired, limit.time) + sum(by < limit.time for by in player.missed_by)
+            found = [each for each, by in zip(found, player.found, strict=True) if by < limit.time]
+        kept = tuple(found[:most])
+        return Replayed(expected, made, kept, self._exact, self._record.lost, len(found), limit)
 
 
 def _no_beginning(record: Record) -> Error:
     return Error(f"{record.path}: the record has no beginning: nothing in it says when an actor started")
 
 
-def _contents(record: Record) -> tuple[list[Stimulus], list[Decision]]:
+def _contents(record: Record) -> tuple[list[Stimulus], list[tuple[Decision, int]]]:
+    """Return the stimuli and the decisions, each with the time of the next stimulus behind it: it was made by then."""
     stimuli: list[Stimulus] = []
-    decisions: list[Decision] = []
+    decisions: list[tuple[Decision, int]] = []
+    waiting: list[Decision] = []
     for each in record.messages(_there(record, "stimuli", "decisions")):
-        (stimuli if each.topic == "stimuli" else decisions).append(each.message)
+        if each.topic == "decisions":
+            waiting.append(each.message)
+            continue
+        stimuli.append(each.message)
+        decisions += [(decision, max(decision.time, each.message.time)) for decision in waiting]
+        waiting.clear()
+    last = stimuli[-1].time if stimuli else 0
+    decisions += [(decision, max(decision.time, last)) for decision in waiting]
     end = next((stimulus.time for stimulus in stimuli if isinstance(stimulus, Finished)), None)
-    return stimuli, [decision for decision in decisions if end is None or decision.time <= end]
+    return stimuli, [each for each in decisions if end is None or each[0].time <= end]
 
 
 def _there(record: Record, *topics: str) -> list[str]:

@@ -39,7 +39,11 @@ class Teammates:
         self._runtime, self._player, self._transports = runtime, player, transports
 
     async def give(self, stimulus: Stimulus) -> None:
-        """Give what came from teammates, or from outside to the team; another stimulus is none of these."""
+        """Give what came from teammates, or from outside to the team; another stimulus is none of these.
+
+        Raises:
+            PartedError: If it is a message that is not known any more.
+        """
         transport = self._transports.get(getattr(stimulus, "agent", ""))
         if isinstance(stimulus, Commanded):
             self._command(stimulus)
@@ -48,9 +52,11 @@ class Teammates:
         elif isinstance(stimulus, Acknowledged):
             self._acknowledge(stimulus)
         elif transport is not None and isinstance(stimulus, Received):
+            received = stimulus
             if transport.exchange is not None:
-                await transport.exchange.comes(stimulus, heard=transport.hears(stimulus.expression))
-            transport.receive(stimulus)
+                heard = transport.hears(stimulus.expression)
+                received = await transport.exchange.comes(stimulus, transport.incarnation, heard=heard)
+            transport.receive(received)
         elif transport is not None and isinstance(stimulus, Asked):
             transport.request(stimulus)
         elif transport is not None and isinstance(stimulus, Seen):

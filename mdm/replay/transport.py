@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
     from mdm.recording.stimuli import Asked, Received
     from mdm.replay.exchange import Exchange
+    from mdm.replay.otherwise import Otherwise
+    from mdm.replay.traffic import Life
     from mdm.team.transport.transport import Priority
 
 __all__ = ["ReplayTransport"]
@@ -35,11 +37,16 @@ class ReplayTransport:
         self.incarnation = incarnation
         self._unsent = unsent
         self._puts = 0
-        self.exchange: Exchange | None = None
+        self.exchange: Exchange | Otherwise | None = None
         self._answering: dict[str, Callable[[bytes], bytes]] = {}
         self._handlers: dict[str, Callable[[Sample], None]] = {}
         self._watchers: list[Callable[[Mapping[str, int]], None]] = []
         self._opened = asyncio.Event()
+
+    @property
+    def life(self) -> Life:
+        """The agent, and the number of its recorded life."""
+        return self.agent, self.incarnation
 
     async def open(self) -> None:
         """Wait until the record's link was open."""
@@ -74,7 +81,7 @@ class ReplayTransport:
         if self._puts in self._unsent:
             return False
         if self.exchange is not None:
-            self.exchange.send(self.agent, self.incarnation, key, bytes(body))
+            self.exchange.send(*self.life, key, bytes(body))
         return True
 
     def subscribe(self, expression: str, handler: Callable[[Sample], None]) -> None:
@@ -93,7 +100,9 @@ class ReplayTransport:
         """Hand a recorded request on."""
         answer = self._answering.get(asked.key)
         if answer is not None:
-            answer(asked.body)
+            told = answer(asked.body)
+            if self.exchange is not None:
+                self.exchange.send(*self.life, asked.key, bytes(told), answer=True)
 
     async def ask(self, expression: str, body: bytes = b"", *, timeout: float = 1.0) -> dict[str, bytes]:  # noqa: ASYNC109
         """Wait for ever: answers that count are in the record by themselves."""

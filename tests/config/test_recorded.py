@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 
 import numpy as np
@@ -11,7 +12,7 @@ from records import Writing
 from sentences import refused
 
 import mdm
-from mdm.config.recorded import attach_configuration, check_digests, load_recorded
+from mdm.config.recorded import attach_configuration, check_digests, different_part, load_recorded
 from mdm.errors import ConfigError, Error
 from mdm.recording import Record, Recorder
 from mdm.testing import run_virtual
@@ -80,7 +81,43 @@ def test_another_configuration_may_stand_in_its_place(file, tmp_path):
     other = load_recorded(record, tmp_path, file)
     with pytest.raises(Error) as caught:
         check_digests(record, other.ensembles.values())
-    assert "the policy of ensemble 'robot' is not that of the run" in str(caught.value)
+    assert "the policy of ensemble 'robot' is not that of the run (it differs in the policy's actions)" in str(
+        caught.value
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (
+            lambda transitions, _: transitions[1].reverse(),
+            "it differs in the model's transition function of action 'go'",
+        ),
+        (lambda _, facts: facts.update(discount=0.8), "the model's discount was 0.9, and is 0.8"),
+        (lambda _, facts: facts.update(horizon="horizon = 7"), "the option horizon was None, and is 7"),
+    ],
+)
+def test_the_first_part_that_differs_is_named(file, tmp_path, change, told):
+    record, _ = recorded(file, tmp_path / "run.mcap")
+    transitions, facts = [np.eye(2), [[0, 1], [1, 0]]], {"discount": 0.9, "horizon": ""}
+    change(transitions, facts)
+    model = mdm.models.MDP(transitions, np.zeros((2, 2)), discount=facts["discount"], actions=["stay", "go"])
+    mdm.save_model(model, file.parents[1] / "models" / "room.npz")
+    file.write_text(FILE.replace('policy = "robot.policy"', f'policy = "robot.policy"\n{facts["horizon"]}'))
+    other = load_recorded(record, tmp_path, file)
+    with pytest.raises(Error, match=re.escape(f"is not that of the run ({told})")):
+        check_digests(record, other.ensembles.values())
+
+
+def test_a_record_whose_head_has_no_parts_has_the_digests_told(file, tmp_path):
+    record, system = recorded(file, tmp_path / "run.mcap")
+    controller = system.ensembles["robot"].controller
+    facts = record.metadata["ensemble robot"]
+    assert different_part(facts, controller) is None
+    for parts in ("", "[1]", '{"a": 1}'):
+        assert different_part(facts | {"parts": parts}, controller) is None
+    del facts["parts"]
+    assert different_part(facts, controller) is None
 
 
 def test_a_record_without_a_configuration_is_refused(tmp_path):

@@ -13,8 +13,8 @@ from random_models import factored_models, flat_models
 from scipy import sparse
 
 from mdm import save_model
-from mdm.models import POMDP
-from mdm.models.digest import digest, of_bytes, of_parts
+from mdm.models import MDP, POMDP
+from mdm.models.digest import digest, of_bytes, of_parts, parts
 from mdm.problems import tiger
 
 
@@ -45,6 +45,57 @@ def test_any_number_or_name_that_differs_shows(data):
         row += [2**-30, -(2**-30)]
     changed = made().with_false_negatives(0) if what == "false negative" else made()
     assert digest(changed) != before
+
+
+@given(st.data())
+def test_the_part_that_differs_has_its_name(data):
+    arrays = {"T": np.full((2, 2, 2), 0.5), "O": np.full((2, 2, 2), 0.5), "R": np.zeros((2, 2)), "b": np.full(2, 0.5)}
+    names = {"states": ["a", "b"], "actions": ["c", "d"], "observation_names": ["e", "f"]}
+
+    def made(discount=0.9):
+        return POMDP(arrays["T"], arrays["O"], arrays["R"], discount=discount, initial_belief=arrays["b"], **names)
+
+    before = parts(made())
+    what = data.draw(st.sampled_from([*arrays, *names, "discount"]))
+    action = data.draw(st.integers(0, 1))
+    expected = {
+        "T": f"transition function of action {'cd'[action]!r}",
+        "O": f"observation function of action {'cd'[action]!r}",
+        "R": "reward function",
+        "b": "initial belief",
+        "states": "list of states",
+        "observation_names": "list of observations",
+        "discount": "discount",
+    }
+    if what in {"T", "O"}:
+        arrays[what][action, 0] += [2**-30, -(2**-30)]
+    elif what in arrays:
+        arrays[what].reshape(-1, 2)[0] += [2**-30, -(2**-30)]
+    elif what in names:
+        names[what] = [names[what][0], "other"]
+    after = parts(made(0.8 if what == "discount" else 0.9))
+    if what == "actions":
+        assert after["list of actions"] != before["list of actions"]
+    else:
+        assert {name for name in before if after[name] != before[name]} == {expected[what]}
+
+
+@given(model=flat_models(events=True, finer=False) | factored_models(events=True))
+def test_parts_are_few_and_differ_where_digests_do(model):
+    other = model.with_discount(0.3 if model.discount != 0.3 else 0.4)
+    assert {name for name, part in parts(model).items() if parts(other)[name] != part} == {"discount"}
+    assert len(parts(model)) < 80
+    assert max(map(len, parts(model).values())) < 80
+
+
+def test_a_model_of_many_actions_has_one_part_for_all():
+    def made(last):
+        transitions = [np.eye(2)] * 99 + [last]
+        return MDP(transitions, np.zeros((2, 100)), discount=0.9)
+
+    one, other = parts(made(np.eye(2))), parts(made(np.full((2, 2), 0.5)))
+    assert len(one) < 10
+    assert {name for name in one if one[name] != other[name]} == {"transition function"}
 
 
 def test_another_process_finds_the_same():

@@ -20,21 +20,21 @@ def played(scripts, serving=()):
     transports = {agent: ReplayTransport(agent, 1) for agent in scripts}
     for agent, script in scripts.items():
         stimuli = [step for step in script if isinstance(step, Received | Finished)]
-        exchange.add(stimuli, {agent: transports[agent]})
+        exchange.add(agent, stimuli, {agent: transports[agent]}, lambda: 0)
     for agent, key in serving:
         transports[agent].serve(key, bytes)
 
     async def play(agent):
         for step in scripts[agent]:
             if isinstance(step, Received):
-                await exchange.comes(step)
+                await exchange.comes(step, 1)
                 order.append((agent, step.body))
             elif isinstance(step, tuple):
                 channel, body = step
                 transports[agent].put(f"team/{agent}/{channel}", body)
             elif isinstance(step, bytes):
                 transports[agent].put(f"team/{agent}/votes", step)
-        exchange.leave()
+        exchange.leave(agent)
 
     async def main():
         await asyncio.gather(*map(play, scripts))

@@ -14,7 +14,8 @@ from mdm.replay.stand_in import AsRecordedError, StandIn
 
 
 def player(*stimuli, decisions=(), most=10):
-    return Player(stimuli, decisions, tolerance=0.0, most=most)
+    by = [(each, each.time + 1) for each in decisions]
+    return Player(stimuli, by, tolerance=0.0, most=most, now=lambda: 7)
 
 
 class Layer:
@@ -95,7 +96,17 @@ def test_the_same_decisions_are_no_difference():
     for number in range(2):
         decide(tape, number)
     tape.missed(10_000_000)
-    assert (tape.differences, tape.count, tape.made) == ([], 2, 2)
+    assert (tape.differences, tape.count, len(tape.made)) == ([], 2, 2)
+
+
+def test_it_is_known_by_when_a_difference_was_there():
+    tape = player(decisions=[decision(0), decision(1), decision(2)])
+    decide(tape, 0)
+    decide(tape, 1, action=0)
+    tape.missed(10_000_000)
+    assert (tape.made, tape.paired) == ([7, 7], [7, 7])
+    assert tape.found == [7, decision(2).time + 1]
+    assert tape.missed_by == [decision(2).time + 1]
 
 
 def test_differences_tell_the_number_and_what_came_before():

@@ -232,6 +232,10 @@ class Output:
         """Return the digests of its model, its policy and its options, each by itself."""
         return self._controller.digests()
 
+    def parts(self) -> dict[str, str]:
+        """Return what these are made of, by names in words."""
+        return self._controller.parts()
+
     @property
     def symbols(self) -> Symbols:
         """The names of its states, actions and observations."""

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.errors import FormatError, ModelError
-from mdm.formats import load_durations, load_model, load_policy
-from mdm.policies import mismatch
+from mdm.formats import load_durations, load_model
+from mdm.loading import pair_of
 
 if TYPE_CHECKING:
     import argparse
@@ -20,7 +20,6 @@ __all__ = [
     "load",
     "load_durations_for",
     "load_for",
-    "revealed",
     "visibility",
     "with_false_negatives",
 ]
@@ -45,11 +44,6 @@ def load_durations_for(model: MDP, path: str | None) -> Durations | None:
     except ModelError as error:
         raise FormatError(str(error), file=path) from None
     return durations
-
-
-def revealed(model: MDP) -> MDP:
-    """Return a model whose observations include its fully observed state factors."""
-    return model if model.event_observations else model.revealed()
 
 
 def visibility(model: MDP) -> str | None:
@@ -79,14 +73,7 @@ def load_for(model: MDP, path: str, arguments: argparse.Namespace) -> tuple[Any,
 
     A controller made for the model's own observations gets only these, without the fully observed factors.
     """
-    seen, seed = revealed(model), arguments.seed
-    if seen is not model:
-        policy: Any = load_policy(path, seed=seed)
-        if policy.input == "observation":
-            if mismatch(policy, seen) is None:
-                return policy, with_false_negatives(seen, arguments)
-            seen = model
-    return load_policy(path, model, seed=seed), with_false_negatives(seen, arguments)
+    return pair_of(model, path, seed=arguments.seed, false_negative=arguments.false_negative)
 
 
 def with_false_negatives(model: MDP, arguments: argparse.Namespace) -> MDP:

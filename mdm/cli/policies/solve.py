@@ -8,12 +8,13 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.files.document import describe_policy
-from mdm.cli.policies.inputs import hidden_times, load, load_durations_for, revealed, visibility, with_false_negatives
+from mdm.cli.policies.inputs import hidden_times, load, load_durations_for, visibility, with_false_negatives
 from mdm.cli.progress import ProgressLine, bound
 from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError
 from mdm.formats import check_policy_file, save_policy
 from mdm.formats.target import check_place, write_text
+from mdm.loading import revealed
 from mdm.policies import mismatch
 from mdm.solvers import solve
 from mdm.solvers.solve import default_solver, options_of, policy_class

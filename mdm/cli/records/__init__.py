@@ -41,14 +41,16 @@ def add_replay(verbs: Any, line: str) -> None:
             "record, and compare every decision: exactly in the same environment, else actions exactly and numbers to "
             "1e-9. The first difference is told with what led to it. No function of the configuration is called. With "
             "--config, another configuration is compared: which decisions it would have made otherwise. Of a folder, "
-            "each agent's record is replayed, and what it received compared with what the replays of the others sent. "
-            "The exit status is 1 where a decision or a message differs."
+            "each agent's record is replayed, and what it received compared with what the replays of the others sent; "
+            "with --config, it tells what the team would have decided otherwise, and from when on that cannot be told. "
+            "The exit status is 1 where a decision or a message differs, or something cannot be told."
         ),
         epilog="example: mdm replay run.mcap",
     )
     parser.add_argument("file", metavar="FILE", help="the record, or a folder with those of a team's agents")
     parser.add_argument("--config", metavar="OTHER.toml", help="another configuration of the same ensembles")
-    parser.add_argument("--most", metavar="N", type=count, help="tell at most N differences (1; with --config, 20)")
+    told = "tell at most N differences (1; with --config, of one robot, 20)"
+    parser.add_argument("--most", metavar="N", type=count, help=told)
     parser.add_argument("--json", action="store_true", help="one JSON object")
     complete(parser, "replay", "mdm.cli.records.replay")
 

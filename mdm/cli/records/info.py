@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -83,6 +84,10 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
 
 def _told(value: str) -> str:
     """Return a list of names as their number and the first of them, factors with their values; others as they are."""
+    with suppress(msgspec.MsgspecError):
+        return (
+            f"{len(msgspec.json.decode(value, type=dict[str, str])):,}, of which a replay names the first that differs"
+        )
     try:
         names: list[str] | dict[str, list[str]] = msgspec.json.decode(value, type=list[str] | dict[str, list[str]])
     except msgspec.MsgspecError:

@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 import tempfile
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mdm.cli.records.rebuilt import rebuilt
 from mdm.cli.report import as_json
-from mdm.config import System
-from mdm.config.recorded import check_digests, check_team
+from mdm.config.rebuilt import rebuilt_to_compare, replay_team
 from mdm.recording import Record, records_of
-from mdm.replay import replay, replay_together
-from mdm.replay.replay import check_beginning
+from mdm.replay import replay
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Mapping
 
-    from mdm.cli.records.rebuilt import Rebuilt
-    from mdm.replay import Replayed, Together
+    from mdm.replay import Limit, Replayed, Together
 
 __all__ = ["run"]
 
@@ -33,7 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _replay_one(record: Record, arguments: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory() as folder:
-        run = _rebuilt(record, folder, arguments)
+        run = rebuilt_to_compare(record, folder, arguments.config)
         result = replay(record, run.actors, transports=run.transports, most=_most(arguments))
     epoch = int(record.head["epoch"])
     if arguments.json:
@@ -48,14 +43,7 @@ def _replay_one(record: Record, arguments: argparse.Namespace) -> int:
 def _replay_team(folder: Path, arguments: argparse.Namespace) -> int:
     """Replay the records of a team's agents together: each receives what the replays of the others send."""
     records = records_of(folder)
-    with ExitStack() as folders:
-        runs = {
-            name: _rebuilt(record, folders.enter_context(tempfile.TemporaryDirectory()), arguments)
-            for name, record in records.items()
-        }
-        actors = {name: run.actors for name, run in runs.items()}
-        transports = {name: run.transports for name, run in runs.items()}
-        result = replay_together(records, actors, transports, most=_most(arguments))
+    result = replay_team(records, arguments.config, most=arguments.most or 1)
     epochs = {name: int(record.head["epoch"]) for name, record in records.items()}
     if arguments.json:
         print(as_json(_facts_of_team(result, epochs)))
@@ -64,23 +52,26 @@ def _replay_team(folder: Path, arguments: argparse.Namespace) -> int:
         print(f"{name}: {_summary(records[name], each)}")
         for difference in each.differences:
             print(difference.describe(epochs[name]))
-    unlike = len(result.unlike)
-    print(f"{result.received:,} messages received, {unlike:,} of them not sent in the replay of their sender")
-    if result.unrepeated:
-        print(f"{result.unrepeated:,} more are of channels of the program's own, which a replay does not run")
-    for received in result.unlike[: arguments.most or 1]:
-        print(f"  {received.agent} received {received.key} of {received.owner}, which did not send it")
+        if each.limit is not None:
+            print(f"from {_seconds(records[name], each.limit)} s on nothing can be told of it, for {each.limit.reason}")
+    if result.traffic is None:
+        print("sensors, ends of actions, delays and losses of messages are as they were in the run")
+    else:
+        _print_messages(result, arguments.most or 1)
     return 0 if result.same else 1
 
 
-def _rebuilt(record: Record, folder: str, arguments: argparse.Namespace) -> Rebuilt:
-    check_beginning(record)  # first: of one that was torn early, its files may be missing as well
-    run = rebuilt(record, folder, arguments.config)
-    if arguments.config is None:
-        check_digests(record, run.ensembles.values())
-    if isinstance(run.actors, System):
-        check_team(record, run.actors)
-    return run
+def _print_messages(result: Together, most: int) -> None:
+    """Print how many messages were sent as they were received, and which were not."""
+    print(
+        f"{result.received:,} messages received, {len(result.unlike):,} of them not sent in the replay of their sender"
+    )
+    if result.unrepeated:
+        print(f"{result.unrepeated:,} more are of channels of the program's own, which a replay does not run")
+    for agent, count in result.strange.items():
+        print(f"{count:,} more are of {agent} in a life of which there is no record here")
+    for received in result.unlike[:most]:
+        print(f"  {received.agent} received {received.key} of {received.owner}, which did not send it")
 
 
 def _most(arguments: argparse.Namespace) -> int:
@@ -88,18 +79,28 @@ def _most(arguments: argparse.Namespace) -> int:
 
 
 def _facts_of_team(result: Together, epochs: Mapping[str, int]) -> dict[str, object]:
+    agents = {name: _facts(each, epochs[name]) for name, each in result.agents.items()}
+    if result.traffic is None:
+        for name, each in result.agents.items():
+            agents[name]["different"] = each.different
+        return {"agents": agents}
     return {
-        "agents": {name: _facts(each, epochs[name]) for name, each in result.agents.items()},
+        "agents": agents,
         "messages": result.received,
         "messages_not_sent": len(result.unlike),
         "messages_unrepeated": result.unrepeated,
+        "messages_strange": result.strange,
     }
 
 
 def _summary(record: Record, result: Replayed) -> str:
     how = "bit by bit" if result.exact else "numbers to 1e-9, for the environment differs"
-    same = "all the same" if result.same else "not the same"
-    lines = [f"{result.recorded} decisions recorded, {result.replayed} replayed: {same} ({how})"]
+    several = len(result.differences) < result.different
+    same = f"{result.different} not the same" if several else "not the same" if result.different else "all the same"
+    until = "" if result.limit is None else f"up to {_seconds(record, result.limit)} s, "
+    if result.limit is not None and not result.recorded and not result.replayed:
+        same = "nothing to compare"
+    lines = [f"{until}{result.recorded} decisions recorded, {result.replayed} replayed: {same} ({how})"]
     if record.torn is not None:
         lines.append(f"torn: {record.torn}")
     if result.lost:
@@ -107,8 +108,15 @@ def _summary(record: Record, result: Replayed) -> str:
     return "\n".join(lines)
 
 
+def _seconds(record: Record, limit: Limit) -> str:
+    return f"{(limit.time - int(record.head['epoch'])) / 1e9:.6f}"
+
+
 def _facts(result: Replayed, epoch: int) -> dict[str, object]:
+    limit = result.limit
+    until = {} if limit is None else {"until": (limit.time - epoch) / 1e9, "reason": limit.reason}
     return {
+        **until,
         "recorded": result.recorded,
         "replayed": result.replayed,
         "same": result.same,

@@ -5,12 +5,13 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.policies.inputs import load, revealed
+from mdm.cli.policies.inputs import load
 from mdm.cli.report import as_json
 from mdm.errors import Error, FormatError, ModelError
 from mdm.estimation import as_data, as_text, chains_of_records, check_names, open_records, statistics
 from mdm.formats import save_durations, save_model
 from mdm.formats.target import check_place
+from mdm.loading import revealed
 
 if TYPE_CHECKING:
     import argparse

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 
 import pytest
@@ -11,7 +12,7 @@ import team_processes
 from places import EXAMPLES
 from records import Writing
 
-from mdm import Ensemble, Error
+from mdm import Ensemble
 from mdm.messages import Decision
 from mdm.policies import DeterministicPolicy
 from mdm.recording import Record
@@ -195,8 +196,51 @@ def test_a_team_of_two_is_repeated_together(mdm, tmp_path):
     other = file.with_name("other.toml")
     other.write_text(file.read_text().replace("[team]", "[team]\nlease = 2.5", 1))
     status, output, errors = mdm("replay", tmp_path / "records", "--config", other)
+    assert (status, errors) == (1, "")
+    for name, first, second in (("a", *output[:2]), ("b", *output[2:4])):
+        told = re.fullmatch(rf"{name}.mcap: up to (\S+) s, (\d) decisions recorded, \2 replayed: .*", first)
+        assert re.match(rf"from {told[1]} s on nothing can be told of it, for [ab] sen(ds|t) a message under ", second)
+    with pytest.raises(AssertionError, match="nothing can be told"):
+        replay(tmp_path / "records", config=other)
+    status, output, errors = mdm("replay", tmp_path / "records" / "a.mcap", "--config", other)
     assert (status, output) == (1, [])
     assert "configuration of ensemble " in errors
-    assert "agents of a team that differ refuse each other, so that a team is replayed as it ran" in errors
-    with pytest.raises(Error, match="replayed as it ran"):
+    assert "mdm replay FOLDER --config, with the records of all of them" in errors
+    other.write_text(file.read_text().replace("[0, 1, 2, 3]", "[0, 0, 2, 3]"))
+    status, output, errors = mdm("replay", tmp_path / "records", "--config", other, "--json")
+    assert (status, errors) == (1, "")
+    for name, agent in json.loads(output[0])["agents"].items():
+        decisions = [each.message for each in Record(tmp_path / "records" / name).messages(["decisions"])]
+        different = [number for number, each in enumerate(decisions[: agent["recorded"]]) if each.state == 1]
+        assert agent["differences"][0]["decision"] == different[0]
+        assert (agent["different"], agent["recorded"]) == (len(different), agent["replayed"])
+        assert agent["recorded"] >= 10
+    with pytest.raises(AssertionError, match="action 'stay go', now 'stay stay'"):
         replay(tmp_path / "records", config=other)
+    old = 'predicates = { lab = "InLab" }, owner = "b"'
+    assert old in file.read_text()
+    other.write_text(file.read_text().replace(old, old.replace("lab =", "hall =")))
+    options = ["--config", other, "--json", "--most", 1000]
+    for name, agent in json.loads(mdm("replay", tmp_path / "records", *options)[1][0])["agents"].items():
+        decisions = [each.message for each in Record(tmp_path / "records" / name).messages(["decisions"])]
+        states = [each.state for each in decisions[: agent["recorded"]]]
+        told = [each["text"].partition(": ")[2].partition(";")[0] for each in agent["differences"]]
+        assert told == [f"state {state}, now {state ^ 1}" for state in states]  # which no fact of the team says
+    other.write_text(file.read_text().replace("[0, 1, 2, 3]", "[0, 0, 2, 3]"))
+    (tmp_path / "records" / "b.mcap").rename(tmp_path / "b.mcap")
+    status, output, errors = mdm("replay", tmp_path / "records")
+    assert (status, errors) == (0, "")
+    assert re.fullmatch(r"\d+ more are of b in a life of which there is no record here", output[-1])
+    status, output, errors = mdm("replay", tmp_path / "records", "--config", other)
+    assert (status, errors) == (1, "")
+    assert re.fullmatch(r"a.mcap: up to \S+ s, 0 decisions recorded, 0 replayed: nothing to compare \(.*\)", output[0])
+    assert "for a received of b, of whose life then no record is here" in output[1]
+    (tmp_path / "records" / "c.mcap").write_bytes((tmp_path / "records" / "a.mcap").read_bytes())
+    status, output, errors = mdm("replay", tmp_path / "records")
+    assert (status, output) == (1, [])
+    assert "c.mcap and a.mcap are both of agent 'a' in the same life" in errors
+    model = ["--model", EXAMPLES / "tiger.pomdp", "--policy", EXAMPLES / "tiger.vf", "--episodes", "1"]
+    assert mdm("simulate", *model, "--record", tmp_path / "records" / "c.mcap")[0] == 0
+    status, output, errors = mdm("replay", tmp_path / "records", "--config", other)
+    assert (status, output) == (1, [])
+    assert "is of an agent of a team, and" in errors

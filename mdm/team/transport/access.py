@@ -19,7 +19,7 @@ from mdm.team.transport.keys import ROOT, check_name, join
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["OPERATOR", "Access", "access_settings", "shown_certificate"]
+__all__ = ["OPERATOR", "Access", "access_of", "access_settings", "shown_certificate"]
 
 OPERATOR = "operator"
 """Whose certificate somebody shows who is none of the agents: it lets them ask and call, and put nothing."""
@@ -40,6 +40,11 @@ class Access(msgspec.Struct, frozen=True):
     authority: str
     certificate: str
     key: str
+
+
+def access_of(folder: Path, name: str) -> Access:
+    """Return the paths of a name's certificate in a folder of them."""
+    return Access(*(str(folder / file) for file in ("authority.pem", f"{name}.pem", f"{name}.key.pem")))
 
 
 def access_settings(access: Access, team: str, agent: str, agents: Sequence[str]) -> dict[str, Any]:
@@ -122,8 +127,8 @@ def shown_certificate(access: Access) -> dict[str, Any]:
     Others tell nothing of why they refuse one: so what they would refuse is found here, and named.
 
     Raises:
-        ConfigError: If a file is missing or is none, the key is another certificate's, or who trusts the authority would
-            not trust the certificate, such as one that has expired.
+        ConfigError: If a file is missing or is none, the key is another certificate's, or those who trust the authority
+            would not trust the certificate, such as one that has expired.
     """
     for what, path in (("authority", access.authority), ("certificate", access.certificate), ("key", access.key)):
         try:
@@ -140,8 +145,9 @@ def shown_certificate(access: Access) -> dict[str, Any]:
             access.certificate, access.key, password=""
         )  # an encrypted key is refused, not asked for
     except ssl.SSLError as error:
+        reason = f" ({error.reason})" if error.reason else ""
         raise ConfigError(
-            f"{access.certificate} is no certificate, or {access.key} is not the key to it ({error.reason})",
+            f"{access.certificate} is no certificate, or {access.key} is not the key to it{reason}",
             key="access.certificate",
         ) from None
     try:

@@ -69,7 +69,7 @@ def make_certificates(folder: str | Path, agents: Mapping[str, Sequence[str]], *
             .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(signer.public_key()), critical=False)
         )
         if not authority:
-            uses = [x509.ExtendedKeyUsageOID.SERVER_AUTH, x509.ExtendedKeyUsageOID.CLIENT_AUTH]
+            uses = [x509.oid.ExtendedKeyUsageOID.SERVER_AUTH, x509.oid.ExtendedKeyUsageOID.CLIENT_AUTH]
             builder = builder.add_extension(x509.ExtendedKeyUsage(uses), critical=False)
         if hosts:
             builder = builder.add_extension(x509.SubjectAlternativeName([_host(x509, host) for host in hosts]), False)

@@ -17,12 +17,14 @@ import msgspec
 
 from mdm.errors import Error
 from mdm.views.web.access import HEADERS, Access
-from mdm.views.web.ports import in_use
+from mdm.views.web.encryption import encryption
+from mdm.views.web.listening import LOOPBACK, listen
 from mdm.views.web.session import Reader
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from mdm.team.transport.access import Access as Certificate
     from mdm.views.web.session import LiveSource, RecordSource
 
 __all__ = ["PORT", "PageServer"]
@@ -38,6 +40,8 @@ _HEARTBEAT = 1.0
 """Seconds after which a running system is looked at though nobody else looks, so that its past has no gap."""
 _LARGEST = 16_384
 _READERS = 32
+_GREETING = 5.0
+"""Seconds that one who comes has for each of the two handshakes, of TLS and of the socket."""
 _PARTING = 1.0
 """Seconds that one who is sent away has to answer: a flood is not read to its end."""
 _STATIC = Path(__file__).parent / "static"
@@ -51,18 +55,21 @@ _KINDS = {
 
 
 class PageServer:
-    """Serves the page of a running system, or of a record, at the loopback address.
+    """Serves the page of a running system, or of a record, at the loopback address, or with TLS at another one.
 
     Args:
         source: What is shown.
         port: Where it listens; 0 for any that is free.
+        host: A name or an address of this machine; ``0.0.0.0`` for all of its addresses.
+        access: The certificate that it shows, by TLS: without one it listens at a loopback address alone.
         live: Whether the source is a running system.
         control: Whether commands are taken.
         token: The secret of its address; by default that of the environment's ``MDM_PAGE_TOKEN``, else a random one.
         renew: Returns the source anew, in a thread, for each page that is loaded: a record may have grown since.
 
     Raises:
-        Error: If ``websockets`` is not installed, or the port is none.
+        Error: If ``websockets`` is not installed, a host that is not loopback has no certificate, or one that browsers
+            would not trust.
     """
 
     def __init__(
@@ -70,6 +77,8 @@ class PageServer:
         source: LiveSource | RecordSource,
         *,
         port: int = PORT,
+        host: str = LOOPBACK[0],
+        access: Certificate | None = None,
         live: bool,
         control: bool = False,
         token: str | None = None,
@@ -78,6 +87,7 @@ class PageServer:
         self._source: Any = source
         self._renew = renew
         self._port = port
+        self._encryption = encryption(host, access)
         self._live = live
         self._control = control
         self._token = token or os.environ.get("MDM_PAGE_TOKEN") or None
@@ -97,30 +107,30 @@ class PageServer:
         """Listen.
 
         Raises:
-            Error: If the port is in use, or nobody may listen there.
+            Error: If the port is in use, or the host none of this machine.
         """
         logger = logging.getLogger("mdm.page")
         logger.disabled = True  # what strangers send is no news
+        host, context, names = self._encryption
+        listening = await listen(host, self._port)
         try:
+            self._access = Access(listening.getsockname()[1], self._token, names=names)
             self._server = await self._websockets.serve(
                 self._serve,
-                "127.0.0.1",
-                self._port,
+                sock=listening,
+                ssl=context,
                 process_request=self._answer,
                 compression=None,
                 max_size=_LARGEST,
                 max_queue=4,
+                open_timeout=_GREETING,
                 close_timeout=_PARTING,
                 server_header=None,
                 logger=logger,
             )
-        except OSError as error:
-            text = (
-                in_use(self._port) if _is_taken(error) else f"nobody may listen at port {self._port}: {error.strerror}"
-            )
-            raise Error(f"the page cannot be opened: {text}") from None
-        port = next(iter(self._server.sockets)).getsockname()[1]
-        self._access = Access(port, self._token)
+        except BaseException:
+            listening.close()
+            raise
         if self._live:
             self._watch()
 
@@ -252,10 +262,6 @@ class _Websockets:
     def __init__(self, serve: Any, closed: type[Exception]) -> None:
         self.serve = serve
         self.ConnectionClosed = closed
-
-
-def _is_taken(error: OSError) -> bool:
-    return error.errno in {48, 98, 10048}  # of macOS, Linux and Windows
 
 
 def _once(request: Any) -> list[tuple[str, str]]:

@@ -16,6 +16,7 @@ from mdm.models import POMDP
 from mdm.policies import AlphaVectors, DeterministicPolicy
 from mdm.recording import Record
 from mdm.snapshots import RecordedRun
+from mdm.team.transport.certificates import make_certificates
 from mdm.testing import run_virtual
 from mdm.views.web import PageServer
 
@@ -90,6 +91,30 @@ def test_a_page_that_sleeps_is_sent_nothing_and_then_the_newest():
         await page.wait_for_function(f"() => mdmPage.frame.time > {before} + 0.9")
 
     seen(look_at)
+
+
+def test_with_tls_a_browser_that_trusts_the_certificate_sees_the_page_and_another_does_not(tmp_path):
+    pytest.importorskip("cryptography")
+    robot = ensemble()
+    access = make_certificates(tmp_path, {"robot": ["127.0.0.1"]})["robot"]
+
+    async def look_at(page, *_):
+        assert page.url.startswith("https://")
+        assert await page.evaluate("isSecureContext")
+        robot.publish_observation("hear-left")
+        await page.wait_for_function("() => document.body.innerText.includes('hear-left')")
+        (cookie,) = await page.context.cookies()
+        assert (cookie["secure"], cookie["httpOnly"], cookie["sameSite"]) == (True, True, "Strict")
+
+    hosts = {"host": "127.0.0.1", "access": access}
+    seen(look_at, robot, of={"ignore_https_errors": True}, **hosts)  # as one who trusts its authority
+
+    async def refuse(_, page):
+        async with browsers.browser() as (look, _):
+            with pytest.raises(Exception, match="ERR_CERT_AUTHORITY_INVALID"):
+                await look(page.address)
+
+    shown(refuse, **hosts)
 
 
 def test_commands_are_asked_twice_and_carried_out():

@@ -84,6 +84,11 @@ def _add_up(verbs: Any, name: str) -> argparse.ArgumentParser:
         const=8765,
         help="show all agents live on one page for this machine's browsers, at port PORT (8765)",
     )
+    parser.add_argument(
+        "--page-control",
+        action="store_true",
+        help="let the page start, stop, reset and release ensembles, and set predicates that no sensor tells",
+    )
     add_page_hosts(parser, "where the team has access, that of its operator")
     parser.add_argument("--log", choices=("console", "json"), default="console", help="how to write the log")
     return parser

@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.record is not None:
         _record_folder(arguments.record)
     commands = {agent: _command(arguments, agent, folder) for agent in team.names}
-    pages = {} if shown is None else _add_pages(commands, arguments.page)
+    pages = {} if shown is None else _add_pages(commands, arguments.page, control=arguments.page_control)
     return asyncio.run(_run(commands, arguments, patience, _team_page(pages, shown, Path(arguments.file).name)))
 
 
@@ -65,10 +65,10 @@ def _page_options(arguments: argparse.Namespace) -> dict[str, Any] | None:
 
     options = page_hosts(arguments, OPERATOR)
     encryption(**options)
-    return {"port": arguments.page, **options}
+    return {"port": arguments.page, "control": arguments.page_control, **options}
 
 
-def _add_pages(commands: Mapping[str, list[str]], port: int) -> dict[str, str]:
+def _add_pages(commands: Mapping[str, list[str]], port: int, *, control: bool) -> dict[str, str]:
     """Have each agent's process serve a page of its own, which that of the team looks at; return their addresses.
 
     Raises:
@@ -76,17 +76,17 @@ def _add_pages(commands: Mapping[str, list[str]], port: int) -> dict[str, str]:
     """
     from mdm.views.web.access import Access  # noqa: PLC0415 - only where it is asked for
     from mdm.views.web.ports import next_free  # noqa: PLC0415
-    from mdm.views.web.server import websockets  # noqa: PLC0415
+    from mdm.views.web.server import PORT, websockets  # noqa: PLC0415
 
     websockets()
     token = os.environ.setdefault("MDM_PAGE_TOKEN", Access(port).token)  # which the agents' processes have from here
     pages = {}
     for agent, command in commands.items():
-        free = next_free(port)
+        free = next_free(port or PORT)
         if free is None:
-            raise Error(f"there is no free port above {port} for the page of agent {agent!r}")
+            raise Error(f"there is no free port above {port or PORT} for the page of agent {agent!r}")
         port = free
-        command += ["--page", str(port)]
+        command += ["--page", str(port), *(["--page-control"] if control else [])]
         pages[agent] = Access(port, token).address
     return pages
 
@@ -100,7 +100,7 @@ async def _team_page(pages: Mapping[str, str], options: dict[str, Any] | None, t
     from mdm.views.web import PageServer  # noqa: PLC0415 - only where it is asked for
     from mdm.views.web.team import TeamRun  # noqa: PLC0415
 
-    shown = TeamRun(pages, title=title)
+    shown = TeamRun(pages, title=title, control=options["control"])
     server = PageServer(shown, live=True, **options)
     await server.open()
     shown.open()

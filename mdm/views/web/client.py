@@ -65,6 +65,10 @@ class Socket:
             raise Error("the program has ended, or has closed its page") from None
         return received
 
+    def abort(self) -> None:
+        """Hang up at once, on a page that does not answer."""
+        self._connection.transport.abort()
+
 
 @asynccontextmanager
 async def opened(address: str, *, authority: str | None = None) -> AsyncIterator[Socket]:

@@ -19,13 +19,13 @@ from mdm.errors import Error
 from mdm.views.web.access import HEADERS, Access
 from mdm.views.web.encryption import encryption
 from mdm.views.web.listening import LOOPBACK, listen
-from mdm.views.web.session import Reader
+from mdm.views.web.session import Aside, Reader
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from mdm.team.transport.access import Access as Certificate
-    from mdm.views.web.session import LiveSource, RecordSource
+    from mdm.views.web.session import LiveSource, RecordSource, Said
 
 __all__ = ["PORT", "PageServer"]
 
@@ -40,6 +40,8 @@ _HEARTBEAT = 1.0
 """Seconds after which a running system is looked at though nobody else looks, so that its past has no gap."""
 _LARGEST = 16_384
 _READERS = 32
+_ASIDE = 8
+"""Commands and explanations under way for one who looks, before further messages wait."""
 _GREETING = 5.0
 """Seconds that one who comes has for each of the two handshakes, of TLS and of the socket."""
 _PARTING = 1.0
@@ -191,6 +193,7 @@ class PageServer:
 
     async def _serve(self, connection: Any) -> None:
         reader: Reader | None = None
+        aside: set[asyncio.Task[None]] = set()
         try:
             if self._renew is not None:
                 self._source = await asyncio.to_thread(self._renew)
@@ -198,15 +201,36 @@ class PageServer:
             self._readers.add(reader)
             await connection.send(reader.greeting(), text=True)
             async for message in connection:
-                for answer in await reader.answers(message):
-                    await connection.send(answer, text=True)
+                said = reader.read(message)
+                if not isinstance(said, Aside):
+                    await self._say(connection, reader, said)
+                    continue
+                if len(aside) >= _ASIDE:
+                    await asyncio.wait(aside, return_when=asyncio.FIRST_COMPLETED)
+                task = asyncio.create_task(self._say(connection, reader, said))
+                aside.add(task)
+                task.add_done_callback(aside.discard)
         except Error as error:
             await connection.close(1008, str(error)[:100])
         except self._websockets.ConnectionClosed:
             pass
         finally:
+            for task in aside:
+                task.cancel()
             if reader is not None:
                 self._readers.discard(reader)
+
+    async def _say(self, connection: Any, reader: Reader, said: Said) -> None:
+        """Answer a message; what cannot be answered ends the talk, and the robot goes on."""
+        try:
+            for answer in await reader.answers(said):
+                await connection.send(answer, text=True)
+        except Error as error:
+            await connection.close(1008, str(error)[:100])
+        except self._websockets.ConnectionClosed:
+            pass
+        except Exception as error:
+            await connection.close(1011, f"the page has failed: {type(error).__name__}: {error}"[:100])
 
     # -- Frames of a running system ------------------------------------------------------------------------------
 

@@ -186,7 +186,7 @@ def test_a_team_with_certificates_opens_its_page_to_other_machines(mdm, free, up
     assert "a/joint" in "\n".join(told)
 
 
-@pytest.mark.parametrize("option", [["--page-host", "0.0.0.0"], ["--page-access", "keys/operator"]])
+@pytest.mark.parametrize("option", [["--page-control"], ["--page-host", "0.0.0.0"], ["--page-access", "keys/operator"]])
 def test_options_of_a_page_are_for_a_page(mdm, team, option):
     status, _, errors = mdm("team", "up", team, *option)
     assert status == 2

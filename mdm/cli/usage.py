@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import argparse
 import math
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mdm.errors import Error
+
+if TYPE_CHECKING:
+    from mdm.team.transport.access import Access
 
 __all__ = [
     "UsageError",
@@ -13,6 +18,8 @@ __all__ = [
     "add_durations",
     "add_false_negative",
     "add_import",
+    "add_page_hosts",
+    "certificate",
     "complete",
     "count",
     "finite",
@@ -96,6 +103,39 @@ def add_import(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="import the functions of a TOML file, which runs its modules",
     )
+
+
+def add_page_hosts(parser: argparse.ArgumentParser, whose: str = "", *, prefix: str = "--page-") -> None:
+    """Add the options that open a page to other machines.
+
+    Args:
+        parser: The parser.
+        whose: Says which certificate is taken where none is given; empty for none.
+        prefix: What the names of the options begin with.
+    """
+    parser.add_argument(
+        f"{prefix}host",
+        metavar="HOST",
+        help="open the page to other machines, with TLS, at this name or address of this machine (0.0.0.0: at all)",
+    )
+    parser.add_argument(
+        f"{prefix}access",
+        metavar="FOLDER/NAME",
+        type=certificate,
+        help="the page's certificate: NAME.pem, NAME.key.pem and authority.pem of a folder" + (whose and f" ({whose})"),
+    )
+
+
+def certificate(text: str) -> Access:
+    """Parse an argument as the certificate of a folder, by its name without a suffix."""
+    from mdm.team.transport.access import access_of  # noqa: PLC0415 - only where it is asked for
+
+    path = Path(text)
+    if not path.name or (path.is_dir() and not Path(f"{path}.pem").exists()):
+        raise argparse.ArgumentTypeError(
+            f"FOLDER/NAME was expected, for NAME.pem, NAME.key.pem and authority.pem of that folder, not {text!r}"
+        )
+    return access_of(path.parent, path.name)
 
 
 def finite(text: str) -> float | None:

@@ -12,7 +12,7 @@ from mdm.config.communication import read_communication
 from mdm.config.tables import Seconds, Table, stated
 from mdm.errors import ConfigError
 from mdm.team.team import FIRST_PORT, Mode, Quorum, Team
-from mdm.team.transport.access import Access
+from mdm.team.transport.access import Access, access_of
 from mdm.team.transport.allowance import Allowance
 from mdm.team.transport.ceilings import Ceiling
 from mdm.team.transport.transport import Priority
@@ -98,10 +98,7 @@ class TeamFile:
 
     def access(self, name: str) -> Access | None:
         """Return the paths of the certificates of an agent, or of another holder, by name."""
-        if self._certificates is None:
-            return None
-        files = (self._certificates / file for file in ("authority.pem", f"{name}.pem", f"{name}.key.pem"))
-        return Access(*map(str, files))
+        return None if self._certificates is None else access_of(self._certificates, name)
 
     def options(self, agent: str) -> dict[str, Any]:
         """Return the further arguments of a member of the team.

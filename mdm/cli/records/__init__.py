@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from mdm.cli.usage import add_discount, complete, count, finite, moment, port, seconds, seed
+from mdm.cli.usage import add_discount, add_page_hosts, complete, count, finite, moment, port, seconds, seed
 
 __all__ = ["VERBS", "add_explain", "add_page", "add_record", "add_replay", "add_statistics", "add_watch"]
 
@@ -70,6 +70,7 @@ def add_page(verbs: Any, line: str) -> None:
     )
     parser.add_argument("file", metavar="FILE", help="the record")
     parser.add_argument("--port", metavar="PORT", type=port, default=8765, help="where the page is (8765)")
+    add_page_hosts(parser, prefix="--")
     parser.add_argument("--no-replay", action="store_true", help="begin at once, without the values of predicates")
     complete(parser, "page", "mdm.cli.records.page")
 
@@ -90,6 +91,12 @@ def add_watch(verbs: Any, line: str) -> None:
     parser.add_argument("source", metavar="URL|FILE", help="the address of a page, or a record")
     parser.add_argument("--once", action="store_true", help="print one picture, of a record its end, and stop")
     parser.add_argument("--at", metavar="S", type=moment, help="of a record, begin at second S")
+    parser.add_argument(
+        "--authority",
+        metavar="FILE",
+        help="of a page with TLS, who has signed its certificate, such as authority.pem; by default whom this machine "
+        "trusts",
+    )
     complete(parser, "watch", "mdm.cli.records.watch")
 
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 from mdm.cli.records.shown import recorded_run
 from mdm.runtime import run as run_program
 from mdm.views.web import PageServer
+from mdm.views.web.encryption import encryption
+from mdm.views.web.listening import LOOPBACK
 from mdm.views.web.server import websockets
 
 if TYPE_CHECKING:
@@ -22,11 +24,15 @@ __all__ = ["run"]
 
 def run(arguments: argparse.Namespace) -> int:
     """Show the record until Ctrl-C; return the exit status."""
-    websockets()  # before a long replay
+    websockets()  # before a long replay, as the rest
+    host = LOOPBACK[0] if arguments.host is None else arguments.host
+    encryption(host, arguments.access)
     shown = _Shown(arguments.file, replay=not arguments.no_replay)
 
     async def main() -> None:
-        server = PageServer(shown.run, port=arguments.port, live=False, renew=shown.newest)
+        server = PageServer(
+            shown.run, port=arguments.port, host=host, access=arguments.access, live=False, renew=shown.newest
+        )
         await server.open()
         print(f"page: {server.address}", file=sys.stderr, flush=True)
         try:

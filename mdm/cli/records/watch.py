@@ -45,10 +45,12 @@ class _Told(msgspec.Struct, frozen=True):
 def run(arguments: argparse.Namespace) -> int:
     """Watch until q or Ctrl-C; return the exit status."""
     rich()
+    if arguments.authority is not None and not arguments.source.startswith("https://"):
+        raise UsageError("--authority is for the address of a page with TLS, which begins with https://")
     if arguments.source.startswith(("http://", "https://")):
         if arguments.at is not None:
             raise UsageError("--at is for a record: a running system has no past")
-        run_program(lambda: _watch_page(arguments.source, once=arguments.once))
+        run_program(lambda: _watch_page(arguments.source, arguments.authority, once=arguments.once))
     else:
         shown = recorded_run(arguments.source)
         run_program(lambda: _watch_record(shown, arguments.at, once=arguments.once))
@@ -83,10 +85,10 @@ async def _watch_record(shown: RecordedRun, at: float | None, *, once: bool) -> 
                 time, playing = shown.step(_STEPS[key.lower()], time, back=key.isupper()), False  # type: ignore[arg-type]
 
 
-async def _watch_page(url: str, *, once: bool) -> None:
+async def _watch_page(url: str, authority: str | None, *, once: bool) -> None:
     terminal: Terminal | None = None
     cursor = 0
-    async with opened(url) as socket:
+    async with opened(url, authority=authority) as socket:
         with _screen(once=once) as (draw, keys):
             while True:
                 told = await _next(socket)

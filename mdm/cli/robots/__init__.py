@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.usage import add_discount, add_false_negative, add_file, complete, count, port, seconds, seed
+from mdm.cli.usage import (
+    add_discount,
+    add_false_negative,
+    add_file,
+    add_page_hosts,
+    complete,
+    count,
+    port,
+    seconds,
+    seed,
+)
 
 if TYPE_CHECKING:
     import argparse
@@ -51,6 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser, *, virtual: bool = True) -> N
         action="store_true",
         help="let the page start, stop, reset and release ensembles, and set predicates that no sensor tells",
     )
+    add_page_hosts(parser, "of a team's file the agent's own")
     parser.add_argument("--quiet", action="store_true", help="write no log")
     if virtual:
         parser.add_argument(

@@ -18,6 +18,7 @@ from mdm.cli.interruption import hear_interrupts
 from mdm.cli.robots.attached import Attached
 from mdm.cli.robots.decision import in_words
 from mdm.cli.robots.decisions_file import decisions_to
+from mdm.cli.robots.page_hosts import page_hosts, refuse_without_page
 from mdm.cli.usage import UsageError
 from mdm.config import load_system, load_team
 from mdm.config.recorded import attach_configuration
@@ -95,12 +96,16 @@ def _log(arguments: argparse.Namespace, system: System) -> Log | None:
 def _page(arguments: argparse.Namespace) -> Page | None:
     """Return what shows the run live; None where nobody asked for it."""
     if arguments.page is None:
-        if arguments.page_control:
-            raise UsageError("--page-control is for a page: say --page, too")
+        refuse_without_page(arguments)
         return None
     from mdm.views.web import Page  # noqa: PLC0415 - an extra, and only where it is asked for
 
-    return Page(arguments.page, control=arguments.page_control, title=Path(arguments.file).name)
+    return Page(
+        arguments.page,
+        **page_hosts(arguments, arguments.agent),
+        control=arguments.page_control,
+        title=Path(arguments.file).name,
+    )
 
 
 def _recorder(arguments: argparse.Namespace) -> Recorder | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.robots import add_arguments
-from mdm.cli.usage import add_import, complete, count, port, seconds
+from mdm.cli.usage import add_import, add_page_hosts, complete, count, port, seconds
 
 if TYPE_CHECKING:
     import argparse
@@ -84,6 +84,12 @@ def _add_up(verbs: Any, name: str) -> argparse.ArgumentParser:
         const=8765,
         help="show all agents live on one page for this machine's browsers, at port PORT (8765)",
     )
+    parser.add_argument(
+        "--page-control",
+        action="store_true",
+        help="let the page start, stop, reset and release ensembles, and set predicates that no sensor tells",
+    )
+    add_page_hosts(parser, "where the team has access, that of its operator")
     parser.add_argument("--log", choices=("console", "json"), default="console", help="how to write the log")
     return parser
 
@@ -178,4 +184,11 @@ def _add_certificates(verbs: Any, name: str) -> argparse.ArgumentParser:
     parser.add_argument("file", metavar="FILE", help="the TOML file")
     parser.add_argument("-o", "--output", metavar="FOLDER", default="certificates", help="where to (certificates)")
     parser.add_argument("--days", metavar="N", type=count, default=30, help="how long they are valid (30)")
+    parser.add_argument(
+        "--host",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="a name or address in the operator's certificate, for the page of `mdm team up`; can be given again",
+    )
     return parser

@@ -18,7 +18,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the certificates; return the exit status."""
     team = team_of(arguments.file)
     hosts = {agent.name: [_host(agent.endpoint or "")] for agent in team.agents}
-    hosts.setdefault(OPERATOR, [])
+    hosts.setdefault(OPERATOR, []).extend(arguments.host)
     made = make_certificates(arguments.output, hosts, days=arguments.days)
     print(f"{arguments.output}: certificates of an authority and {', '.join(made)}, valid for {arguments.days} days")
     return 0

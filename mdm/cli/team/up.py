@@ -11,18 +11,21 @@ import socket
 import sys
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mdm.cli.interruption import hear_interrupts
+from mdm.cli.robots.page_hosts import page_hosts, refuse_without_page
 from mdm.cli.team.console import Console
 from mdm.cli.team.crew import Crew
 from mdm.cli.team.file import check_zenoh, sound_systems_of, team_of
 from mdm.errors import Error
+from mdm.team.transport.access import OPERATOR
 from mdm.team.transport.settings import resolve
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import AsyncIterator, Mapping, Sequence
+    from contextlib import AbstractAsyncContextManager
 
     from mdm.team import Team
 
@@ -39,15 +42,33 @@ def run(arguments: argparse.Namespace) -> int:
     patience = _SLACK + max(ensemble.patience for system in systems.values() for ensemble in system.top)
     check_zenoh()
     _check_ports(team)
+    shown = _page_options(arguments)
     folder = None if arguments.decisions is None else _folder(arguments.decisions, team.names)
     if arguments.record is not None:
         _record_folder(arguments.record)
     commands = {agent: _command(arguments, agent, folder) for agent in team.names}
-    pages = {} if arguments.page is None else _add_pages(commands, arguments.page)
-    return asyncio.run(_run(commands, arguments, patience, pages))
+    pages = {} if shown is None else _add_pages(commands, arguments.page, control=arguments.page_control)
+    return asyncio.run(_run(commands, arguments, patience, _team_page(pages, shown, Path(arguments.file).name)))
 
 
-def _add_pages(commands: Mapping[str, list[str]], port: int) -> dict[str, str]:
+def _page_options(arguments: argparse.Namespace) -> dict[str, Any] | None:
+    """Return the options of the team's page; None where nobody asked for one.
+
+    Raises:
+        UsageError: If there are options without a page.
+        Error: If it cannot be opened so.
+    """
+    if arguments.page is None:
+        refuse_without_page(arguments)
+        return None
+    from mdm.views.web.encryption import encryption  # noqa: PLC0415 - only where it is asked for
+
+    options = page_hosts(arguments, OPERATOR)
+    encryption(**options)
+    return {"port": arguments.page, "control": arguments.page_control, **options}
+
+
+def _add_pages(commands: Mapping[str, list[str]], port: int, *, control: bool) -> dict[str, str]:
     """Have each agent's process serve a page of its own, which that of the team looks at; return their addresses.
 
     Raises:
@@ -55,32 +76,32 @@ def _add_pages(commands: Mapping[str, list[str]], port: int) -> dict[str, str]:
     """
     from mdm.views.web.access import Access  # noqa: PLC0415 - only where it is asked for
     from mdm.views.web.ports import next_free  # noqa: PLC0415
-    from mdm.views.web.server import websockets  # noqa: PLC0415
+    from mdm.views.web.server import PORT, websockets  # noqa: PLC0415
 
     websockets()
     token = os.environ.setdefault("MDM_PAGE_TOKEN", Access(port).token)  # which the agents' processes have from here
     pages = {}
     for agent, command in commands.items():
-        free = next_free(port)
+        free = next_free(port or PORT)
         if free is None:
-            raise Error(f"there is no free port above {port} for the page of agent {agent!r}")
+            raise Error(f"there is no free port above {port or PORT} for the page of agent {agent!r}")
         port = free
-        command += ["--page", str(port)]
+        command += ["--page", str(port), *(["--page-control"] if control else [])]
         pages[agent] = Access(port, token).address
     return pages
 
 
 @asynccontextmanager
-async def _team_page(pages: Mapping[str, str], arguments: argparse.Namespace) -> AsyncIterator[None]:
+async def _team_page(pages: Mapping[str, str], options: dict[str, Any] | None, title: str) -> AsyncIterator[None]:
     """Serve the page of the team, where there is one."""
-    if not pages:
+    if options is None:
         yield
         return
     from mdm.views.web import PageServer  # noqa: PLC0415 - only where it is asked for
     from mdm.views.web.team import TeamRun  # noqa: PLC0415
 
-    shown = TeamRun(pages, title=Path(arguments.file).name)
-    server = PageServer(shown, port=arguments.page, live=True)
+    shown = TeamRun(pages, title=title, control=options["control"])
+    server = PageServer(shown, live=True, **options)
     await server.open()
     shown.open()
     print(f"page: {server.address}", file=sys.stderr, flush=True)
@@ -166,7 +187,7 @@ async def _run(
     commands: Mapping[str, Sequence[str]],
     arguments: argparse.Namespace,
     patience: float,
-    pages: Mapping[str, str],
+    page: AbstractAsyncContextManager[None],
 ) -> int:
     console = Console(list(commands), json=arguments.log == "json")
     crew = Crew(commands, console, patience)
@@ -187,7 +208,7 @@ async def _run(
             loop.add_signal_handler(number, end, number)
     console.open()
     try:
-        async with _team_page(pages, arguments):
+        async with page:
             await crew.run(arguments.seconds)
     finally:
         lost = console.close()

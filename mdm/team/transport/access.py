@@ -19,7 +19,7 @@ from mdm.team.transport.keys import ROOT, check_name, join
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["OPERATOR", "Access", "access_settings"]
+__all__ = ["OPERATOR", "Access", "access_of", "access_settings", "shown_certificate"]
 
 OPERATOR = "operator"
 """Whose certificate somebody shows who is none of the agents: it lets them ask and call, and put nothing."""
@@ -42,6 +42,11 @@ class Access(msgspec.Struct, frozen=True):
     key: str
 
 
+def access_of(folder: Path, name: str) -> Access:
+    """Return the paths of a name's certificate in a folder of them."""
+    return Access(*(str(folder / file) for file in ("authority.pem", f"{name}.pem", f"{name}.key.pem")))
+
+
 def access_settings(access: Access, team: str, agent: str, agents: Sequence[str]) -> dict[str, Any]:
     """Return Zenoh's settings for mutual TLS and the permissions of each agent.
 
@@ -60,14 +65,6 @@ def access_settings(access: Access, team: str, agent: str, agents: Sequence[str]
             f"with access no agent can be called {OPERATOR!r}: whoever asks the team shows a certificate of that name",
             key="agents",
         )
-    for what, path in (("authority", access.authority), ("certificate", access.certificate), ("key", access.key)):
-        try:
-            Path(path).read_bytes()
-        except OSError as error:
-            raise ConfigError(
-                f"cannot read {path}: {error.strerror}; `mdm team certificates` makes files to try",
-                key=f"access.{what}",
-            ) from None
     _check_certificate(access, agent)
     others = [name for name in agents if name != agent]
     # Zenoh forbids what no rule allows: to send anything of the team's, and to take what anyone may ask and hear.
@@ -110,11 +107,37 @@ def access_settings(access: Access, team: str, agent: str, agents: Sequence[str]
 
 
 def _check_certificate(access: Access, agent: str) -> None:
-    """Shake hands with oneself, since an agent that is not let in learns from Zenoh nothing but silence.
+    """Refuse a certificate that others would refuse as this agent's.
 
     Raises:
-        ConfigError: If others would refuse the certificate.
+        ConfigError: If they would.
     """
+    subject = shown_certificate(access).get("subject", ())
+    names = [value for part in subject for kind, value in part if kind == "commonName"]
+    if agent not in names:
+        raise ConfigError(
+            f"{access.certificate} is of {', '.join(names) or 'nobody'}, not of agent {agent!r}",
+            key="access.certificate",
+        )
+
+
+def shown_certificate(access: Access) -> dict[str, Any]:
+    """Return what others see of a certificate, as `ssl.SSLSocket.getpeercert` does, by shaking hands with oneself.
+
+    Others tell nothing of why they refuse one: so what they would refuse is found here, and named.
+
+    Raises:
+        ConfigError: If a file is missing or is none, the key is another certificate's, or those who trust the authority
+            would not trust the certificate, such as one that has expired.
+    """
+    for what, path in (("authority", access.authority), ("certificate", access.certificate), ("key", access.key)):
+        try:
+            Path(path).read_bytes()
+        except OSError as error:
+            raise ConfigError(
+                f"cannot read {path}: {error.strerror}; `mdm team certificates` makes files to try",
+                key=f"access.{what}",
+            ) from None
     server, client = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     client.check_hostname = False
     try:
@@ -122,8 +145,9 @@ def _check_certificate(access: Access, agent: str) -> None:
             access.certificate, access.key, password=""
         )  # an encrypted key is refused, not asked for
     except ssl.SSLError as error:
+        reason = f" ({error.reason})" if error.reason else ""
         raise ConfigError(
-            f"{access.certificate} is no certificate, or {access.key} is not the key to it ({error.reason})",
+            f"{access.certificate} is no certificate, or {access.key} is not the key to it{reason}",
             key="access.certificate",
         ) from None
     try:
@@ -143,13 +167,8 @@ def _check_certificate(access: Access, agent: str) -> None:
                     f"others will not take {access.certificate} for one of {access.authority}: {error.verify_message}",
                     key="access.certificate",
                 ) from None
-    shown: Any = (ends[0].getpeercert() or {}).get("subject", ())
-    names = [value for part in shown for kind, value in part if kind == "commonName"]
-    if agent not in names:
-        raise ConfigError(
-            f"{access.certificate} is of {', '.join(names) or 'nobody'}, not of agent {agent!r}",
-            key="access.certificate",
-        )
+    shown: dict[str, Any] = ends[0].getpeercert() or {}
+    return shown
 
 
 def _whole(team: str, agent: str) -> list[str]:

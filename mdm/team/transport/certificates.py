@@ -64,7 +64,13 @@ def make_certificates(folder: str | Path, agents: Mapping[str, Sequence[str]], *
             .not_valid_before(now - dt.timedelta(hours=1))
             .not_valid_after(now + dt.timedelta(days=days))
             .add_extension(x509.BasicConstraints(ca=authority, path_length=None), critical=True)
+            .add_extension(_usage(x509, authority=authority), critical=True)
+            .add_extension(x509.SubjectKeyIdentifier.from_public_key(public), critical=False)
+            .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(signer.public_key()), critical=False)
         )
+        if not authority:
+            uses = [x509.oid.ExtendedKeyUsageOID.SERVER_AUTH, x509.oid.ExtendedKeyUsageOID.CLIENT_AUTH]
+            builder = builder.add_extension(x509.ExtendedKeyUsage(uses), critical=False)
         if hosts:
             builder = builder.add_extension(x509.SubjectAlternativeName([_host(x509, host) for host in hosts]), False)
         return builder.sign(signer, hashes.SHA256())
@@ -92,6 +98,19 @@ def _check_files(agents: Iterable[str]) -> None:
             if file in whose:
                 raise Error(f"no certificate for agent {agent!r}: {whose[file]} is {file}; give the agent another name")
             whose[file] = f"the {kind} of agent {agent!r}"
+
+
+def _usage(x509: Any, *, authority: bool) -> Any:
+    """Return what a key is for: to sign certificates, or what is said in a handshake."""
+    others = ("content_commitment", "key_encipherment", "data_encipherment", "key_agreement")
+    return x509.KeyUsage(
+        **dict.fromkeys(others, False),
+        digital_signature=not authority,
+        key_cert_sign=authority,
+        crl_sign=authority,
+        encipher_only=False,
+        decipher_only=False,
+    )
 
 
 def _host(x509: Any, host: str) -> Any:

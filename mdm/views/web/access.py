@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import parse_qs, urlsplit
 
 from mdm.errors import Error
+from mdm.views.web.listening import LOOPBACK
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
 __all__ = ["HEADERS", "Access", "Refusal"]
 
@@ -48,24 +49,29 @@ class Access:
     """Decides which requests are answered.
 
     Args:
-        port: The port of the server, which listens at the loopback addresses alone.
+        port: The port of the server.
         token: The secret; by default a random one.
+        names: The hosts by which the server is addressed through TLS, the one to print first; none for a server of the
+            loopback addresses, without TLS.
 
     Raises:
         Error: If the secret is too short to be one, or has other characters than an address may have.
     """
 
-    def __init__(self, port: int, token: str | None = None) -> None:
+    def __init__(self, port: int, token: str | None = None, *, names: Sequence[str] = ()) -> None:
         if token is not None and not (
             len(token) >= _LEAST and token.isascii() and token.replace("-", "_").isidentifier()
         ):
             raise Error(f"the token of a page has {_LEAST} or more letters, digits, - and _, and begins with a letter")
         self.token = "t" + secrets.token_urlsafe(24) if token is None else token
         self.cookie = f"mdm-{port}"
-        names = ("127.0.0.1", "localhost", "[::1]")
-        self._hosts = frozenset(f"{name}:{port}" for name in names)
-        self._origins = frozenset(f"http://{host}" for host in self._hosts)
-        self.address = f"http://127.0.0.1:{port}/?token={self.token}"
+        scheme, usual = ("https", 443) if names else ("http", 80)
+        hosts = [f"[{name}]" if ":" in name else name for name in names or LOOPBACK]
+        hosts = hosts if port == usual else [f"{host}:{port}" for host in hosts]  # as browsers write them
+        self._hosts = frozenset(hosts)
+        self._origins = frozenset(f"{scheme}://{host}" for host in hosts)
+        self._secure = "; Secure" if names else ""
+        self.address = f"{scheme}://{hosts[0]}/?token={self.token}"
 
     def names_us(self, headers: Mapping[str, str]) -> bool:
         """Whether a request names this server as its host."""
@@ -106,4 +112,4 @@ class Access:
     @property
     def set_cookie(self) -> str:
         """The header that lets a browser bring the secret from now on, to this server alone."""
-        return f"{self.cookie}={self.token}; HttpOnly; SameSite=Strict; Path=/"
+        return f"{self.cookie}={self.token}; HttpOnly; SameSite=Strict; Path=/{self._secure}"

@@ -9,12 +9,15 @@ from mdm.checks import is_whole
 from mdm.errors import Error
 from mdm.runtime import VirtualClock
 from mdm.snapshots import LiveRun
+from mdm.views.web.encryption import encryption
+from mdm.views.web.listening import LOOPBACK
 from mdm.views.web.server import PORT, PageServer
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from mdm.runtime import Runtime
+    from mdm.team.transport.access import Access
 
 __all__ = ["Page", "check_port"]
 
@@ -35,13 +38,16 @@ def _print(address: str) -> None:
 
 
 class Page:
-    """A live page of a running system, for browsers of this machine.
+    """A live page of a running system, for browsers of this machine, or with a certificate for those of others.
 
-    Hand it to a `Runtime`, or a port alone where the defaults will do. It listens at the loopback address and is read
-    alone, unless it takes commands. No decision waits for it longer than one snapshot takes.
+    Hand it to a `Runtime`, or a port alone where the defaults will do. It listens at the loopback address, or with TLS
+    at another one, and is read alone, unless it takes commands. No decision waits for it longer than for one snapshot.
 
     Args:
         port: Where it listens; 0 for any port that is free.
+        host: Where it listens: a name or an address of this machine; ``0.0.0.0`` for all of its addresses.
+        access: The certificate that it shows to browsers, which names the host, its key, and the authority that they
+            trust, as agents of a team have them.
         control: Take commands: start, stop, reset and release of ensembles, and predicates that no sensor tells.
         title: What the page is called.
         token: The secret in its address; by default that of the environment's ``MDM_PAGE_TOKEN``, by which an open page
@@ -49,19 +55,24 @@ class Page:
         announce: Called with the address; by default it is printed on standard error.
 
     Raises:
-        Error: If ``websockets`` is not installed, which the extra ``page`` brings, or the port is none.
+        Error: If ``websockets`` is not installed, which the extra ``page`` brings, the port is none, or a host that is
+            not loopback has no certificate, or one that browsers would not trust.
     """
 
     def __init__(
         self,
         port: int = PORT,
         *,
+        host: str = LOOPBACK[0],
+        access: Access | None = None,
         control: bool = False,
         title: str = "",
         token: str | None = None,
         announce: Callable[[str], object] = _print,
     ) -> None:
         self._port = check_port(port)
+        encryption(host, access)
+        self._host, self._access = host, access
         self._control = control
         self._title = title
         self._token = token
@@ -73,12 +84,20 @@ class Page:
         """Show a runtime, which begins.
 
         Raises:
-            Error: If the port is in use, or the runtime's time is virtual.
+            Error: If the port is in use, the host none of this machine, or the runtime's time virtual.
         """
         if isinstance(runtime.clock, VirtualClock):
             raise Error("a page needs real time: a run in virtual time is recorded, and shown by mdm page FILE.mcap")
         live = LiveRun(runtime, title=self._title, control=self._control)
-        server = PageServer(live, port=self._port, live=True, control=self._control, token=self._token)
+        server = PageServer(
+            live,
+            port=self._port,
+            host=self._host,
+            access=self._access,
+            live=True,
+            control=self._control,
+            token=self._token,
+        )
         await server.open()
         live.open()
         self._live, self._server = live, server

@@ -12,21 +12,21 @@ _LISTENS = "0A"
 _PROC = Path("/proc")
 
 
-def in_use(port: int) -> str:
-    """Return that a port is in use, by whom where that can be known, and which one is free."""
+def in_use(port: int, address: str = "127.0.0.1") -> str:
+    """Return that a port of an address is in use, by whom where that can be known, and which one is free."""
     found = holder(port)
-    free = next_free(port)
+    free = next_free(port, address)
     other = "" if free is None else f"; port {free} is free"
     return f"port {port} is in use{'' if found is None else f' by {found}'}{other}"
 
 
-def next_free(port: int, most: int = 100) -> int | None:
-    """Return the next port at which nothing listens; None where there is none among so many."""
+def next_free(port: int, address: str = "127.0.0.1", most: int = 100) -> int | None:
+    """Return the next port of an address at which nothing listens; None where there is none among so many."""
     for other in range(port + 1, min(port + 1 + most, 65_536)):
-        with socket.socket() as tried:
+        with socket.socket(socket.AF_INET6 if ":" in address else socket.AF_INET) as tried:
             tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             with suppress(OSError):
-                tried.bind(("127.0.0.1", other))
+                tried.bind((address, other))
                 return other
     return None
 

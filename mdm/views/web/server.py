@@ -17,13 +17,15 @@ import msgspec
 
 from mdm.errors import Error
 from mdm.views.web.access import HEADERS, Access
-from mdm.views.web.ports import in_use
-from mdm.views.web.session import Reader
+from mdm.views.web.encryption import encryption
+from mdm.views.web.listening import LOOPBACK, listen
+from mdm.views.web.session import Aside, Reader
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from mdm.views.web.session import LiveSource, RecordSource
+    from mdm.team.transport.access import Access as Certificate
+    from mdm.views.web.session import LiveSource, RecordSource, Said
 
 __all__ = ["PORT", "PageServer"]
 
@@ -38,6 +40,10 @@ _HEARTBEAT = 1.0
 """Seconds after which a running system is looked at though nobody else looks, so that its past has no gap."""
 _LARGEST = 16_384
 _READERS = 32
+_ASIDE = 8
+"""Commands and explanations under way for one who looks, before further messages wait."""
+_GREETING = 5.0
+"""Seconds that one who comes has for each of the two handshakes, of TLS and of the socket."""
 _PARTING = 1.0
 """Seconds that one who is sent away has to answer: a flood is not read to its end."""
 _STATIC = Path(__file__).parent / "static"
@@ -51,18 +57,21 @@ _KINDS = {
 
 
 class PageServer:
-    """Serves the page of a running system, or of a record, at the loopback address.
+    """Serves the page of a running system, or of a record, at the loopback address, or with TLS at another one.
 
     Args:
         source: What is shown.
         port: Where it listens; 0 for any that is free.
+        host: A name or an address of this machine; ``0.0.0.0`` for all of its addresses.
+        access: The certificate that it shows, by TLS: without one it listens at a loopback address alone.
         live: Whether the source is a running system.
         control: Whether commands are taken.
         token: The secret of its address; by default that of the environment's ``MDM_PAGE_TOKEN``, else a random one.
         renew: Returns the source anew, in a thread, for each page that is loaded: a record may have grown since.
 
     Raises:
-        Error: If ``websockets`` is not installed, or the port is none.
+        Error: If ``websockets`` is not installed, a host that is not loopback has no certificate, or one that browsers
+            would not trust.
     """
 
     def __init__(
@@ -70,6 +79,8 @@ class PageServer:
         source: LiveSource | RecordSource,
         *,
         port: int = PORT,
+        host: str = LOOPBACK[0],
+        access: Certificate | None = None,
         live: bool,
         control: bool = False,
         token: str | None = None,
@@ -78,6 +89,7 @@ class PageServer:
         self._source: Any = source
         self._renew = renew
         self._port = port
+        self._encryption = encryption(host, access)
         self._live = live
         self._control = control
         self._token = token or os.environ.get("MDM_PAGE_TOKEN") or None
@@ -97,30 +109,30 @@ class PageServer:
         """Listen.
 
         Raises:
-            Error: If the port is in use, or nobody may listen there.
+            Error: If the port is in use, or the host none of this machine.
         """
         logger = logging.getLogger("mdm.page")
         logger.disabled = True  # what strangers send is no news
+        host, context, names = self._encryption
+        listening = await listen(host, self._port)
         try:
+            self._access = Access(listening.getsockname()[1], self._token, names=names)
             self._server = await self._websockets.serve(
                 self._serve,
-                "127.0.0.1",
-                self._port,
+                sock=listening,
+                ssl=context,
                 process_request=self._answer,
                 compression=None,
                 max_size=_LARGEST,
                 max_queue=4,
+                open_timeout=_GREETING,
                 close_timeout=_PARTING,
                 server_header=None,
                 logger=logger,
             )
-        except OSError as error:
-            text = (
-                in_use(self._port) if _is_taken(error) else f"nobody may listen at port {self._port}: {error.strerror}"
-            )
-            raise Error(f"the page cannot be opened: {text}") from None
-        port = next(iter(self._server.sockets)).getsockname()[1]
-        self._access = Access(port, self._token)
+        except BaseException:
+            listening.close()
+            raise
         if self._live:
             self._watch()
 
@@ -181,6 +193,7 @@ class PageServer:
 
     async def _serve(self, connection: Any) -> None:
         reader: Reader | None = None
+        aside: set[asyncio.Task[None]] = set()
         try:
             if self._renew is not None:
                 self._source = await asyncio.to_thread(self._renew)
@@ -188,15 +201,36 @@ class PageServer:
             self._readers.add(reader)
             await connection.send(reader.greeting(), text=True)
             async for message in connection:
-                for answer in await reader.answers(message):
-                    await connection.send(answer, text=True)
+                said = reader.read(message)
+                if not isinstance(said, Aside):
+                    await self._say(connection, reader, said)
+                    continue
+                if len(aside) >= _ASIDE:
+                    await asyncio.wait(aside, return_when=asyncio.FIRST_COMPLETED)
+                task = asyncio.create_task(self._say(connection, reader, said))
+                aside.add(task)
+                task.add_done_callback(aside.discard)
         except Error as error:
             await connection.close(1008, str(error)[:100])
         except self._websockets.ConnectionClosed:
             pass
         finally:
+            for task in aside:
+                task.cancel()
             if reader is not None:
                 self._readers.discard(reader)
+
+    async def _say(self, connection: Any, reader: Reader, said: Said) -> None:
+        """Answer a message; what cannot be answered ends the talk, and the robot goes on."""
+        try:
+            for answer in await reader.answers(said):
+                await connection.send(answer, text=True)
+        except Error as error:
+            await connection.close(1008, str(error)[:100])
+        except self._websockets.ConnectionClosed:
+            pass
+        except Exception as error:
+            await connection.close(1011, f"the page has failed: {type(error).__name__}: {error}"[:100])
 
     # -- Frames of a running system ------------------------------------------------------------------------------
 
@@ -252,10 +286,6 @@ class _Websockets:
     def __init__(self, serve: Any, closed: type[Exception]) -> None:
         self.serve = serve
         self.ConnectionClosed = closed
-
-
-def _is_taken(error: OSError) -> bool:
-    return error.errno in {48, 98, 10048}  # of macOS, Linux and Windows
 
 
 def _once(request: Any) -> list[tuple[str, str]]:

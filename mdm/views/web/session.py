@@ -6,6 +6,7 @@ that sleeps says nothing and gets nothing, and events wait for it in their ring.
 
 from __future__ import annotations
 
+import asyncio
 import time as times
 from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
     from mdm.snapshots import Frame, Scene
 
-__all__ = ["Allowance", "LiveSource", "Reader", "RecordSource", "Said", "Source"]
+__all__ = ["Allowance", "Aside", "LiveSource", "Reader", "RecordSource", "Said", "Source"]
 
 _MOST_EVENTS = 1_000
 """Events that a message has at most."""
@@ -26,6 +27,7 @@ _CLOSE = 16
 
 Path = Annotated[str, msgspec.Meta(max_length=1_000)]
 Paths = Annotated[tuple[Path, ...], msgspec.Meta(max_length=_CLOSE)]
+Time = Annotated[int, msgspec.Meta(ge=0, lt=1 << 62)]
 Cursor = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
 
 
@@ -66,18 +68,23 @@ class Why(_Said, frozen=True):
 
 
 class Command(_Said, frozen=True):
-    """Command an ensemble."""
+    """Command an ensemble; not after a time, in nanoseconds since 1970, by which whoever asks waits no longer."""
 
     command: Path
     ensemble: Path
+    before: Time | None = None
 
 
 class Sense(_Said, frozen=True):
-    """Set a predicate."""
+    """Set a predicate; not after a time, in nanoseconds since 1970, by which whoever asks waits no longer."""
 
     predicate: Path
     value: bool | None
+    before: Time | None = None
 
+
+Aside = Why | Command | Sense
+"""What may take its time, and is answered beside the frames."""
 
 Said = Drawn | At | Step | Why | Command | Sense
 
@@ -103,6 +110,12 @@ class LiveSource(Source, Protocol):
 
     def frame(self, close: Collection[str] = ()) -> Frame:
         """Return how everything is."""
+
+    def command(self, command: str, ensemble: str) -> Awaitable[None] | None:
+        """Command an ensemble; what is returned waits where another process carries it out."""
+
+    def sense(self, predicate: str, value: bool | None) -> Awaitable[None] | None:
+        """Set a predicate; the same."""
 
 
 class RecordSource(Source, Protocol):
@@ -161,6 +174,7 @@ class Reader:
         self._generation = -1
         self._messages = Allowance(120, 240)
         self._commands = Allowance(5, 10)
+        self._explaining = asyncio.Lock()
         self.close: tuple[str, ...] = ()
 
     def greeting(self) -> bytes:
@@ -169,24 +183,34 @@ class Reader:
         self._generation = getattr(self._source, "generation", 0)
         return b'{"scene":' + _encode(scene) + b"}"
 
-    async def answers(self, text: str | bytes) -> list[bytes]:
-        """Return what is answered to a message.
+    def read(self, text: str | bytes) -> Said:
+        """Return a message.
 
         Raises:
-            Error: If the message is none, or too many came.
+            Error: If it is none, or too many came.
         """
         if not self._messages.take():
             raise Error("too many messages")
         try:
-            said = _decode(text)
+            said: Said = _decode(text)
         except msgspec.MsgspecError as error:
             raise Error(f"a message is none: {error}") from None
+        if isinstance(said, Command | Sense) and not self._commands.take():
+            raise Error("too many commands")
+        return said
+
+    async def answers(self, said: Said) -> list[bytes]:
+        """Return what is answered to a message.
+
+        Raises:
+            Error: If it is about what there is none of, or what is shown has failed.
+        """
         if isinstance(said, Command | Sense):
-            if not self._commands.take():
-                raise Error("too many commands")
-            return [_encode(self._commanded(said))]
+            return [_encode(await self._commanded(said))]
         if isinstance(said, Why):
-            return [_encode({"why": await self._source.explain(said.ensemble, said.time), "ensemble": said.ensemble})]
+            async with self._explaining:  # in the order in which they were asked for
+                why = await self._source.explain(said.ensemble, said.time)
+            return [_encode({"why": why, "ensemble": said.ensemble})]
         self.close = said.close
         if self._newest is not None:
             if not isinstance(said, Drawn):
@@ -208,16 +232,22 @@ class Reader:
             answers.append(self.greeting())
         return [*answers, _message(frame, *self._source.ring.after(said.cursor, _MOST_EVENTS))]
 
-    def _commanded(self, said: Command | Sense) -> dict[str, str]:
+    async def _commanded(self, said: Command | Sense) -> dict[str, str]:
         if not self._control:
             return {"refused": "this page takes no commands: its program was started without --page-control"}
+        if said.before is not None and times.time_ns() > said.before:
+            return {"refused": "this command has come too late"}
         try:
             if isinstance(said, Command):
-                self._source.command(said.command, said.ensemble)
-                return {"done": f"{said.command} {said.ensemble}"}
-            self._source.sense(said.predicate, said.value)
+                going = self._source.command(said.command, said.ensemble)
+            else:
+                going = self._source.sense(said.predicate, said.value)
+            if going is not None:
+                await going
         except Error as error:
             return {"refused": str(error)}
+        if isinstance(said, Command):
+            return {"done": f"{said.command} {said.ensemble}"}
         return {"done": f"{said.predicate} is {'unknown' if said.value is None else str(said.value).lower()}"}
 
 

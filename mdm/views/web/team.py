@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import time as times
+from collections import deque
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from mdm.snapshots import EnsembleFrame, Event, Frame, Ring, Scene
 from mdm.snapshots.why import Why
 from mdm.version import __version__
 from mdm.views.web.client import Socket, opened
+from mdm.views.web.session import Allowance
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -28,6 +30,8 @@ __all__ = ["TeamRun"]
 _GONE = EnsembleFrame("stopped", 0.0)
 _AGAIN = 0.5
 _WAITS = 5.0
+_VALID = 2.5
+"""Seconds after which an agent carries out a command no more: fewer than its answer is waited for."""
 
 
 class _Told(msgspec.Struct, frozen=True):
@@ -39,6 +43,8 @@ class _Told(msgspec.Struct, frozen=True):
     cursor: int = 0
     why: Why | None = None
     ensemble: str = ""
+    done: str = ""
+    refused: str = ""
 
 
 _decode = msgspec.json.Decoder(_Told).decode
@@ -56,16 +62,22 @@ class _Agent:
         self._team = team
         self._cursor = 0
         self._socket: Socket | None = None
-        self._asked: asyncio.Future[_Told] | None = None
+        self._whys: deque[asyncio.Future[_Told]] = deque()
+        self._commands: deque[asyncio.Future[_Told]] = deque()
+        self._allowance = Allowance(4, 8)  # less than the agent's own page allows, which ends the talk
 
     async def follow(self) -> None:
         """Look at the agent, again and again where it starts anew."""
         while True:
-            with suppress(Error, OSError):
+            with suppress(Error, OSError, msgspec.MsgspecError):
                 async with opened(self._address) as socket:
                     self._socket, self._cursor = socket, 0
                     await self._look(socket)
             self._socket = self.frame = None
+            for asked in (*self._whys, *self._commands):
+                asked.cancel()
+            self._whys.clear()
+            self._commands.clear()
             await asyncio.sleep(_AGAIN)
 
     async def _look(self, socket: Socket) -> None:
@@ -77,8 +89,10 @@ class _Agent:
             elif told.frame is not None:
                 self.frame = told.frame
                 self._hear(told)
-            elif self._asked is not None and not self._asked.done():
-                self._asked.set_result(told)
+            else:  # each kind is answered in the order in which it was asked
+                asked = self._commands if told.done or told.refused else self._whys
+                if asked and not (first := asked.popleft()).done():
+                    first.set_result(told)
             if told.scene is not None or told.frame is not None:
                 close = [path for path in self._team.close if path in self.paths]
                 await socket.say({"say": "drawn", "cursor": self._cursor, "close": close})
@@ -91,6 +105,10 @@ class _Agent:
             self._team.ring.add(time + self.ahead, kind, source, name, **facts)
         self._cursor = told.cursor
 
+    def shown(self, predicate: str) -> str:
+        """Return the name by which the team's page has a predicate of the agent."""
+        return f"{self.name}: {predicate}"
+
     @property
     def paths(self) -> frozenset[str]:
         """The paths of its ensembles."""
@@ -101,20 +119,49 @@ class _Agent:
         """Seconds from the beginning of the team's page to its own second 0."""
         return 0.0 if self.scene is None else (self.scene.began - self._team.began) / 1e9
 
-    async def ask(self, message: dict[str, Any]) -> _Told:
-        """Say something, and return what is answered.
+    async def why(self, ensemble: str, time: float | None) -> Why | None:
+        """Return why an ensemble has decided.
 
         Raises:
             Error: If the agent does not answer.
         """
-        if self._socket is None:
-            raise Error(f"agent {self.name!r} does not run")
-        self._asked = asyncio.get_running_loop().create_future()
-        await self._socket.say(message)
         try:
-            return await asyncio.wait_for(self._asked, _WAITS)
+            return (await self._ask(self._whys, {"say": "why", "ensemble": ensemble, "time": time})).why
         except TimeoutError:
             raise Error(f"agent {self.name!r} does not answer") from None
+
+    async def command(self, message: dict[str, Any]) -> None:
+        """Have a command carried out.
+
+        Raises:
+            Error: If the agent refuses it, does not answer in time, or too many commands came.
+        """
+        if not self._allowance.take():
+            raise Error(f"too many commands for agent {self.name!r}: wait a second")
+        before = times.time_ns() + round(1e9 * _VALID)
+        socket = self._socket
+        try:
+            told = await self._ask(self._commands, {**message, "before": before})
+        except TimeoutError:
+            if socket is not None and socket is self._socket:
+                socket.abort()  # it counts as lost until it answers again, and later answers are to later questions
+            raise Error(
+                f"agent {self.name!r} does not answer; what it gets to know later it will not carry out"
+            ) from None
+        if told.refused:
+            raise Error(told.refused)
+
+    async def _ask(self, asked: deque[asyncio.Future[_Told]], message: dict[str, Any]) -> _Told:
+        if self._socket is None:
+            raise Error(f"agent {self.name!r} does not run, or its page does not answer")
+        future: asyncio.Future[_Told] = asyncio.get_running_loop().create_future()
+        asked.append(future)
+        async with asyncio.timeout(_WAITS):
+            await self._socket.say(message)
+            await asyncio.wait([future])
+        if future.cancelled():
+            raise Error(f"agent {self.name!r} has ended, or has closed its page, before it answered")
+        return future.result()
 
 
 def _shifted(frame: Frame, by: float) -> Frame:
@@ -149,6 +196,7 @@ class TeamRun:
     Args:
         pages: The address of each agent's page, with its secret.
         title: What the team is called.
+        control: Whether commands are taken, which each agent's page has to allow, too.
 
     Attributes:
         ring: The events of all agents.
@@ -157,12 +205,13 @@ class TeamRun:
         began: When the page began, in nanoseconds since 1970.
     """
 
-    def __init__(self, pages: Mapping[str, str], *, title: str = "") -> None:
+    def __init__(self, pages: Mapping[str, str], *, title: str = "", control: bool = False) -> None:
         self.ring = Ring()
         self.generation = 0
         self.close: tuple[str, ...] = ()
         self.began = times.time_ns()
         self._title = title
+        self._control = control
         self._agents = [_Agent(name, address, self) for name, address in pages.items()]
         self._tasks: list[asyncio.Task[None]] = []
 
@@ -190,14 +239,12 @@ class TeamRun:
                 each if each.parent < 0 else msgspec.structs.replace(each, parent=each.parent + before)
                 for each in scene.ensembles
             ]
-            predicates += [
-                msgspec.structs.replace(each, name=f"{agent.name}: {each.name}", settable=False)
-                for each in scene.predicates
-            ]
+            predicates += [msgspec.structs.replace(each, name=agent.shown(each.name)) for each in scene.predicates]
             floors += [floor for floor in scene.floors if floor not in floors]
         return Scene(
             *(__version__, "live", self._title, self.began, 0.0, 0.0, tuple(ensembles), tuple(predicates)),
             floors=tuple(floors),
+            control=self._control,
         )
 
     def frame(self, close: Collection[str] = ()) -> Frame:
@@ -231,9 +278,30 @@ class TeamRun:
                 return agent
         raise Error(f"there is no ensemble {ensemble!r}")
 
+    async def command(self, command: str, ensemble: str) -> None:
+        """Have an ensemble's agent carry out a command.
+
+        Raises:
+            Error: If there is no such ensemble, or its agent refuses the command, or does not answer in time.
+        """
+        await self._agent_of(ensemble).command({"say": "command", "command": command, "ensemble": ensemble})
+
+    async def sense(self, predicate: str, value: bool | None) -> None:
+        """Have an agent set a predicate, by its name in the scene.
+
+        Raises:
+            Error: If there is no such predicate, or its agent refuses to set it, or does not answer in time.
+        """
+        for agent, scene in self._known():
+            for each in scene.predicates:
+                if agent.shown(each.name) == predicate:
+                    await agent.command({"say": "sense", "predicate": each.name, "value": value})
+                    return
+        raise Error(f"there is no predicate {predicate!r}")
+
     async def explain(self, ensemble: str, time: float | None = None) -> Why | None:
         """Return why an ensemble has decided, as its agent says."""
         try:
-            return (await self._agent_of(ensemble).ask({"say": "why", "ensemble": ensemble, "time": time})).why
+            return await self._agent_of(ensemble).why(ensemble, time)
         except Error as error:
             return Why(f"Nothing tells why: {error}.")

@@ -20,6 +20,8 @@ from records import PATIENCE, Writing, decision
 from shown import a_robot
 
 import mdm
+from mdm.cli import make_parser
+from mdm.team.transport.certificates import make_certificates
 from mdm.testing import run_virtual
 from mdm.views.web.client import opened
 
@@ -43,6 +45,20 @@ def test_a_record_is_served_until_it_is_interrupted(record):
         assert get(address).status == 303
         served.send_signal(signal.SIGINT)
         assert served.wait(20) == 130
+
+
+def test_a_record_is_served_with_tls_to_other_machines(record, tmp_path):
+    pytest.importorskip("cryptography")
+    access = make_certificates(tmp_path / "keys", {"robot": ["127.0.0.1", "robot.test"]})["robot"]
+    options = f"--host 0.0.0.0 --access {tmp_path}/keys/robot"
+
+    async def scene(address):
+        async with opened(address, authority=access.authority) as socket:
+            return json.loads(await socket.receive())["scene"]
+
+    with serving(tmp_path, f"mdm page {record.name} {options}") as address:
+        assert address.startswith("https://robot.test:")
+        assert asyncio.run(scene(address.replace("robot.test", "127.0.0.1")))["source"] == "record"
 
 
 def test_a_record_that_grows_is_shown_as_far_as_it_goes_when_the_page_is_loaded(tmp_path):
@@ -80,7 +96,7 @@ def serving(folder, command):
         sys.executable,
         "-m",
         *shlex.split(command),
-        *(["--port", "0"] if command.startswith("mdm page") else ["0"]),
+        *(["--port", "0"] if command.startswith("mdm page") else ["0"] if command.endswith("--page") else []),
     ]
     with subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True, env=environment) as served:
         try:
@@ -96,11 +112,7 @@ def test_the_commands_of_page_md_show_a_run(record, tmp_path):
     """Those that the page names, at ports that are free; what is for a terminal is printed once."""
     pytest.importorskip("rich")
     a_robot(tmp_path).rename(tmp_path / "robot.toml")
-    serve, watch = (
-        [line for line in block.text.splitlines() if line.startswith("mdm")]
-        for block in blocks.blocks("docs/page.md")
-        if block.info.get("checked") == "tests/cli/records/test_page.py"
-    )
+    serve, _, watch = commands_of_page_md()
     assert [line.split()[1] for line in (*serve, *watch)] == ["run", "page", "watch", "watch"]
     run, page = serve
     live, recorded = watch
@@ -119,6 +131,35 @@ def test_the_commands_of_page_md_show_a_run(record, tmp_path):
     status, told, errors = once(tmp_path, recorded)
     assert (status, errors) == (0, "")
     assert "top/walk" in told
+
+
+def commands_of_page_md():
+    """Return the commands of each block of docs/page.md that is checked here."""
+    return (
+        [line for line in block.text.splitlines() if line.startswith("mdm")]
+        for block in blocks.blocks("docs/page.md")
+        if block.info.get("checked") == "tests/cli/records/test_page.py"
+    )
+
+
+def test_the_commands_of_page_md_open_a_page_to_other_machines(record, tmp_path):
+    """Those for a robot and its record; what a team does is in tests/cli/team/test_up.py."""
+    pytest.importorskip("rich")
+    pytest.importorskip("cryptography")
+    a_robot(tmp_path).rename(tmp_path / "robot.toml")
+    make_certificates(tmp_path / "certificates", {"robot": ["127.0.0.1"]})
+    _, others, _ = commands_of_page_md()
+    assert [line.split()[1] for line in others] == ["run", "team", "team", "page", "watch"]
+    for words in map(shlex.split, others):
+        make_parser(words[1:2]).parse_args(words[1:])
+    run, _, _, page, watch = (line.replace("robot.local", "127.0.0.1") for line in others)
+    with serving(tmp_path, run.replace("--page ", "--page 0 ")) as address:
+        assert address.startswith("https://127.0.0.1:")
+        status, told, errors = once(tmp_path, re.sub(r"'http[^']*'", address, watch))
+        assert (status, errors) == (0, "")
+        assert "top/walk" in told
+    with serving(tmp_path, page) as address:
+        assert address.startswith("https://127.0.0.1:")
 
 
 def once(folder, command):
@@ -147,6 +188,14 @@ def test_bad_input_is_a_sentence(record, tmp_path):
     (tmp_path / "text.mcap").write_text("no record")
     assert told(tmp_path / "text.mcap")[0] == 1
     assert told(record, "--port", "70000")[0] == 2
+    assert told(record, "--access", tmp_path)[0] == 2
+    for options, words in (
+        (["--host", "0.0.0.0"], "a page leaves this machine with TLS alone"),
+        (["--access", tmp_path / "nobody"], "cannot read"),
+    ):
+        status, text = told(record, *options)
+        assert (status, text.count("\n")) == (1, 1)
+        assert words in text
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

@@ -12,6 +12,7 @@ from shown import a_robot
 
 import mdm
 from mdm.cli import main
+from mdm.team.transport.certificates import make_certificates
 from mdm.testing import run_virtual
 
 pytest.importorskip("rich")
@@ -45,6 +46,40 @@ def test_a_running_system_is_shown_in_another_process():
     assert (done.returncode, done.stderr) == (0, "")
     assert "● live" in done.stdout
     assert "listen" in done.stdout
+
+
+def test_a_page_with_tls_is_watched_with_its_authority(tmp_path):
+    pytest.importorskip("cryptography")
+    robot = make_certificates(tmp_path, {"robot": ["127.0.0.1"]})["robot"]
+
+    async def look(_, page):
+        def watch(*options):
+            command = [sys.executable, "-m", "mdm", "watch", page.address, "--once", *options]
+            return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+
+        return [await asyncio.to_thread(watch, *options) for options in (("--authority", robot.authority), ())]
+
+    done, stranger = shown(look, host="127.0.0.1", access=robot)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "● live" in done.stdout
+    assert (stranger.returncode, stranger.stdout) == (1, "")
+    assert "is not trusted" in stranger.stderr
+    assert stranger.stderr.endswith("by --authority FILE\n")
+    assert stranger.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "told"),
+    [
+        (["https://127.0.0.1:1/?token=x", "--authority", "nowhere.pem"], 1, "cannot read nowhere.pem"),
+        (["https://127.0.0.1:1/?token=x"], 1, "nothing answers at 127.0.0.1:1"),
+        (["http://127.0.0.1:1/?token=x", "--authority", "authority.pem"], 2, "begins with https://"),
+        (["run.mcap", "--authority", "authority.pem"], 2, "begins with https://"),
+    ],
+)
+def test_an_authority_that_is_none_or_of_no_use_is_refused(arguments, status, told, capsys):
+    assert main(["watch", *arguments]) == status
+    assert told in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -247,6 +247,10 @@ def test_options_of_a_page_and_of_quiet_that_contradict_others_are_refused(mdm, 
     file = a_robot(tmp_path)
     for options, words in (
         (["--page-control"], "--page-control is for a page"),
+        (["--page-host", "0.0.0.0"], "--page-host is for a page"),
+        (["--page-access", tmp_path / "robot"], "--page-access is for a page"),
+        (["--page", "--page-access", tmp_path], "FOLDER/NAME was expected"),
+        (["--page", "--page-access", ""], "FOLDER/NAME was expected"),
         (["--quiet", "--why"], "which --quiet leaves out"),
         (["--page", "70000"], "a port, up to 65535"),
     ):
@@ -256,4 +260,13 @@ def test_options_of_a_page_and_of_quiet_that_contradict_others_are_refused(mdm, 
     status, _, errors = mdm("run", file, "--page", "0", "--virtual")
     assert status == 1
     assert "a page needs real time" in errors
+    for options, words in (
+        (["--page-host", "0.0.0.0"], "a page leaves this machine with TLS alone"),
+        (["--page-host", ""], "a page's host is a name or an address"),
+        (["--page-access", tmp_path / "nobody"], "cannot read"),
+    ):
+        status, _, errors = mdm("run", file, "--page", "0", *options)
+        assert status == 1
+        assert words in errors
+        assert errors.count("\n") == 1
     assert mdm("run", file, "--virtual", "--epochs", "3", "--quiet") == (0, [], "")

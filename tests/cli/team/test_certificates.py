@@ -18,6 +18,15 @@ def test_each_agent_has_a_certificate(mdm, free, tmp_path):
     assert "is there already" in errors
 
 
+def test_hosts_of_the_team_s_page_are_in_the_certificate_of_its_operator(mdm, free, tmp_path):
+    x509 = pytest.importorskip("cryptography.x509", reason="the extra mdm[certificates]")
+    assert mdm("team", "certificates", free(), "-o", tmp_path, "--host", "robot.test", "--host", "192.0.2.7")[0] == 0
+    for name, hosts in (("operator", ["robot.test", "192.0.2.7"]), ("a", ["127.0.0.1"])):
+        made = x509.load_pem_x509_certificate((tmp_path / f"{name}.pem").read_bytes())
+        names = made.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        assert [str(each.value) for each in names] == hosts
+
+
 def test_days_are_a_number(mdm, free):
     assert mdm("team", "certificates", free(), "--days", "0")[0] == 2
     pytest.importorskip("cryptography", reason="the extra mdm[certificates]")

@@ -8,6 +8,7 @@ import sys
 
 import pytest
 from team_processes import histories
+from transports import free_port
 
 PRINTING = (
     ("[predicates]\n", "[predicates]\n"),
@@ -152,6 +153,52 @@ def test_wrong_usage(mdm, team, arguments, status, words):
     assert found == status
     assert words in errors
     assert "Traceback" not in errors
+
+
+def test_a_team_with_certificates_opens_its_page_to_other_machines(mdm, free, up, tmp_path):
+    pytest.importorskip("cryptography", reason="the extra mdm[certificates]")
+    pytest.importorskip("websockets", reason="the extra mdm[page]")
+    team = free(('name = "rooms"', 'name = "rooms"\naccess = "keys"'))
+    team.write_text(team.read_text().replace("tcp/", "tls/"))
+    hosts = ["--host", "robots.test", "--host", "127.0.0.1"]
+    assert mdm("team", "certificates", team, "-o", tmp_path / "keys", *hosts)[0] == 0
+    page = ["--page", free_port()]
+    status, _, errors = mdm("team", "up", team, *page, "--page-host", "192.0.2.1", "--decisions", tmp_path / "decided")
+    assert (status, "operator.pem is a certificate of robots.test, 127.0.0.1" in errors) == (1, True)
+    assert not (tmp_path / "decided").exists()  # nothing stands in the way of the next try
+    with up(team, *page, "--page-host", "0.0.0.0", "--debug") as running:
+        for agent in "ab":
+            running.hear(agent=agent, event="running", actor=agent)
+        (address,) = (
+            record["text"].removeprefix("page: ").strip()
+            for record in running.records
+            if record.get("text", "").startswith("page: https")
+        )
+        assert address.startswith("https://robots.test:")
+        status, told, errors = mdm(
+            "watch",
+            address.replace("robots.test", "127.0.0.1"),
+            "--authority",
+            tmp_path / "keys" / "authority.pem",
+            "--once",
+        )
+    assert (status, errors) == (0, "")
+    assert "a/joint" in "\n".join(told)
+
+
+@pytest.mark.parametrize("option", [["--page-control"], ["--page-host", "0.0.0.0"], ["--page-access", "keys/operator"]])
+def test_options_of_a_page_are_for_a_page(mdm, team, option):
+    status, _, errors = mdm("team", "up", team, *option)
+    assert status == 2
+    assert f"{option[0]} is for a page: say --page, too" in errors
+
+
+def test_a_team_without_certificates_keeps_its_page_to_itself(mdm, team):
+    pytest.importorskip("websockets", reason="the extra mdm[page]")
+    status, _, errors = mdm("team", "up", team, "--page", "--page-host", "0.0.0.0")
+    assert status == 1
+    assert "a page leaves this machine with TLS alone" in errors
+    assert errors.count("\n") == 1
 
 
 def test_decisions_of_another_run_are_not_written_over(mdm, team, tmp_path):

@@ -3,8 +3,10 @@ from __future__ import annotations
 import errno
 import io
 import os
+import ssl
 import stat
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -27,6 +29,24 @@ def test_each_agent_gets_a_certificate_of_one_authority(tmp_path):
     hosts = x509.load_pem_x509_certificate(Path(made["robot1"].certificate).read_bytes())
     names = hosts.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     assert [str(name.value) for name in names] == ["127.0.0.1", "robot1.local"]
+
+
+def test_who_is_strict_about_certificates_trusts_them_too(tmp_path):
+    """Python itself is from 3.13 on, as browsers are."""
+    pytest.importorskip("cryptography")
+    made = make_certificates(tmp_path, {"robot1": ["127.0.0.1", "robot1.local"]})["robot1"]
+    server = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    server.load_cert_chain(made.certificate, made.key)
+    for name in ("robot1.local", "127.0.0.1"):
+        client = ssl.create_default_context(cafile=made.authority)
+        client.verify_flags |= ssl.VERIFY_X509_STRICT
+        there, back = ssl.MemoryBIO(), ssl.MemoryBIO()
+        ends = [client.wrap_bio(back, there, server_hostname=name), server.wrap_bio(there, back, server_side=True)]
+        for _ in range(4):
+            for end in ends:
+                with suppress(ssl.SSLWantReadError):
+                    end.do_handshake()
+        assert ends[0].getpeercert()["subjectAltName"] == (("IP Address", "127.0.0.1"), ("DNS", "robot1.local"))
 
 
 def test_nothing_is_written_over(tmp_path):

@@ -66,6 +66,24 @@ def test_what_brings_another_secret_is_refused(cookie):
     assert asked(f"/socket?token={TOKEN}", Cookie=cookie, socket=True) == 403  # an address may be seen; a cookie not
 
 
+@pytest.mark.parametrize(
+    ("port", "host"), [(8765, "robot.test:8765"), (8765, "[fd00::7]:8765"), (443, "robot.test"), (443, "[fd00::7]")]
+)
+def test_with_tls_a_server_has_the_names_that_are_given_and_no_others(port, host):
+    access = Access(port, TOKEN, names=("robot.test", "fd00::7"))
+    right = {"Host": host, "Origin": f"https://{host}", "Cookie": f"mdm-{port}={TOKEN}"}
+    assert access.refusal("/socket", right, socket=True) is None
+    for wrong, status in (
+        ({"Origin": f"http://{host}"}, 403),
+        ({"Origin": "https://127.0.0.1:8765"}, 403),
+        ({"Host": "127.0.0.1:8765"}, 421),
+        ({"Host": f"{host}:443"}, 421),
+    ):
+        assert access.refusal("/socket", right | wrong, socket=True).status == status
+    assert access.address.startswith("https://robot.test")
+    assert access.set_cookie.endswith("; Secure")
+
+
 def test_a_refusal_does_not_say_which_part_was_wrong():
     access = Access(8765, TOKEN)
     right = {"Host": HERE, "Origin": f"http://{HERE}", "Cookie": f"mdm-8765={TOKEN}"}

@@ -9,6 +9,9 @@ import pytest
 from decided import ensemble
 from served import TOKEN, shown
 from shown import a_robot
+from team_file import write
+from team_processes import on_free_ports, up
+from transports import free_port
 
 import mdm
 from mdm import Ensemble
@@ -16,6 +19,7 @@ from mdm.models import POMDP
 from mdm.policies import AlphaVectors, DeterministicPolicy
 from mdm.recording import Record
 from mdm.snapshots import RecordedRun
+from mdm.team.transport.certificates import make_certificates
 from mdm.testing import run_virtual
 from mdm.views.web import PageServer
 
@@ -92,6 +96,30 @@ def test_a_page_that_sleeps_is_sent_nothing_and_then_the_newest():
     seen(look_at)
 
 
+def test_with_tls_a_browser_that_trusts_the_certificate_sees_the_page_and_another_does_not(tmp_path):
+    pytest.importorskip("cryptography")
+    robot = ensemble()
+    access = make_certificates(tmp_path, {"robot": ["127.0.0.1"]})["robot"]
+
+    async def look_at(page, *_):
+        assert page.url.startswith("https://")
+        assert await page.evaluate("isSecureContext")
+        robot.publish_observation("hear-left")
+        await page.wait_for_function("() => document.body.innerText.includes('hear-left')")
+        (cookie,) = await page.context.cookies()
+        assert (cookie["secure"], cookie["httpOnly"], cookie["sameSite"]) == (True, True, "Strict")
+
+    hosts = {"host": "127.0.0.1", "access": access}
+    seen(look_at, robot, of={"ignore_https_errors": True}, **hosts)  # as one who trusts its authority
+
+    async def refuse(_, page):
+        async with browsers.browser() as (look, _):
+            with pytest.raises(Exception, match="ERR_CERT_AUTHORITY_INVALID"):
+                await look(page.address)
+
+    shown(refuse, **hosts)
+
+
 def test_commands_are_asked_twice_and_carried_out():
     robot = ensemble()
 
@@ -107,6 +135,41 @@ def test_commands_are_asked_twice_and_carried_out():
         assert robot.mode == "stopped"
 
     seen(look_at, robot, control=True)
+
+
+def test_commands_of_a_team_are_said_to_concern_all_of_it_and_reach_all_of_it(tmp_path):
+    """A process for each agent, each with a page, and that of the team, which the browser looks at."""
+    pytest.importorskip("zenoh")
+    path = write(tmp_path)
+    path.write_text(on_free_ports(path.read_text().replace("port = 7600\n", "")))
+
+    modes = "mdmPage.frame?.ensembles.map((each) => each.mode).join()"
+
+    async def program(running):
+        for agent in "ab":
+            running.hear(agent=agent, event="running", actor=agent)
+        lines = [record.get("text", "") for record in running.records]
+        address = next(line.removeprefix("page: ").strip() for line in lines if line.startswith("page: "))
+        async with browsers.browser() as (look, wrong):
+            page = await look(address)
+            await page.wait_for_function(f"() => {modes} === 'deciding,deciding'")
+            await page.get_by_role("option").filter(has_text="b/joint").click()
+            await page.get_by_role("button", name="release", exact=True).click()
+            assert await text(page, ".ask b") == (
+                "release b/joint? It leaves its safe mode: you answer for its causes, and the robot may move."
+            )
+            await page.get_by_role("button", name="No").click()
+            await page.get_by_role("button", name="stop", exact=True).click()
+            assert await text(page, ".ask b") == (
+                "stop b/joint? It ends its action and decides nothing more. So do all agents of its team."
+            )
+            await page.get_by_role("button", name="Yes, stop").click()
+            await page.wait_for_function("() => document.body.innerText.includes('done: stop b/joint')")
+            await page.wait_for_function(f"() => {modes} === 'stopped,stopped'")
+            assert wrong == []
+
+    with up(path, "--page", free_port(), "--page-control") as running:
+        asyncio.run(program(running))
 
 
 def test_without_being_asked_for_there_are_no_commands():

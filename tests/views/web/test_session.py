@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 
 import msgspec
 import pytest
@@ -17,6 +18,10 @@ from mdm.views.web.session import Allowance, Reader
 
 def said(**message):
     return msgspec.json.encode(message)
+
+
+async def answers(reader, text):
+    return await reader.answers(reader.read(text))
 
 
 def with_reader(talk, *, control=False):
@@ -42,12 +47,12 @@ def with_reader(talk, *, control=False):
 
 def test_a_frame_comes_with_the_events_behind_the_cursor():
     async def talk(reader, robot, _):
-        (first,) = await reader.answers(said(say="drawn", cursor=0, close=["robot"]))
+        (first,) = await answers(reader, said(say="drawn", cursor=0, close=["robot"]))
         first = msgspec.json.decode(first)
         assert first["frame"]["ensembles"][0]["mode"] == "deciding"
         assert list(first["frame"]["details"]) == ["robot"]
         robot.publish_observation("hear-left")
-        (second,) = await reader.answers(said(say="drawn", cursor=first["cursor"]))
+        (second,) = await answers(reader, said(say="drawn", cursor=first["cursor"]))
         second = msgspec.json.decode(second)
         numbers = [event["number"] for event in first["events"] + second["events"]]
         assert numbers == list(range(1, len(numbers) + 1))
@@ -59,20 +64,36 @@ def test_a_frame_comes_with_the_events_behind_the_cursor():
 
 def test_commands_are_refused_unless_they_are_asked_for():
     async def talk(reader, robot, _):
-        (answer,) = await reader.answers(said(say="command", command="stop", ensemble="robot"))
+        (answer,) = await answers(reader, said(say="command", command="stop", ensemble="robot"))
         assert "--page-control" in msgspec.json.decode(answer)["refused"]
         assert robot.mode == "deciding"
 
     with_reader(talk)
 
     async def commands(reader, robot, _):
-        (answer,) = await reader.answers(said(say="command", command="stop", ensemble="robot"))
+        (answer,) = await answers(reader, said(say="command", command="stop", ensemble="robot"))
         assert msgspec.json.decode(answer) == {"done": "stop robot"}
         assert robot.mode == "stopped"
-        (answer,) = await reader.answers(said(say="command", command="stop", ensemble="nobody"))
+        (answer,) = await answers(reader, said(say="command", command="stop", ensemble="nobody"))
         assert msgspec.json.decode(answer) == {"refused": "there is no ensemble 'nobody'"}
 
     with_reader(commands, control=True)
+
+
+def test_a_command_that_comes_too_late_is_refused():
+    async def talk(reader, robot, _):
+        soon, before = time.time_ns() + 10**12, time.time_ns() - 1
+        for message in (
+            {"say": "command", "command": "stop", "ensemble": "robot"},
+            {"say": "sense", "predicate": "InLab", "value": True},
+        ):
+            (answer,) = await answers(reader, said(**message, before=before))
+            assert msgspec.json.decode(answer) == {"refused": "this command has come too late"}
+        assert robot.mode == "deciding"
+        await answers(reader, said(say="command", command="stop", ensemble="robot", before=soon))
+        assert robot.mode == "stopped"
+
+    with_reader(talk, control=True)
 
 
 @pytest.mark.parametrize(
@@ -85,6 +106,7 @@ def test_commands_are_refused_unless_they_are_asked_for():
         b'{"say": "drawn", "more": 1}',
         said(say="drawn", close=["x"] * 17),
         said(say="command", command="x" * 1001, ensemble="robot"),
+        said(say="command", command="stop", ensemble="robot", before=-1),
         said(say="at", time=1.0),
         b"\xff\xfe",
     ],
@@ -92,7 +114,7 @@ def test_commands_are_refused_unless_they_are_asked_for():
 def test_what_is_no_message_ends_the_talk(message):
     async def talk(reader, *_):
         with pytest.raises(Error):
-            await reader.answers(message)
+            await answers(reader, message)
 
     with_reader(talk, control=True)
 
@@ -102,7 +124,7 @@ def test_ten_thousand_commands_are_too_many():
         answered = 0
         with refused(Error):
             for _ in range(10_000):
-                await reader.answers(said(say="command", command="start", ensemble="robot"))
+                await answers(reader, said(say="command", command="start", ensemble="robot"))
                 answered += 1
         assert answered == 10
 

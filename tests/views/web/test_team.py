@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import asyncio
+import json
+import time
+from contextlib import AsyncExitStack, asynccontextmanager
 
 import msgspec
 import pytest
 from decided import VECTORS, nothing
+from sentences import refused
 from served import TOKEN
+from shown import a_robot
 
-from mdm import Ensemble, Runtime
+import mdm
+from mdm import Ensemble, Error, Runtime
 from mdm.problems import tiger
 from mdm.snapshots import Event
-from mdm.views.web import Page
+from mdm.views.web import Page, PageServer
+from mdm.views.web.client import opened
 from mdm.views.web.team import TeamRun
 
 pytest.importorskip("websockets")
@@ -67,3 +74,150 @@ def test_all_agents_are_laid_beside_each_other_and_one_that_ends_says_so():
             await team.stop()
 
     asyncio.run(program())
+
+
+def commanded(program, *robots, control=True):
+    """Run a coroutine function with the pages of some robots on one, that takes commands, and the robots."""
+
+    async def run():
+        async with AsyncExitStack() as stack:
+            pages = {}
+            for robot in robots:
+                own = Page(0, token=TOKEN, announce=lambda _: None, control=control)
+                runtime = Runtime(log=False, page=own, watchdog=None, signals=False)
+                await (await stack.enter_async_context(runtime)).start(robot)
+                pages[robot.name] = own.address
+            team = TeamRun(pages, control=True)
+            team.open()
+            stack.push_async_callback(team.stop)
+            await until(lambda: len(team.scene().ensembles) >= len(robots))
+            await program(team)
+
+    asyncio.run(run())
+
+
+def test_a_command_reaches_the_agent_concerned_and_no_other():
+    ada, bob = agent("ada"), agent("bob")
+
+    async def program(team):
+        await team.command("stop", "bob")
+        assert (ada.mode, bob.mode) == ("deciding", "stopped")
+        await team.command("start", "bob")
+        await team.command("stop", "ada")
+        assert (ada.mode, bob.mode) == ("stopped", "deciding")
+        for command, ensemble in (("explode", "bob"), ("stop", "carl")):
+            with refused(Error):
+                await team.command(command, ensemble)
+        assert (ada.mode, bob.mode) == ("stopped", "deciding")
+
+    commanded(program, ada, bob)
+
+
+def test_what_an_agent_s_page_refuses_is_told():
+    ada = agent("ada")
+
+    async def program(team):
+        with refused(Error):
+            await team.command("stop", "ada")
+        assert ada.mode == "deciding"
+
+    commanded(program, ada, control=False)
+
+
+def test_predicates_are_set_at_their_agent_as_far_as_its_page_lets_them(tmp_path):
+    one, two = mdm.load_system(a_robot(tmp_path)), mdm.load_system(a_robot(tmp_path))
+    for system, name in ((one, "one"), (two, "two")):
+        system.name = name
+
+    async def program(team):
+        settable = [each.name for each in team.scene().predicates if each.settable]
+        assert settable == ["one: Low", "two: Low"]
+        await team.sense("two: Low", value=True)
+        assert (one.predicates.value("Low"), two.predicates.value("Low")) == (False, True)
+        await team.sense("two: Low", value=None)
+        assert two.predicates.value("Low") is None
+        for name in ("two: Near", "Low", "three: Low"):  # a sensor tells the first
+            with refused(Error):
+                await team.sense(name, value=True)
+
+    commanded(program, one, two)
+
+
+def test_more_commands_than_an_agent_takes_are_refused_before_it_hangs_up():
+    ada = agent("ada")
+
+    async def program(team):
+        answers = await asyncio.gather(*(team.command("reset", "ada") for _ in range(30)), return_exceptions=True)
+        refusals = [str(each) for each in answers if each is not None]
+        assert set(refusals) == {"too many commands for agent 'ada': wait a second"}
+        assert 8 <= answers.count(None) < 30
+        assert team.frame().ensembles[0].mode == "deciding"  # whom the page goes on to see
+
+    commanded(program, ada)
+
+
+@asynccontextmanager
+async def hanging(scene):
+    """Serve the page of an agent that hangs once it has shown itself; yield its address, and what it was asked."""
+    from websockets.asyncio.server import serve
+
+    asked = []
+
+    def note(message):
+        if message["say"] != "drawn":
+            asked.append(message)
+
+    async def show(connection):
+        await connection.send(msgspec.json.encode({"scene": scene}), text=True)
+        async for message in connection:
+            note(json.loads(message))
+
+    async with serve(show, "127.0.0.1", 0, close_timeout=0.1) as server:
+        port = next(iter(server.sockets)).getsockname()[1]
+        yield f"http://127.0.0.1:{port}/?token={TOKEN}", asked
+
+
+def test_an_agent_that_hangs_refuses_in_time_and_keeps_nobody_else_waiting(monkeypatch):
+    monkeypatch.setattr("mdm.views.web.team._WAITS", 2.0)
+    monkeypatch.setattr("mdm.views.web.team._VALID", 1.0)
+    ada = agent("ada")
+
+    async def program(team):
+        bob = [msgspec.structs.replace(each, path="bob") for each in team.scene().ensembles]
+        async with hanging(msgspec.structs.replace(team.scene(), ensembles=tuple(bob))) as (address, asked):
+            both = TeamRun({"ada": team._agents[0]._address, "bob": address}, control=True)
+            server = PageServer(both, port=0, live=True, control=True, token=TOKEN)
+            await server.open()
+            both.open()
+            await until(lambda: len(both.scene().ensembles) == 2)
+            async with opened(server.address) as browser:
+                await browser.receive()
+                await browser.say({"say": "command", "command": "stop", "ensemble": "bob"})
+                await browser.say({"say": "command", "command": "stop", "ensemble": "ada"})
+                await browser.say({"say": "drawn"})
+                answers = [json.loads(await browser.receive()) for _ in range(2)]
+                assert {"done": "stop ada"} in answers
+                assert any("frame" in each for each in answers)
+                assert ada.mode == "stopped"
+                late = json.loads(await browser.receive())
+                assert late["refused"].startswith("agent 'bob' does not answer")
+                (message,) = asked
+                assert 0 <= time.time_ns() - message.pop("before") < 60e9  # its time is over
+                assert message == {"say": "command", "command": "stop", "ensemble": "bob"}
+            await both.stop()
+            await server.close()
+
+    commanded(program, ada)
+
+
+def test_an_agent_that_is_gone_refuses_at_once():
+    ada = agent("ada")
+
+    async def program(team):
+        await team.stop()
+        gone = TeamRun({"ada": "http://127.0.0.1:1/?token=" + TOKEN}, control=True)
+        gone._agents[0].scene = team.scene()
+        with refused(Error):
+            await gone.command("stop", "ada")
+
+    commanded(program, ada)

@@ -121,7 +121,13 @@ const MOVES = {
   release: "leaves its safe mode: you answer for its causes, and the robot may move",
 };
 
-const command = (word, ensemble) => { told.asked = { message: { say: "command", command: word, ensemble }, text: `${word} ${ensemble}? It ${MOVES[word]}.`, yes: `Yes, ${word}` }; schedule(); };
+// An ensemble of a team is started, stopped and reset at all agents; it is released at one.
+const everywhere = (word, ensemble) => {
+  const of = `ensemble ${ensemble.slice(ensemble.indexOf("/") + 1)}`;
+  const shared = Object.keys(told.frame?.team ?? {}).some((key) => key === of || key.startsWith(`${of} (`));
+  return shared && word !== "release" ? " So do all agents of its team." : "";
+};
+const command = (word, ensemble) => { told.asked = { message: { say: "command", command: word, ensemble }, text: `${word} ${ensemble}? It ${MOVES[word]}.${everywhere(word, ensemble)}`, yes: `Yes, ${word}` }; schedule(); };
 const sense = (predicate, value) => { told.asked = { message: { say: "sense", predicate, value }, text: `Set ${predicate} to ${value}? What decides on it may move the robot.`, yes: "Yes, set it" }; schedule(); };
 
 function answer(yes) {

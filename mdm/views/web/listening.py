@@ -1,0 +1,105 @@
+"""Where a page listens: a socket that takes so many connections at once, and so many a second, and closes the others.
+
+A page for other machines is reached by strangers, before they have told any secret: their connections, and handshakes,
+are to cost a robot neither its files nor its time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import ipaddress
+import os
+import socket
+from contextlib import suppress
+from typing import Any
+
+from mdm.errors import Error
+from mdm.views.web.ports import in_use
+from mdm.views.web.session import Allowance
+
+__all__ = ["LOOPBACK", "Listening", "is_loopback", "listen"]
+
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+"""The names by which a machine calls itself, and nobody else."""
+
+_MOST = 128
+"""Connections at once: 32 who look, and each of them at several files."""
+_RATE = 50.0
+_BURST = 250.0
+"""Connections a second, and some more at once: a browser asks for some twenty files, by a connection each."""
+
+
+class Listening(socket.socket):
+    """A socket that listens, and takes no more connections than a robot can afford."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._taken: list[socket.socket] = []
+        self._allowance = Allowance(_RATE, _BURST)
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """Take a connection.
+
+        Raises:
+            ConnectionAbortedError: If it was one too many, and is closed: the event loop takes that for a caller who
+                has hung up.
+        """
+        connection, address = super().accept()
+        self._taken = [each for each in self._taken if each.fileno() >= 0]
+        if len(self._taken) >= _MOST or not self._allowance.take():
+            connection.close()
+            raise ConnectionAbortedError(errno.ECONNABORTED, "too many connections")
+        self._taken.append(connection)
+        return connection, address
+
+
+async def listen(host: str, port: int) -> Listening:
+    """Listen at a host; of a name with several addresses, at the first one, of IPv4 where there is one.
+
+    Args:
+        host: A name or an address.
+        port: The port; 0 for any that is free.
+
+    Raises:
+        Error: If this machine cannot listen there, or could be reached by nobody else by that name.
+    """
+    try:
+        found = await asyncio.get_running_loop().getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    except (OSError, ValueError):
+        raise Error(f"the page cannot be opened: no host {host!r} is known here (0.0.0.0 is all addresses)") from None
+    family, _, _, _, place = min(found, key=lambda each: each[0] != socket.AF_INET)
+    address = str(place[0])
+    if is_loopback(address) and not is_loopback(host):
+        raise Error(
+            f"the page cannot be opened: {host} is {address} here, where no other machine reaches it (0.0.0.0 is all "
+            "addresses)"
+        )
+    listening = Listening(family, socket.SOCK_STREAM)
+    try:
+        if os.name == "posix":  # elsewhere it would share the port
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.setblocking(False)
+        listening.bind(place)
+        listening.listen()
+    except OSError as error:
+        listening.close()
+        raise Error(f"the page cannot be opened: {_reason(error, host, address, port)}") from None
+    return listening
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a name or an address stands for the machine itself, on all machines."""
+    if host in LOOPBACK:
+        return True
+    with suppress(ValueError):
+        return ipaddress.ip_address(host).is_loopback
+    return False
+
+
+def _reason(error: OSError, host: str, address: str, port: int) -> str:
+    if error.errno == errno.EADDRINUSE:
+        return in_use(port, address)
+    if error.errno == errno.EADDRNOTAVAIL:
+        return f"this machine does not have the address {address}{'' if host == address else f', which {host} is'}"
+    return f"nobody may listen at {host}, port {port}: {error.strerror}"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from bisect import bisect_left, bisect_right
-from collections import OrderedDict, defaultdict
+from collections import Counter, OrderedDict, defaultdict
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
@@ -32,7 +32,9 @@ from mdm.snapshots.beliefs import belief_frame, grid_factors
 from mdm.snapshots.events import Event
 from mdm.snapshots.floors import floors_of, robot_at
 from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, Frame, LifeFrame, StatisticsFrame
-from mdm.snapshots.live import factors_of, observed, remedy_of
+from mdm.snapshots.live import factors_of, remedy_of
+from mdm.snapshots.observations import HISTORY, most_frequent, observed
+from mdm.snapshots.oddities import KEPT, SEEN, WINDOW, Ended, Seen, lasting, likeliest, repeated, unmoved
 from mdm.snapshots.scene import EnsembleScene, PredicateScene, Scene
 from mdm.snapshots.why import Why, why_recorded
 from mdm.version import __version__
@@ -68,6 +70,11 @@ class _Track:
         self.times.append(time)
         self.entries.append(entry)
 
+    def last(self, time: int, most: int) -> slice:
+        """Return where the last entries by a time are, so many at most."""
+        end = self.place(time) + 1
+        return slice(max(0, end - most), end)
+
     def place(self, time: int) -> int:
         """Return the place of the last entry by a time; -1 where there is none."""
         return bisect_right(self.times, time) - 1
@@ -88,12 +95,20 @@ class _Ensemble:
         self.lives = _Track()
         self.decisions = _Track()
         self.ends = _Track()
+        self.repeats = _Track()
+        self.observations: defaultdict[Any, list[int]] = defaultdict(list)
+        self.observed = _Track()
+        self.seen = _Track()
         self._living: dict[int, ActionLife] = {}
 
     def add(self, message: Decision | ActionLife | Mode | Idle) -> None:
         if isinstance(message, Decision):  # whose belief is read again where one is looked at
             kept = message if message.belief is None else msgspec.structs.replace(message, belief=None)
             self.decisions.add(message.time, kept)
+            if message.cause == "again":
+                self.repeats.add(message.time, message.action_name)
+            if message.observation is not None:
+                self._observe(message)
         elif isinstance(message, Mode):
             self.modes.add(message.time, message)
         elif isinstance(message, Idle):
@@ -101,12 +116,20 @@ class _Ensemble:
         else:
             self._live(message)
 
+    def _observe(self, decision: Decision) -> None:
+        symbol = decision.observation
+        self.observations[symbol].append(decision.time)
+        self.observed.add(decision.time, symbol)
+        found = likeliest(decision.belief)
+        if found is not None:
+            self.seen.add(decision.time, (symbol, *found))
+
     def _live(self, life: ActionLife) -> None:
         if life.status == "running":
             self._living[life.life] = life
         else:
-            self._living.pop(life.life, None)
-            self.ends.add(life.time, life.status)
+            begun = self._living.pop(life.life, life)
+            self.ends.add(life.time, Ended(life.action, (life.time - begun.time) / 1e9, life.status))
         self.lives.add(life.time, tuple(self._living.values()))
 
 
@@ -392,8 +415,8 @@ class RecordedRun:
     def _ended(self, path: str, time: int) -> dict[str, int]:
         counts: dict[str, int] = defaultdict(int)
         ends = self._ensembles[path].ends
-        for status in ends.entries[: ends.place(time) + 1]:
-            counts[status] += 1
+        for end in ends.entries[: ends.place(time) + 1]:
+            counts[end.status] += 1
         return dict(counts)
 
     def _ensemble_frame(self, each: _Ensemble, time: int) -> EnsembleFrame:
@@ -411,7 +434,51 @@ class RecordedRun:
             epoch=-1 if decision is None else decision.epoch,
             action="" if decision is None else decision.action_name,
             decisions=place + 1,
+            odd=() if mode is None or mode.mode != "deciding" else self._odd(each, time),
         )
+
+    def _odd(self, each: _Ensemble, time: int) -> tuple[str, ...]:
+        """Return what looks odd at a time, in words."""
+        decision: Decision | None = each.decisions.at(time)
+        found = []
+        if decision is not None:
+            first = each.repeats.place(time - round(WINDOW * 1e9)) + 1
+            window = each.repeats.entries[first : each.repeats.place(time) + 1]
+            found.append(repeated(decision.action_name, window.count(decision.action_name)))
+        ended = each.ends.entries[each.ends.last(time, KEPT)]
+        composed = self._composed(each.path)
+        lives = [life for life in each.lives.at(time) or () if life.action not in composed]
+        found += [lasting(life.action, (time - life.time) / 1e9, ended) for life in lives]
+        last = each.seen.last(time, SEEN)
+        if each.seen.times[last] and time - each.seen.times[last][-1] < WINDOW * 1e9:
+            pairs = zip(each.seen.times[last], each.seen.entries[last], strict=True)
+            seen = [Seen(self._seconds(at), *entry) for at, entry in pairs]
+            space = self._spaces[each.path]
+            name: Any = str if space is None else space.names.__getitem__
+            found.append(unmoved(seen, lambda symbol: self._observed(each.path, symbol) or "", name))
+        return tuple([text for text in found if text])
+
+    def _composed(self, path: str) -> frozenset[str]:
+        """Return the actions of an ensemble that are ensembles: these last as long as they are chosen."""
+        if path not in self._models:
+            return frozenset()
+        action = self._models[path].action
+        pairs = zip(action.names, action.bindings, strict=True)
+        return frozenset([name for name, binding in pairs if binding.ensemble is not None])
+
+    def _history(self, each: _Ensemble, time: int) -> tuple[tuple[float, str], ...]:
+        """Return the last observations by a time, by name."""
+        last = each.observed.last(time, HISTORY)
+        pairs = zip(each.observed.times[last], each.observed.entries[last], strict=True)
+        return tuple([(self._seconds(at), self._observed(each.path, symbol) or "") for at, symbol in pairs])
+
+    def _tally(self, each: _Ensemble, time: int) -> tuple[tuple[str, int], ...]:
+        """Return how often each observation came by a time."""
+        counts: Counter[str] = Counter()
+        for symbol, times in each.observations.items():
+            if count := bisect_right(times, time):
+                counts[self._observed(each.path, symbol) or ""] += count
+        return most_frequent(counts)
 
     def _detail(self, each: _Ensemble, time: int) -> Detail:
         decision: Decision | None = each.decisions.at(time)
@@ -433,6 +500,8 @@ class RecordedRun:
             decided=self._seconds(decision.time),
             reward=decision.reward,
             belief=belief_frame(self._belief(each.path, decision), space),
+            observations=self._history(each, time),
+            tally=self._tally(each, time),
         )
 
     def _observed(self, path: str, observation: Any) -> str | None:

@@ -20,6 +20,7 @@ _SIGNS = {"deciding": "▶", "safe": "■", "stopped": "○", "waiting": "…", 
 _COLOURS = {"deciding": "green", "safe": "bold red", "stopped": "bright_black", "waiting": "yellow", "idle": "yellow"}
 _BARS = 20
 _EVENTS = 100_000
+_ALARMS = 4
 
 
 def rich() -> Any:
@@ -132,7 +133,9 @@ class Terminal:
                 )
                 for cause in each.causes
             ]
-        return found[:4]
+        for of, each in zip(self.scene.ensembles, frame.ensembles, strict=False):
+            found += [self._text((f"? {of.path} looks odd: ", "bold yellow"), (text, "yellow")) for text in each.odd]
+        return found[:_ALARMS]
 
     def _tree(self, frame: Frame, most: int) -> Any:
         table = self._table(5)
@@ -163,6 +166,7 @@ class Terminal:
             for name, value in (
                 ("state", detail.state),
                 ("observed", detail.observation),
+                ("so far", ", ".join(f"{name} {count}" for name, count in detail.tally[:4]) or None),
                 ("reward", None if detail.reward is None else f"{detail.reward:.4g}"),
                 ("return", None if detail.value is None else f"{detail.value:.4g}"),
                 ("on", detail.cause or None),

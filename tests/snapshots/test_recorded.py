@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import tempfile
+from collections import Counter
 
 import msgspec
 import pytest
@@ -126,6 +127,9 @@ def test_without_a_configuration_beliefs_have_the_names_of_the_record(tmp_path):
             dict(zip(mdm.problems.tiger().state_space.names, belief, strict=True)), abs=1e-6
         )
         assert detail.observation == ("hear-right" if second == 3 else "hear-left")
+        heard = [(1.0, "hear-left"), (2.0, "hear-left"), (3.0, "hear-right")][:second]
+        assert detail.observations == tuple(heard)
+        assert dict(detail.tally) == Counter([name for _, name in heard])
     assert run.scene().ensembles[0].actions[0] == "listen"
 
 

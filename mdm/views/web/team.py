@@ -131,7 +131,11 @@ def _shifted(frame: Frame, by: float) -> Frame:
         for each in frame.ensembles
     ]
     details = {
-        path: each if each.decided is None else replace(each, decided=each.decided + by)
+        path: replace(
+            each,
+            decided=None if each.decided is None else each.decided + by,
+            observations=tuple([(time + by, name) for time, name in each.observations]),
+        )
         for path, each in frame.details.items()
     }
     return replace(

@@ -19,7 +19,7 @@ from mdm.maps.places import Places
 from mdm.messages import Action, ActionLife, Observation, Progress, Reward, State
 from mdm.runtime.actor import descendants
 from mdm.snapshots.beliefs import belief_frame, grid_factors
-from mdm.snapshots.events import Ring
+from mdm.snapshots.events import Ring, value_of
 from mdm.snapshots.floors import floors_of, robot_frame
 from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, Frame, LifeFrame, Spread, StatisticsFrame
 from mdm.snapshots.lookout import Lookout
@@ -369,10 +369,13 @@ class LiveRun:
         known = {id(manager): manager.values() for manager in self._managers}
         values = tuple([known[id(manager)].get(name) for manager, name in self._owners])
         if values != self._values:
+            assert self._scene is not None
             seconds = self._seconds(now)
             for place, (value, before) in enumerate(zip(values, self._values, strict=True)):
                 if value is not before:
                     self._changed[place] = seconds
+                    name = self._scene.predicates[place].name
+                    self.ring.add(seconds, "predicate", self._owners[place][0].path, name, status=value_of(value))
             self._values = values
 
     def _with_progress(self, frames: list[EnsembleFrame]) -> list[EnsembleFrame]:

@@ -29,7 +29,7 @@ from mdm.recording.names import Names, names_of
 from mdm.recording.stimuli import Said
 from mdm.replay import replay
 from mdm.snapshots.beliefs import belief_frame, grid_factors
-from mdm.snapshots.events import Event
+from mdm.snapshots.events import Event, value_of
 from mdm.snapshots.floors import floors_of, robot_at
 from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, Frame, LifeFrame, StatisticsFrame
 from mdm.snapshots.live import factors_of, remedy_of
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 __all__ = ["RecordedRun", "Step"]
 
-Step = Literal["decision", "fault", "mode"]
+Step = Literal["decision", "change", "fault", "mode"]
 
 _TOPICS = ("stimuli", "decisions", "lives", "modes", "faults", "idles")
 _MOST = 50_000
@@ -94,6 +94,7 @@ class _Ensemble:
         self.idles = _Track()
         self.lives = _Track()
         self.decisions = _Track()
+        self.changes = _Track()
         self.ends = _Track()
         self.repeats = _Track()
         self.observations: defaultdict[Any, list[int]] = defaultdict(list)
@@ -104,6 +105,8 @@ class _Ensemble:
     def add(self, message: Decision | ActionLife | Mode | Idle) -> None:
         if isinstance(message, Decision):  # whose belief is read again where one is looked at
             kept = message if message.belief is None else msgspec.structs.replace(message, belief=None)
+            if not self.decisions.entries or self.decisions.entries[-1].action_name != message.action_name:
+                self.changes.add(message.time, message.action_name)
             self.decisions.add(message.time, kept)
             if message.cause == "again":
                 self.repeats.add(message.time, message.action_name)
@@ -180,8 +183,10 @@ class RecordedRun:
         self._read()
         self._names = names_of(record)
         self._spaces = {path: self._space(path) for path in self._ensembles}
-        self._events = self._made_events()
-        self._encoded = [msgspec.json.encode(event) for event in self._events]
+        self._tell_events()
+
+    def _tell_events(self) -> None:
+        self._encoded = [msgspec.json.encode(event) for event in self._made_events()]
 
     @property
     def grows(self) -> bool:
@@ -250,7 +255,7 @@ class RecordedRun:
             pairs = list(zip(decisions.times, decisions.entries, strict=True))[::step]
             found += [(time, (decision, step)) for time, decision in pairs]
             if step > 1:
-                self._remarks.append(f"{ensemble.path}: on the timeline one decision stands for {step:,}")
+                self.remark(f"{ensemble.path}: on the timeline one decision stands for {step:,}")
             found += zip(ensemble.modes.times, ensemble.modes.entries, strict=True)
             found += zip(ensemble.idles.times, ensemble.idles.entries, strict=True)
         found += zip(self._faults.times, self._faults.entries, strict=True)
@@ -266,13 +271,33 @@ class RecordedRun:
         }
         lasting = [life for life in lives if (life.ensemble, life.life) not in plain]
         if len(lasting) > 2 * _MOST:
-            self._remarks.append(f"the timeline has the first {_MOST:,} of {len(lasting) // 2:,} actions")
+            self.remark(f"the timeline has the first {_MOST:,} of {len(lasting) // 2:,} actions")
         found += [(life.time, life) for life in lasting[: 2 * _MOST]]
+        changes = self._changes()
+        if len(changes) > _MOST:
+            self.remark(f"the timeline has the first {_MOST:,} of {len(changes):,} changes of predicates")
+        found += changes[:_MOST]
         found.sort(key=lambda pair: pair[0])
         return [self._event(number, time, each) for number, (time, each) in enumerate(found, 1)]
 
+    def _changes(self) -> list[tuple[int, Any]]:
+        """Return the changes of predicates with their times."""
+        found: list[tuple[int, Any]] = []
+        before: dict[str, bool | None] = {}
+        for time, values in zip(self._values.times, self._values.entries, strict=True):
+            found += [
+                (time, (name, value))
+                for name, value in values.items()
+                if name in self._predicates and before.get(name) is not value
+            ]
+            before = values
+        return found
+
     def _event(self, number: int, time: int, each: Any) -> Event:
         seconds = self._seconds(time)
+        if isinstance(each, tuple) and isinstance(each[0], str):
+            assert self._manager is not None
+            return Event(*(number, seconds, "predicate", self._manager.path, each[0]), status=value_of(each[1]))
         if isinstance(each, tuple):
             decision, count = each
             return Event(
@@ -319,10 +344,12 @@ class RecordedRun:
             until = "" if at is None else f" up to second {self._seconds(at.time):g}"
             self._remarks.append(f"predicates are restored by a replay, which is the same as the run{until} alone")
         self._predicates = [name for name in manager.values() if name in values]
+        self._tell_events()
 
     def remark(self, text: str) -> None:
-        """Have something said of the run."""
-        self._remarks.append(text)
+        """Have something said of the run, once."""
+        if text not in self._remarks:
+            self._remarks.append(text)
 
     # -- The scene -----------------------------------------------------------------------------------------------
 
@@ -534,15 +561,19 @@ class RecordedRun:
         return self._encoded[cursor:end], end
 
     def step(self, kind: Step, seconds: float, *, back: bool = False) -> float:
-        """Return the time of the next decision, fault or change of a mode, or of the one before; the same for none."""
+        """Return the time of the next decision, fault or change of a mode, or of the one before; the same for none.
+
+        A ``change`` is a decision for another action than that of the decision before it of the same ensemble.
+        """
         time = self._time(seconds)
         tracks = {
             "decision": [each.decisions for each in self._ensembles.values()],
+            "change": [each.changes for each in self._ensembles.values()],
             "mode": [each.modes for each in self._ensembles.values()],
             "fault": [self._faults],
         }.get(kind)
         if tracks is None:
-            raise Error(f"there is no step to a {kind}: decision, fault, mode")
+            raise Error(f"there is no step to a {kind}: decision, change, fault, mode")
         found = []
         for track in tracks:
             place = bisect_left(track.times, time) - 1 if back else bisect_right(track.times, time)

@@ -85,8 +85,8 @@ class Terminal:
         self.selected = max(0, min(len(self.scene.ensembles) - 1, self.selected + by))
 
     def hear(self, events: Sequence[Event]) -> None:
-        """Take events in."""
-        self._events.extend(events)
+        """Take events in, but for changes of predicates, which have a line of their own."""
+        self._events.extend([event for event in events if event.kind != "predicate"])
 
     def picture(self, frame: Frame, *, height: int = 40, status: str = "") -> Any:
         """Return a frame as what rich prints.

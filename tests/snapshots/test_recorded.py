@@ -84,6 +84,19 @@ def test_its_events_are_those_that_were_seen_live(robot):
     assert {each for each in ends if each[2]} <= {(event.source, event.name, event.life) for event in found}
 
 
+def test_changes_of_predicates_are_events_as_they_were_live(robot):
+    _, events, record = robot
+    run = restored(record)
+    found = [msgspec.json.decode(each, type=Event) for each in run.after(0, 10**9)[0]]
+    kept = [(event.name, event.status) for event in found if event.kind == "predicate"]
+    seen = [(event.name, event.status) for event in events if event.kind == "predicate"]
+    assert len(seen) > 20
+    for name in {name for name, _ in seen}:
+        live = [each for each in seen if each[0] == name]
+        assert [each for each in kept if each[0] == name][: len(live)] == live  # the last was not looked at any more
+    assert [event.number for event in found] == list(range(1, len(found) + 1))
+
+
 def test_steps_lead_from_one_to_the_next_and_back(robot):
     _, _, record = robot
     run = RecordedRun(record)
@@ -103,6 +116,17 @@ def test_steps_lead_from_one_to_the_next_and_back(robot):
         while (after := run.step(kind, forward[-1])) != forward[-1]:
             forward.append(after)
         assert forward == times
+    changes, before = set(), {}
+    for each in record.messages(["decisions"]):
+        if before.get(each.message.ensemble) != each.message.action:
+            changes.add(round((each.time - first) / 1e9, 6))
+        before[each.message.ensemble] = each.message.action
+    at, found = -1.0, [0.0] if 0.0 in changes else []
+    while (after := run.step("change", at)) != max(at, 0.0):
+        found.append(after)
+        at = after
+    assert found == sorted(changes)
+    assert len(found) > 10
     with refused(Error):
         run.step("breath", 0.0)
 

@@ -88,6 +88,8 @@ class _Agent:
             facts = msgspec.structs.asdict(event)
             time, kind, source, name = (facts.pop(key) for key in ("time", "kind", "source", "name"))
             facts.pop("number")
+            if kind == "predicate":
+                name = f"{self.name}: {name}"  # as the scene of the team names it
             self._team.ring.add(time + self.ahead, kind, source, name, **facts)
         self._cursor = told.cursor
 

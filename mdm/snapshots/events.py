@@ -47,6 +47,7 @@ class Event(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
         life: The number of the action's life, or of the decision.
         remedy: What to do about a fault.
         count: Of decisions, how many this one stands for.
+        at: Of a decision, in which state or on which observation it was made, in words.
     """
 
     number: int
@@ -59,6 +60,7 @@ class Event(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
     life: int = 0
     remedy: str = ""
     count: int = 1
+    at: str = ""
 
 
 class Ring:

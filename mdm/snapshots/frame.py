@@ -104,7 +104,7 @@ class Detail(msgspec.Struct, frozen=True, omit_defaults=True):
         state: The state decided on, by its name.
         factors: The values of its factors, None where one is unknown.
         observation: The last observation, by name.
-        cause: The stimulus of the last decision, where that is known.
+        cause: Why the last decision was made then, in words, where that is known.
         decided: When that was.
         reward: The expected reward of the last decision.
         value: The expected return from here on, where the policy tells it.

@@ -23,7 +23,7 @@ from mdm.snapshots.events import Ring, value_of
 from mdm.snapshots.floors import floors_of, robot_frame
 from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, Frame, LifeFrame, Spread, StatisticsFrame
 from mdm.snapshots.lookout import Lookout
-from mdm.snapshots.observations import observed
+from mdm.snapshots.observations import at_state, observed, on_observing
 from mdm.snapshots.scene import EnsembleScene, FactorScene, PredicateScene, Scene
 from mdm.snapshots.why import Why, case_of, why
 from mdm.team import Member
@@ -57,9 +57,18 @@ def remedy_of(kind: str) -> str:
 
 def factors_of(space: Space | None, ensemble: Ensemble | None = None) -> tuple[FactorScene, ...]:
     """Return the factors of a space of states as a scene has them, and the predicates of an ensemble that tell them."""
-    if space is None:
-        return ()
     layer = None if ensemble is None else ensemble.state
+    if space is None:  # a policy without a model has no names of states: those of the wiring stand for them
+        wired = () if layer is None else layer.factors
+        names = [(each, tuple([str(wire.source) for wire in each.wires()])) for each in wired]
+        return tuple(
+            [
+                FactorScene(each.name, symbols, tuple(each.predicates))
+                if len(symbols) <= _LISTED
+                else FactorScene(each.name, ())
+                for each, symbols in names
+            ]
+        )
     told_by = {} if layer is None else {each.name: tuple(each.predicates) for each in layer.factors}
     return tuple(
         [
@@ -113,6 +122,12 @@ class _Ensemble:
         if self._frame is None or key != self._key:
             self._key, self._frame = key, self._made(seconds, waiting, decisions, living, odd)
         return self._frame
+
+    def decided_at(self, action: Action) -> str:
+        """Return the state or observation of a decision, by name; empty where neither is known."""
+        if self.ensemble.controller.takes != "state" or action.state is None:
+            return on_observing(self.lookout.latest)
+        return at_state(self.ensemble.controller.symbols.state_space, action.state)
 
     def _made(
         self,
@@ -322,6 +337,7 @@ class LiveRun:
                     *(self._seconds(last.time), "decision", each.path, frame.action),
                     life=frame.epoch,
                     count=frame.decisions - each.decisions,
+                    at=each.decided_at(last),
                 )
                 each.decisions = frame.decisions
         self._look_at_predicates(now)

@@ -117,6 +117,11 @@ class Lookout:
         return tuple([(time, self._name(symbol)) for time, symbol in self._history])
 
     @property
+    def latest(self) -> str:
+        """The last observation that was seen; empty where there was none."""
+        return self._name(self._history[-1][1]) if self._history else ""
+
+    @property
     def tally(self) -> tuple[tuple[str, int], ...]:
         """How often each observation was seen, the most frequent ones."""
         return most_frequent({self._name(symbol): count for symbol, count in self._tally.items()})

@@ -33,7 +33,7 @@ from mdm.snapshots.events import Event, value_of
 from mdm.snapshots.floors import floors_of, robot_at
 from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, Frame, LifeFrame, StatisticsFrame
 from mdm.snapshots.live import factors_of, remedy_of
-from mdm.snapshots.observations import HISTORY, most_frequent, observed
+from mdm.snapshots.observations import HISTORY, at_state, most_frequent, observed, on_observing
 from mdm.snapshots.oddities import KEPT, SEEN, WINDOW, Ended, Seen, lasting, likeliest, repeated, unmoved
 from mdm.snapshots.scene import EnsembleScene, PredicateScene, Scene
 from mdm.snapshots.why import Why, why_recorded
@@ -55,6 +55,20 @@ Step = Literal["decision", "change", "fault", "mode"]
 _TOPICS = ("stimuli", "decisions", "lives", "modes", "faults", "idles")
 _MOST = 50_000
 """Events of a kind that are shown; of more decisions one stands for several."""
+_CAUSES = {
+    "start": "as it started",
+    "resume": "as it went on",
+    "reset": "after a reset",
+    "state": "on a change of its state",
+    "observation": "on an observation",
+    "belief": "on a belief that was told",
+    "tick": "at a tick of its rate",
+    "episode": "as a new episode began",
+    "release": "as it left its safe mode",
+    "again": "again, for its action had ended",
+    "team": "as its team had decided",
+}
+"""The causes of decisions in words."""
 _BELIEFS = 64
 """Beliefs that are kept at hand."""
 
@@ -302,8 +316,9 @@ class RecordedRun:
             decision, count = each
             return Event(
                 *(number, seconds, "decision", decision.ensemble, decision.action_name),
-                detail=decision.cause,
+                detail=_CAUSES.get(decision.cause, decision.cause),
                 life=decision.epoch,
+                at=self._decided_at(decision),
                 count=count,
             )
         if isinstance(each, ActionLife):
@@ -523,7 +538,7 @@ class RecordedRun:
             state=state,
             factors=factors,
             observation=self._observed(each.path, decision.observation),
-            cause=decision.cause,
+            cause=_CAUSES.get(decision.cause, decision.cause),
             decided=self._seconds(decision.time),
             reward=decision.reward,
             belief=belief_frame(self._belief(each.path, decision), space),
@@ -538,6 +553,12 @@ class RecordedRun:
             return observed(self._models[path].controller.symbols.observation_space, observation)
         found = self._names.get(path, Names()).observation(observation)
         return found or str(observation)
+
+    def _decided_at(self, decision: Decision) -> str:
+        """Return the state or observation of a decision, by name."""
+        if decision.state is None:
+            return on_observing(self._observed(decision.ensemble, decision.observation))
+        return at_state(self._spaces[decision.ensemble], decision.state)
 
     def _belief(self, path: str, decision: Decision) -> Any:
         """Return the belief of a decision, which the record is asked for anew."""

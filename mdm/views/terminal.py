@@ -169,7 +169,7 @@ class Terminal:
                 ("so far", ", ".join(f"{name} {count}" for name, count in detail.tally[:4]) or None),
                 ("reward", None if detail.reward is None else f"{detail.reward:.4g}"),
                 ("return", None if detail.value is None else f"{detail.value:.4g}"),
-                ("on", detail.cause or None),
+                ("decided", detail.cause or None),
             )
             if value is not None
         ]

@@ -43,6 +43,12 @@ def test_factors_say_which_predicates_tell_them():
     assert found == {"person": ("PersonIsWaiting",), "intruder": ("IntruderIsSeen",), "fire": ("FireIsSeen",)}
 
 
+def test_without_a_model_the_wiring_says_which_predicates_tell_a_factor(tmp_path):
+    walk = mdm.load_system(a_robot(tmp_path)).ensembles["walk"]
+    (factor,) = factors_of(walk.controller.symbols.state_space, walk)
+    assert (factor.name, factor.told_by) == ("near", ("Near",))
+
+
 def test_frames_say_what_the_actors_do(tmp_path):
     modes, changes, before = Counter(), [], {}
 

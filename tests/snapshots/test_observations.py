@@ -7,7 +7,7 @@ from collections import Counter
 from hypothesis import given, strategies as st
 
 from mdm.models import Factor, Space
-from mdm.snapshots.observations import most_frequent, observed
+from mdm.snapshots.observations import at_state, most_frequent, observed, on_observing
 
 
 @given(st.lists(st.sampled_from("abcdefghijklmnop")))
@@ -24,3 +24,12 @@ def test_an_observation_is_named_by_its_index_or_its_components():
     assert observed(space, 1) == space.names[1]
     assert observed(space, None) is None
     assert observed(None, 3) is None
+
+
+def test_a_decision_is_in_a_state_or_on_an_observation():
+    space = Space([Factor("person", ["yes", "no"]), Factor("fire", ["yes", "no"])])
+    assert at_state(space, 1) == "in state person yes, fire no"
+    assert at_state(Space.single("state", ["hall", "lab"]), 1) == "in state lab"
+    assert at_state(None, 7) == "in state 7"
+    assert on_observing("hear-left") == "on observing hear-left"
+    assert on_observing(None) == ""

@@ -44,9 +44,10 @@ _LISTED = 64
 _VALUED = 10_000
 """States up to which the policy is asked for its value."""
 _SECOND = 1_000_000_000
+_encode = msgspec.json.Encoder().encode
 _ALL = 50
 """Ensembles up to which each frame looks at all: to look at one costs ten microseconds, and a thousand have turns."""
-_TURNS = 32
+_TURNS = 20
 """Ensembles that have their turn in a frame, whatever has changed; a quarter of them where a second has passed."""
 
 
@@ -179,6 +180,7 @@ class LiveRun:
         self._ensembles: list[_Ensemble] = []
         self._by_path: dict[str, _Ensemble] = {}
         self._frames: list[EnsembleFrame] = []
+        self._encoded: list[msgspec.Raw] = []
         self._turn = 0
         self._turned = self._epoch
         self._managers: list[PredicateManager] = []
@@ -190,6 +192,7 @@ class LiveRun:
         self._changed: list[float] = []
         self._counted = -_SECOND
         self._statistics: StatisticsFrame | None = None
+        self._summed: tuple[int, int] | None = None
         self._team: dict[str, dict[str, str]] = {}
         self._scene: Scene | None = None
         self._subscriptions: list[Subscription[Any]] = []
@@ -273,6 +276,7 @@ class LiveRun:
             self._ensembles = [known.get(id(ensemble)) or self._met(ensemble) for ensemble in ensembles]
             self._by_path = {each.path: each for each in self._ensembles}
             self._frames = [each.frame(self._seconds, self.now) for each in self._ensembles]
+            self._encoded = [msgspec.Raw(_encode(frame)) for frame in self._frames]
         self._managers = [actor for actor in actors if isinstance(actor, PredicateManager)]
         self._places = [actor for actor in actors if isinstance(actor, Places)]
         self._members = [actor for actor in actors if isinstance(actor, Member)]
@@ -330,7 +334,9 @@ class LiveRun:
         seconds = self._seconds(now)
         for place in self._due(now, close):
             each = self._ensembles[place]
-            frame = self._frames[place] = each.frame(self._seconds, seconds)
+            frame = each.frame(self._seconds, seconds)
+            if frame is not self._frames[place]:
+                self._frames[place], self._encoded[place] = frame, msgspec.Raw(_encode(frame))
             if each.decisions != frame.decisions:
                 last: Any = each.actions.last
                 self.ring.add(
@@ -361,6 +367,17 @@ class LiveRun:
             statistics=self._statistics,
             team=self._team,
         )
+
+    def encoded(self, close: Collection[str] = ()) -> bytes:
+        """Return how everything is, as JSON; what has not changed is not encoded again.
+
+        Args:
+            close: The paths of ensembles that are looked at closely.
+        """
+        frame = self.frame(close)
+        pairs = zip(frame.ensembles, self._frames, self._encoded, strict=True)
+        ensembles: Any = tuple([kept if one is two else msgspec.Raw(_encode(one)) for one, two, kept in pairs])
+        return _encode(msgspec.structs.replace(frame, ensembles=ensembles))
 
     def _due(self, now: int, close: Collection[str]) -> Collection[int]:
         """Return the places of the ensembles to look at: changed, close, or due for their turn; of few, all."""
@@ -462,7 +479,7 @@ class LiveRun:
             "replaced by newer ones": told.replaced,
             "lost": told.lost,
             "refused": told.refused,
-            "dropped on streams": sum(channel.dropped for channel in runtime.channels),
+            "dropped on streams": self._dropped_on_streams(),
         }
         if runtime.recorder is not None:
             counts["lost of the record"] = runtime.recorder.statistics().dropped
@@ -477,6 +494,13 @@ class LiveRun:
             latencies={each.path: spread(each.ensemble.action.latency) for each in near},
             ended={each.path: {str(how): count for how, count in each.ensemble.action.ended.items()} for each in near},
         )
+
+    def _dropped_on_streams(self) -> int:
+        """Return how much was dropped on all channels; of thousands, as it was some seconds ago."""
+        channels, now = self._runtime.channels, self._runtime.now()
+        if self._summed is None or now - self._summed[0] >= _SECOND * (len(channels) // 1_000):
+            self._summed = now, sum([channel.dropped for channel in channels])
+        return self._summed[1]
 
     # -- Commands ------------------------------------------------------------------------------------------------
 

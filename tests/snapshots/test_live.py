@@ -71,6 +71,7 @@ def test_frames_say_what_the_actors_do(tmp_path):
                 changes.append(name)
         before.update(values)
         assert msgspec.json.decode(msgspec.json.encode(frame), type=Frame) == frame
+        assert msgspec.json.decode(live.encoded({"top", "top/walk"}), type=Frame) == live.frame({"top", "top/walk"})
         assert msgspec.json.decode(msgspec.json.encode(scene), type=Scene) == scene
 
     looked_at(a_robot(tmp_path), 30, look)

@@ -104,6 +104,9 @@ class LiveSource(Source, Protocol):
     def frame(self, close: Collection[str] = ()) -> Frame:
         """Return how everything is."""
 
+    def encoded(self, close: Collection[str] = ()) -> bytes:
+        """Return how everything is, as JSON."""
+
 
 class RecordSource(Source, Protocol):
     """A record."""

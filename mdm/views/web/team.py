@@ -231,6 +231,10 @@ class TeamRun:
         now = (times.time_ns() - self.began) / 1e9
         return Frame(now, tuple(frames), tuple(values), tuple(changed), **facts)
 
+    def encoded(self, close: Collection[str] = ()) -> bytes:
+        """Return how all agents are, as JSON."""
+        return _encode(self.frame(close))
+
     def _agent_of(self, ensemble: str) -> _Agent:
         for agent in self._agents:
             if ensemble in agent.paths:

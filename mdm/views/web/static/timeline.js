@@ -290,6 +290,7 @@ function draw(canvas, { scene, frame, history, lanes, predicates, selected, begi
     context.font = font(11);
     context.fillStyle = tint.ink;
     context.fillText(clip(context, name, LEFT - 14), 6, top + 7);
+    hit(0, LEFT - 6, top, top + 14, name);
     let drawn = -1;
     for (let place = Math.max(0, from(changes, begin, (each) => each.time) - 1); place < changes.length && changes[place].time <= end; place += 1) {
       const { time, status } = changes[place], to = changes[place + 1]?.time ?? Math.max(time, scene.source === "record" ? until : frame.time);

@@ -104,6 +104,8 @@ class Terminal:
 
     @staticmethod
     def _lines(part: Any) -> int:
+        if getattr(part, "no_wrap", None) is False:
+            return 2  # a sentence on a screen that is not wide
         return int(getattr(part, "row_count", 1)) or 1
 
     def _text(self, *pieces: tuple[str, str]) -> Any:
@@ -135,6 +137,8 @@ class Terminal:
             ]
         for of, each in zip(self.scene.ensembles, frame.ensembles, strict=False):
             found += [self._text((f"? {of.path} looks odd: ", "bold yellow"), (text, "yellow")) for text in each.odd]
+        for text in found[:_ALARMS]:
+            text.no_wrap = False
         return found[:_ALARMS]
 
     def _tree(self, frame: Frame, most: int) -> Any:
@@ -164,7 +168,7 @@ class Terminal:
         told = [
             (name, value)
             for name, value in (
-                ("state", detail.state),
+                ("state", ", ".join(f"{name} {value or '?'}" for name, value in detail.factors) or detail.state),
                 ("observed", detail.observation),
                 ("so far", ", ".join(f"{name} {count}" for name, count in detail.tally[:4]) or None),
                 ("reward", None if detail.reward is None else f"{detail.reward:.4g}"),

@@ -81,6 +81,14 @@ export function shownPredicates(scene, selected) {
 
 const told = (event) => `${event.name}, decision ${event.life ?? 0}${event.detail ? `, ${event.detail}` : ""}${event.at ? `\n${event.at}` : ""}`;
 
+const blamed = (fault) => `⚠ ${clock(fault.time)} ${fault.name}, ${fault.source}: ${fault.detail}${fault.remedy ? `\n→ ${fault.remedy}` : ""}`;
+
+// The faults of a time, in words.
+function faultsAt(history, time) {
+  const place = from(history.faults, time - 1e-5, (each) => each.time);
+  return history.faults.slice(place, place + 3).filter((each) => each.time <= time + 1e-5).map((each) => html`<br />${blamed(each).replace("\n", " ")}`);
+}
+
 // The last decision of an ensemble by a time, in words.
 function decision(history, path, time) {
   const { decisions } = history.lane(path);
@@ -152,7 +160,7 @@ export function Timeline({ scene, frame, history, selected, view, setView, go, s
     <div class="held"><canvas ref=${box} tabindex="0" role="img" aria-label=${`Timeline from ${clock(begin)} to ${clock(end)} of ${lanes.length} ensembles, ${predicates.length} predicates, ${history.faults.length} faults`}
       onPointerDown=${down} onPointerMove=${move} onPointerUp=${up} onPointerLeave=${() => show(null)} onKeyDown=${keys}></canvas>
       ${tip && html`<div class="tip number" role="tooltip" style=${`left:${tip.x}px;top:${tip.y}px`}>${tip.text}</div>`}</div>
-    <p class="told soft number">${(selected && decision(history, selected, frame.time)) || "Nothing is decided yet."}</p>
+    <p class="told soft number">${(selected && decision(history, selected, frame.time)) || "Nothing is decided yet."}${faultsAt(history, frame.time)}</p>
   </section>`;
 }
 
@@ -317,7 +325,7 @@ function draw(canvas, { scene, frame, history, lanes, predicates, selected, begi
     context.fillRect(left, HEAD, 1, tall);
     context.globalAlpha = 1;
     const fault = history.faults[index];
-    hit(left - 6, left + 6, 0, HEAD, `⚠ ${clock(fault.time)} ${fault.name}, ${fault.source}: ${fault.detail}${fault.remedy ? `\n→ ${fault.remedy}` : ""}`);
+    hit(left - 6, left + 6, 0, HEAD, blamed(fault));
   }
   if (frame.time >= begin && frame.time <= end + 1e-9) {
     context.fillStyle = tint.mark;

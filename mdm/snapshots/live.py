@@ -59,17 +59,9 @@ def remedy_of(kind: str) -> str:
 def factors_of(space: Space | None, ensemble: Ensemble | None = None) -> tuple[FactorScene, ...]:
     """Return the factors of a space of states as a scene has them, and the predicates of an ensemble that tell them."""
     layer = None if ensemble is None else ensemble.state
-    if space is None:  # a policy without a model has no names of states: those of the wiring stand for them
-        wired = () if layer is None else layer.factors
-        names = [(each, tuple([str(wire.source) for wire in each.wires()])) for each in wired]
-        return tuple(
-            [
-                FactorScene(each.name, symbols, tuple(each.predicates))
-                if len(symbols) <= _LISTED
-                else FactorScene(each.name, ())
-                for each, symbols in names
-            ]
-        )
+    if space is None:  # of a policy without a model: the factors as they are wired
+        wired = [] if layer is None else [(each.name, tuple(each.predicates)) for each in layer.factors]
+        return tuple([FactorScene(name, (), told if len(told) <= _LISTED else ()) for name, told in wired])
     told_by = {} if layer is None else {each.name: tuple(each.predicates) for each in layer.factors}
     return tuple(
         [

@@ -306,7 +306,7 @@ def test_predicates_that_the_chosen_ensemble_decides_on_come_first_and_have_lane
         await page.wait_for_function("() => mdmPage.history.predicates.get('Near')?.length > 1")
         statuses = await page.evaluate("mdmPage.history.predicates.get('Near').map((each) => each.status)")
         assert all(one != other for one, other in pairwise(statuses))
-        assert "1 predicates" in await page.get_attribute(".timeline canvas", "aria-label")
+        assert "2 ensembles, 1 predicate, " in await page.get_attribute(".timeline canvas", "aria-label")
 
     seen(look_at, mdm.load_system(a_robot(tmp_path)))
 

@@ -81,6 +81,7 @@ export function shownPredicates(scene, selected) {
 
 const told = (event) => `${event.name}, decision ${event.life ?? 0}${event.detail ? `, ${event.detail}` : ""}${event.at ? `\n${event.at}` : ""}`;
 
+const counted = (list, word) => `${list.length} ${word}${list.length === 1 ? "" : "s"}`;
 const blamed = (fault) => `⚠ ${clock(fault.time)} ${fault.name}, ${fault.source}: ${fault.detail}${fault.remedy ? `\n→ ${fault.remedy}` : ""}`;
 
 // The faults of a time, in words.
@@ -157,7 +158,7 @@ export function Timeline({ scene, frame, history, selected, view, setView, go, s
       <button onClick=${() => zoom(0.5)} title="+" aria-label="Zoom in">+</button><button onClick=${() => zoom(2)} title="-" aria-label="Zoom out">−</button>
       <button onClick=${() => setView({ follow: false, span: Math.max(1, last - first), end: last })} title="0">all</button>
       <button aria-pressed=${view.follow} onClick=${() => setView({ ...view, follow: !view.follow, end })}>follow</button></span></div>
-    <div class="held"><canvas ref=${box} tabindex="0" role="img" aria-label=${`Timeline from ${clock(begin)} to ${clock(end)} of ${lanes.length} ensembles, ${predicates.length} predicates, ${history.faults.length} faults`}
+    <div class="held"><canvas ref=${box} tabindex="0" role="img" aria-label=${`Timeline from ${clock(begin)} to ${clock(end)} of ${counted(lanes, "ensemble")}, ${counted(predicates, "predicate")}, ${counted(history.faults, "fault")}`}
       onPointerDown=${down} onPointerMove=${move} onPointerUp=${up} onPointerLeave=${() => show(null)} onKeyDown=${keys}></canvas>
       ${tip && html`<div class="tip number" role="tooltip" style=${`left:${tip.x}px;top:${tip.y}px`}>${tip.text}</div>`}</div>
     <p class="told soft number">${(selected && decision(history, selected, frame.time)) || "Nothing is decided yet."}${faultsAt(history, frame.time)}</p>

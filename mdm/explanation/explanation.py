@@ -198,7 +198,7 @@ class _Making:
     def _other_states(self) -> dict[str, Any]:
         found, ways = state_changes(self._case)
         if not found:
-            self._cannot.append("in every other state it decides the same")
+            self._cannot.append("it would decide the same in any other state")
         return {"otherwise": tuple(found), "ways": ways}
 
     def _other_observations(self) -> dict[str, Any]:
@@ -215,7 +215,7 @@ class _Making:
             raise ModelError("the belief is not known")
         after = nearest_belief(case.policy, belief)
         if after is None:
-            raise ModelError("at every other belief it decides the same")
+            raise ModelError("it would decide the same at any other belief")
         change = after - belief
         moves = tuple(
             Move(case.state_name(state), float(belief[state]), float(after[state]))

@@ -70,7 +70,7 @@ def _lines(e: Explanation) -> Iterator[str]:
         seen = f"; of observations {_chances(e.next_observations)}" if e.next_observations else ""
         yield f"It expects next, of states {_chances(e.next_states)}{seen}."
     for sentence in e.cannot:
-        yield f"Not told: {sentence}."
+        yield f"Note: {sentence}."
 
 
 def _nodes(e: Explanation) -> str:
@@ -87,7 +87,7 @@ def _values(e: Explanation) -> str:
 
 def _value(value: float | None, upper: float | None) -> str:
     if value is None:
-        return "not weighed"
+        return "(no value)"
     return f"{value:.4g}" + ("" if upper is None else f" (at most {upper:.4g})")
 
 
@@ -116,7 +116,7 @@ def _influence(e: Explanation, influence: Influence) -> str:
     if e.margin is None:
         return f"{told}: without it, the decision would have been {influence.action!r}."
     if influence.without is None:
-        margin = "this action would not even be weighed"
+        margin = "this action would not even be compared"
     elif influence.without >= 0:
         margin = f"it would have been ahead by {influence.without:.4g}"
     else:

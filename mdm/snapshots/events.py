@@ -1,4 +1,4 @@
-"""The events of a run: ends and beginnings of actions, decisions, modes and faults, for as many as there is room."""
+"""The events of a run: actions, decisions, modes, faults and changes of predicates, for as many as there is room."""
 
 from __future__ import annotations
 
@@ -11,13 +11,25 @@ import msgspec
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["KINDS", "Event", "Ring"]
+__all__ = ["KINDS", "Event", "Ring", "value_of"]
 
-Kind = Literal["mode", "fault", "idle", "life", "decision"]
+Kind = Literal["mode", "fault", "idle", "life", "decision", "predicate"]
 
-KINDS: tuple[Kind, ...] = ("mode", "fault", "idle", "life", "decision")
+KINDS: tuple[Kind, ...] = ("mode", "fault", "idle", "life", "decision", "predicate")
 
-_ROOM: dict[Kind, int] = {"mode": 5_000, "fault": 2_000, "idle": 2_000, "life": 20_000, "decision": 20_000}
+_ROOM: dict[Kind, int] = {
+    "mode": 5_000,
+    "fault": 2_000,
+    "idle": 2_000,
+    "life": 20_000,
+    "decision": 20_000,
+    "predicate": 20_000,
+}
+
+
+def value_of(value: bool | None) -> str:
+    """Return a predicate's value as an event's status."""
+    return "unknown" if value is None else "true" if value else "false"
 
 
 class Event(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
@@ -27,13 +39,15 @@ class Event(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
         number: Counted from 1 on.
         time: In seconds since the run's second 0.
         kind: What it is.
-        source: The ensemble's path; of a fault, the actor's.
-        name: The mode, the kind of the fault, or the action.
+        source: The ensemble's path; of a fault, the actor's; of a predicate, its manager's.
+        name: The mode, the kind of the fault, the action, or the predicate as the scene names it.
         detail: In words; of a decision, its cause.
-        status: Of an action, ``running`` or how it ended; of an ensemble, ``idle`` or ``busy``.
+        status: Of an action, ``running`` or how it ended; of an ensemble, ``idle`` or ``busy``; of a predicate,
+            ``true``, ``false`` or ``unknown``.
         life: The number of the action's life, or of the decision.
         remedy: What to do about a fault.
         count: Of decisions, how many this one stands for.
+        at: Of a decision, in which state or on which observation it was made, in words.
     """
 
     number: int
@@ -46,6 +60,7 @@ class Event(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
     life: int = 0
     remedy: str = ""
     count: int = 1
+    at: str = ""
 
 
 class Ring:

@@ -49,6 +49,7 @@ class EnsembleFrame(msgspec.Struct, frozen=True, omit_defaults=True):
         epoch: The number of its last decision; -1 before the first.
         action: The last decided action.
         decisions: How many there were.
+        odd: What looks odd, in words, though nothing has failed.
     """
 
     mode: str
@@ -60,6 +61,7 @@ class EnsembleFrame(msgspec.Struct, frozen=True, omit_defaults=True):
     epoch: int = -1
     action: str = ""
     decisions: int = 0
+    odd: tuple[str, ...] = ()
 
 
 class Marginal(msgspec.Struct, frozen=True):
@@ -102,12 +104,14 @@ class Detail(msgspec.Struct, frozen=True, omit_defaults=True):
         state: The state decided on, by its name.
         factors: The values of its factors, None where one is unknown.
         observation: The last observation, by name.
-        cause: The stimulus of the last decision, where that is known.
+        cause: Why the last decision was made then, in words, where that is known.
         decided: When that was.
         reward: The expected reward of the last decision.
         value: The expected return from here on, where the policy tells it.
         belief: What was decided on.
         search: What the search that decided has told.
+        observations: The last observations by name with their times, the newest last.
+        tally: How often each observation came, the most frequent first.
     """
 
     state: str | None = None
@@ -119,6 +123,8 @@ class Detail(msgspec.Struct, frozen=True, omit_defaults=True):
     value: float | None = None
     belief: BeliefFrame | None = None
     search: str = ""
+    observations: tuple[tuple[float, str], ...] = ()
+    tally: tuple[tuple[str, int], ...] = ()
 
 
 class RobotFrame(msgspec.Struct, frozen=True):

@@ -10,16 +10,20 @@ import asyncio
 import time as times
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from mdm.actors import Ensemble, PredicateManager
 from mdm.errors import Error, ModelError
 from mdm.faults import KINDS
 from mdm.maps.places import Places
-from mdm.messages import Action, Observation, Progress, Reward, State
+from mdm.messages import Action, ActionLife, Observation, Progress, Reward, State
 from mdm.runtime.actor import descendants
 from mdm.snapshots.beliefs import belief_frame, grid_factors
-from mdm.snapshots.events import Ring
+from mdm.snapshots.events import Ring, value_of
 from mdm.snapshots.floors import floors_of, robot_frame
 from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, Frame, LifeFrame, Spread, StatisticsFrame
+from mdm.snapshots.lookout import Lookout
+from mdm.snapshots.observations import at_state, observed, on_observing
 from mdm.snapshots.scene import EnsembleScene, FactorScene, PredicateScene, Scene
 from mdm.snapshots.why import Why, case_of, why
 from mdm.team import Member
@@ -28,18 +32,23 @@ from mdm.version import __version__
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable
 
-    from mdm.messages import ActionLife, Fault, Idle, Mode
+    from mdm.messages import Fault, Idle, Mode
     from mdm.models import Space
     from mdm.runtime import Actor, Histogram, Runtime
     from mdm.runtime.channel import Subscription
 
-__all__ = ["LiveRun", "factors_of", "observed", "remedy_of"]
+__all__ = ["LiveRun", "factors_of", "remedy_of"]
 
 _LISTED = 64
 """Symbols of a factor that are listed in a scene."""
 _VALUED = 10_000
 """States up to which the policy is asked for its value."""
 _SECOND = 1_000_000_000
+_encode = msgspec.json.Encoder().encode
+_ALL = 50
+"""Ensembles up to which each frame looks at all: to look at one costs ten microseconds, and a thousand have turns."""
+_TURNS = 20
+"""Ensembles that have their turn in a frame, whatever has changed; a quarter of them where a second has passed."""
 
 
 def remedy_of(kind: str) -> str:
@@ -49,9 +58,10 @@ def remedy_of(kind: str) -> str:
 
 def factors_of(space: Space | None, ensemble: Ensemble | None = None) -> tuple[FactorScene, ...]:
     """Return the factors of a space of states as a scene has them, and the predicates of an ensemble that tell them."""
-    if space is None:
-        return ()
     layer = None if ensemble is None else ensemble.state
+    if space is None:  # of a policy without a model: the factors as they are wired
+        wired = [] if layer is None else [(each.name, tuple(each.predicates)) for each in layer.factors]
+        return tuple([FactorScene(name, (), told if len(told) <= _LISTED else ()) for name, told in wired])
     told_by = {} if layer is None else {each.name: tuple(each.predicates) for each in layer.factors}
     return tuple(
         [
@@ -66,10 +76,23 @@ def factors_of(space: Space | None, ensemble: Ensemble | None = None) -> tuple[F
 class _Ensemble:
     """An ensemble, and its last frame for as long as nothing changes."""
 
-    __slots__ = ("_frame", "_key", "actions", "believed", "decisions", "detail", "ensemble", "path")
+    __slots__ = (
+        "_frame",
+        "_key",
+        "actions",
+        "believed",
+        "decisions",
+        "detail",
+        "ensemble",
+        "lookout",
+        "path",
+        "stale",
+    )
 
-    def __init__(self, ensemble: Ensemble) -> None:
+    def __init__(self, ensemble: Ensemble, lookout: Lookout) -> None:
         self.ensemble = ensemble
+        self.lookout = lookout
+        self.stale = True
         self.path = ensemble.path
         self.actions = ensemble.channel("action", Action)
         self.decisions = ensemble.control.output.decisions
@@ -78,20 +101,34 @@ class _Ensemble:
         self._key: tuple[Any, ...] = ()
         self._frame: EnsembleFrame | None = None
 
-    def frame(self, seconds: Callable[[int], float]) -> EnsembleFrame:
+    def frame(self, seconds: Callable[[int], float], now: float) -> EnsembleFrame:
         """Return how the ensemble is."""
+        self.stale = False
         ensemble = self.ensemble
+        self.lookout.observe()
+        odd = self.lookout.look(now)
         modes, lives, liveness = ensemble.safety.modes, ensemble.action.lives, ensemble.liveness
         waiting = ensemble.safety.waiting.names + liveness.waiting
         decisions = ensemble.control.output.decisions
         living = lives.living
-        key = (modes.mode, modes.since, len(modes.causes), waiting, decisions, living, liveness.since)
+        key = (modes.mode, modes.since, len(modes.causes), waiting, decisions, living, liveness.since, odd)
         if self._frame is None or key != self._key:
-            self._key, self._frame = key, self._made(seconds, waiting, decisions, living)
+            self._key, self._frame = key, self._made(seconds, waiting, decisions, living, odd)
         return self._frame
 
+    def decided_at(self, action: Action) -> str:
+        """Return the state or observation of a decision, by name; empty where neither is known."""
+        if self.ensemble.controller.takes != "state" or action.state is None:
+            return on_observing(self.lookout.latest)
+        return at_state(self.ensemble.controller.symbols.state_space, action.state)
+
     def _made(
-        self, seconds: Callable[[int], float], waiting: tuple[str, ...], decisions: int, living: Iterable[Any]
+        self,
+        seconds: Callable[[int], float],
+        waiting: tuple[str, ...],
+        decisions: int,
+        living: Iterable[Any],
+        odd: tuple[str, ...],
     ) -> EnsembleFrame:
         ensemble = self.ensemble
         modes, since = ensemble.safety.modes, ensemble.liveness.since
@@ -108,6 +145,7 @@ class _Ensemble:
             epoch=-1 if last is None else last.epoch,
             action="" if last is None else ensemble.control.output.name_of(last.index),
             decisions=decisions,
+            odd=odd,
         )
 
 
@@ -132,6 +170,11 @@ class LiveRun:
         self._began = times.time_ns()
         self._seen = -1
         self._ensembles: list[_Ensemble] = []
+        self._by_path: dict[str, _Ensemble] = {}
+        self._frames: list[EnsembleFrame] = []
+        self._encoded: list[msgspec.Raw] = []
+        self._turn = 0
+        self._turned = self._epoch
         self._managers: list[PredicateManager] = []
         self._predicates: list[PredicateScene] = []
         self._owners: list[tuple[PredicateManager, str]] = []
@@ -141,6 +184,7 @@ class LiveRun:
         self._changed: list[float] = []
         self._counted = -_SECOND
         self._statistics: StatisticsFrame | None = None
+        self._summed: tuple[int, int] | None = None
         self._team: dict[str, dict[str, str]] = {}
         self._scene: Scene | None = None
         self._subscriptions: list[Subscription[Any]] = []
@@ -172,11 +216,16 @@ class LiveRun:
         """Seconds since the run's second 0."""
         return self._seconds(self._runtime.now())
 
+    def _is_stale(self, path: str) -> None:
+        if (found := self._by_path.get(path)) is not None:
+            found.stale = True
+
     # -- Events --------------------------------------------------------------------------------------------------
 
     def _on_mode(self, mode: Mode) -> None:
         causes = "; ".join(f"{cause.kind}: {cause.detail}" for cause in mode.causes)
         self.ring.add(self._seconds(mode.time), "mode", mode.ensemble, mode.mode, detail=causes)
+        self._is_stale(mode.ensemble)
 
     def _on_fault(self, fault: Fault) -> None:
         remedy = remedy_of(fault.kind)
@@ -186,6 +235,7 @@ class LiveRun:
         status = "idle" if idle.idle else "busy"
         detail = "intended" if idle.intended else ""
         self.ring.add(self._seconds(idle.since), "idle", idle.ensemble, idle.action, status=status, detail=detail)
+        self._is_stale(idle.ensemble)
 
     def _on_life(self, life: ActionLife) -> None:
         self.ring.add(
@@ -194,6 +244,9 @@ class LiveRun:
             status=life.status,
             life=life.life,
         )
+        if (found := self._by_path.get(life.ensemble)) is not None:
+            found.lookout.hear(life)
+            found.stale = True
 
     # -- The scene -----------------------------------------------------------------------------------------------
 
@@ -213,6 +266,9 @@ class LiveRun:
         if [each.ensemble for each in self._ensembles] != ensembles:
             known = {id(each.ensemble): each for each in self._ensembles}
             self._ensembles = [known.get(id(ensemble)) or self._met(ensemble) for ensemble in ensembles]
+            self._by_path = {each.path: each for each in self._ensembles}
+            self._frames = [each.frame(self._seconds, self.now) for each in self._ensembles]
+            self._encoded = [msgspec.Raw(_encode(frame)) for frame in self._frames]
         self._managers = [actor for actor in actors if isinstance(actor, PredicateManager)]
         self._places = [actor for actor in actors if isinstance(actor, Places)]
         self._members = [actor for actor in actors if isinstance(actor, Member)]
@@ -226,10 +282,12 @@ class LiveRun:
 
     def _met(self, ensemble: Ensemble) -> _Ensemble:
         ensemble.action.observer = self._on_life
+        lookout = Lookout(ensemble, self._seconds)
         for life in ensemble.action.lives.living:  # which began before this was known
             time = self._seconds(life.action.time)
             self.ring.add(time, "life", ensemble.path, life.name, status="running", life=life.number)
-        return _Ensemble(ensemble)
+            lookout.hear(ActionLife(life.action.time, ensemble.path, life.number, life.name, "running"))
+        return _Ensemble(ensemble, lookout)
 
     def _made_scene(self, ensembles: list[Ensemble]) -> Scene:
         several = len(self._managers) > 1
@@ -265,18 +323,21 @@ class LiveRun:
         """
         self._look_around()
         now = self._runtime.now()
-        frames = []
-        for each in self._ensembles:
-            frame = each.frame(self._seconds)
+        seconds = self._seconds(now)
+        for place in self._due(now, close):
+            each = self._ensembles[place]
+            frame = each.frame(self._seconds, seconds)
+            if frame is not self._frames[place]:
+                self._frames[place], self._encoded[place] = frame, msgspec.Raw(_encode(frame))
             if each.decisions != frame.decisions:
                 last: Any = each.actions.last
                 self.ring.add(
                     *(self._seconds(last.time), "decision", each.path, frame.action),
                     life=frame.epoch,
                     count=frame.decisions - each.decisions,
+                    at=each.decided_at(last),
                 )
                 each.decisions = frame.decisions
-            frames.append(frame)
         self._look_at_predicates(now)
         if now - self._counted >= _SECOND:
             self._counted = now
@@ -284,10 +345,10 @@ class LiveRun:
             self._team = {} if not self._members else _teams(self._members)
         return Frame(
             time=self._seconds(now),
-            ensembles=tuple(self._with_progress(frames)),
+            ensembles=tuple(self._with_progress(self._frames)),
             predicates=self._values,
             changed=tuple(self._changed),
-            details={each.path: self._detail(each) for each in self._ensembles if each.path in close},
+            details={path: self._detail(self._by_path[path]) for path in close if path in self._by_path},
             robots=tuple(
                 [
                     robot
@@ -299,14 +360,47 @@ class LiveRun:
             team=self._team,
         )
 
+    def encoded(self, close: Collection[str] = ()) -> bytes:
+        """Return how everything is, as JSON; what has not changed is not encoded again.
+
+        Args:
+            close: The paths of ensembles that are looked at closely.
+        """
+        frame = self.frame(close)
+        pairs = zip(frame.ensembles, self._frames, self._encoded, strict=True)
+        ensembles: Any = tuple([kept if one is two else msgspec.Raw(_encode(one)) for one, two, kept in pairs])
+        return _encode(msgspec.structs.replace(frame, ensembles=ensembles))
+
+    def _due(self, now: int, close: Collection[str]) -> Collection[int]:
+        """Return the places of the ensembles to look at: changed, close, or due for their turn; of few, all."""
+        ensembles = self._ensembles
+        size = len(ensembles)
+        if size <= _ALL:
+            return range(size)
+        count = _TURNS if now - self._turned < _SECOND else max(_TURNS, size // 4)
+        first, self._turn, self._turned = self._turn, (self._turn + count) % size, now
+        due = {(first + place) % size for place in range(count)}
+        # Hot path: the loop over all of a thousand ensembles, in a tenth of a millisecond.
+        due.update(
+            [
+                place
+                for place, each in enumerate(ensembles)
+                if each.stale or each.decisions != each.actions.published or each.path in close
+            ]
+        )
+        return sorted(due)
+
     def _look_at_predicates(self, now: int) -> None:
         known = {id(manager): manager.values() for manager in self._managers}
         values = tuple([known[id(manager)].get(name) for manager, name in self._owners])
         if values != self._values:
+            assert self._scene is not None
             seconds = self._seconds(now)
             for place, (value, before) in enumerate(zip(values, self._values, strict=True)):
                 if value is not before:
                     self._changed[place] = seconds
+                    name = self._scene.predicates[place].name
+                    self.ring.add(seconds, "predicate", self._owners[place][0].path, name, status=value_of(value))
             self._values = values
 
     def _with_progress(self, frames: list[EnsembleFrame]) -> list[EnsembleFrame]:
@@ -321,12 +415,10 @@ class LiveRun:
         remaining = round(drives[0].remaining, 2)
         leaf = [place for place, frame in enumerate(frames) if frame.live]
         if leaf:
+            frames = [*frames]
             frame = frames[leaf[-1]]
             lives = (*frame.live[:-1], LifeFrame(frame.live[-1].action, frame.live[-1].since, remaining))
-            frames[leaf[-1]] = EnsembleFrame(
-                *(frame.mode, frame.since, frame.causes, frame.waiting, frame.idle, lives),
-                *(frame.epoch, frame.action, frame.decisions),
-            )
+            frames[leaf[-1]] = msgspec.structs.replace(frame, live=lives)
         return frames
 
     def _detail(self, each: _Ensemble) -> Detail:
@@ -365,6 +457,8 @@ class LiveRun:
             value=_value(controller, action.state if decided_on else current),
             belief=believed,
             search=_searched(each.ensemble.control.planner),
+            observations=each.lookout.history,
+            tally=each.lookout.tally,
         )
 
     def _count(self, close: Collection[str]) -> StatisticsFrame:
@@ -377,11 +471,11 @@ class LiveRun:
             "replaced by newer ones": told.replaced,
             "lost": told.lost,
             "refused": told.refused,
-            "dropped on streams": sum(channel.dropped for channel in runtime.channels),
+            "dropped on streams": self._dropped_on_streams(),
         }
         if runtime.recorder is not None:
             counts["lost of the record"] = runtime.recorder.statistics().dropped
-        near = [each for each in self._ensembles if each.path in close]
+        near = [self._by_path[path] for path in close if path in self._by_path]
         for each in near:
             statistics = each.ensemble.control.statistics()
             for name in ("superseded", "undecided", "missed", "impossible"):
@@ -392,6 +486,13 @@ class LiveRun:
             latencies={each.path: spread(each.ensemble.action.latency) for each in near},
             ended={each.path: {str(how): count for how, count in each.ensemble.action.ended.items()} for each in near},
         )
+
+    def _dropped_on_streams(self) -> int:
+        """Return how much was dropped on all channels; of thousands, as it was some seconds ago."""
+        channels, now = self._runtime.channels, self._runtime.now()
+        if self._summed is None or now - self._summed[0] >= _SECOND * (len(channels) // 1_000):
+            self._summed = now, sum([channel.dropped for channel in channels])
+        return self._summed[1]
 
     # -- Commands ------------------------------------------------------------------------------------------------
 
@@ -465,16 +566,6 @@ def _factors(space: Space | None, state: State | None) -> tuple[tuple[str, str |
         return ()
     pairs = zip(space.factors, state.values, strict=True)
     return tuple([(factor.name, None if value is None else factor.names[value]) for factor, value in pairs])
-
-
-def observed(space: Space | None, observation: int | tuple[int | None, ...] | None) -> str | None:
-    """Return the name of an observation, or of its components; None where there is none, or it has no name."""
-    if space is None or observation is None:
-        return None
-    if isinstance(observation, int):
-        return space.names[observation]
-    pairs = zip(space.factors, observation, strict=True)
-    return ", ".join(f"{factor.name} {'?' if value is None else factor.names[value]}" for factor, value in pairs)
 
 
 def _value(controller: Any, at: Any) -> float | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from bisect import bisect_left, bisect_right
-from collections import OrderedDict, defaultdict
+from collections import Counter, OrderedDict, defaultdict
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
@@ -29,10 +29,12 @@ from mdm.recording.names import Names, names_of
 from mdm.recording.stimuli import Said
 from mdm.replay import replay
 from mdm.snapshots.beliefs import belief_frame, grid_factors
-from mdm.snapshots.events import Event
+from mdm.snapshots.events import Event, value_of
 from mdm.snapshots.floors import floors_of, robot_at
 from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, Frame, LifeFrame, StatisticsFrame
-from mdm.snapshots.live import factors_of, observed, remedy_of
+from mdm.snapshots.live import factors_of, remedy_of
+from mdm.snapshots.observations import HISTORY, at_state, most_frequent, observed, on_observing
+from mdm.snapshots.oddities import KEPT, SEEN, WINDOW, Ended, Seen, lasting, likeliest, repeated, unmoved
 from mdm.snapshots.scene import EnsembleScene, PredicateScene, Scene
 from mdm.snapshots.why import Why, why_recorded
 from mdm.version import __version__
@@ -48,11 +50,25 @@ if TYPE_CHECKING:
 
 __all__ = ["RecordedRun", "Step"]
 
-Step = Literal["decision", "fault", "mode"]
+Step = Literal["decision", "change", "fault", "mode"]
 
 _TOPICS = ("stimuli", "decisions", "lives", "modes", "faults", "idles")
 _MOST = 50_000
 """Events of a kind that are shown; of more decisions one stands for several."""
+_CAUSES = {
+    "start": "as it started",
+    "resume": "as it went on",
+    "reset": "after a reset",
+    "state": "on a change of its state",
+    "observation": "on an observation",
+    "belief": "on a belief that was told",
+    "tick": "at a tick of its rate",
+    "episode": "as a new episode began",
+    "release": "as it left its safe mode",
+    "again": "again, for its action had ended",
+    "team": "as its team had decided",
+}
+"""The causes of decisions in words."""
 _BELIEFS = 64
 """Beliefs that are kept at hand."""
 
@@ -67,6 +83,11 @@ class _Track:
     def add(self, time: int, entry: Any) -> None:
         self.times.append(time)
         self.entries.append(entry)
+
+    def last(self, time: int, most: int) -> slice:
+        """Return where the last entries by a time are, so many at most."""
+        end = self.place(time) + 1
+        return slice(max(0, end - most), end)
 
     def place(self, time: int) -> int:
         """Return the place of the last entry by a time; -1 where there is none."""
@@ -87,13 +108,24 @@ class _Ensemble:
         self.idles = _Track()
         self.lives = _Track()
         self.decisions = _Track()
+        self.changes = _Track()
         self.ends = _Track()
+        self.repeats = _Track()
+        self.observations: defaultdict[Any, list[int]] = defaultdict(list)
+        self.observed = _Track()
+        self.seen = _Track()
         self._living: dict[int, ActionLife] = {}
 
     def add(self, message: Decision | ActionLife | Mode | Idle) -> None:
         if isinstance(message, Decision):  # whose belief is read again where one is looked at
             kept = message if message.belief is None else msgspec.structs.replace(message, belief=None)
+            if not self.decisions.entries or self.decisions.entries[-1].action_name != message.action_name:
+                self.changes.add(message.time, message.action_name)
             self.decisions.add(message.time, kept)
+            if message.cause == "again":
+                self.repeats.add(message.time, message.action_name)
+            if message.observation is not None:
+                self._observe(message)
         elif isinstance(message, Mode):
             self.modes.add(message.time, message)
         elif isinstance(message, Idle):
@@ -101,12 +133,20 @@ class _Ensemble:
         else:
             self._live(message)
 
+    def _observe(self, decision: Decision) -> None:
+        symbol = decision.observation
+        self.observations[symbol].append(decision.time)
+        self.observed.add(decision.time, symbol)
+        found = likeliest(decision.belief)
+        if found is not None:
+            self.seen.add(decision.time, (symbol, *found))
+
     def _live(self, life: ActionLife) -> None:
         if life.status == "running":
             self._living[life.life] = life
         else:
-            self._living.pop(life.life, None)
-            self.ends.add(life.time, life.status)
+            begun = self._living.pop(life.life, life)
+            self.ends.add(life.time, Ended(life.action, (life.time - begun.time) / 1e9, life.status))
         self.lives.add(life.time, tuple(self._living.values()))
 
 
@@ -157,8 +197,10 @@ class RecordedRun:
         self._read()
         self._names = names_of(record)
         self._spaces = {path: self._space(path) for path in self._ensembles}
-        self._events = self._made_events()
-        self._encoded = [msgspec.json.encode(event) for event in self._events]
+        self._tell_events()
+
+    def _tell_events(self) -> None:
+        self._encoded = [msgspec.json.encode(event) for event in self._made_events()]
 
     @property
     def grows(self) -> bool:
@@ -227,7 +269,7 @@ class RecordedRun:
             pairs = list(zip(decisions.times, decisions.entries, strict=True))[::step]
             found += [(time, (decision, step)) for time, decision in pairs]
             if step > 1:
-                self._remarks.append(f"{ensemble.path}: on the timeline one decision stands for {step:,}")
+                self.remark(f"{ensemble.path}: on the timeline one decision stands for {step:,}")
             found += zip(ensemble.modes.times, ensemble.modes.entries, strict=True)
             found += zip(ensemble.idles.times, ensemble.idles.entries, strict=True)
         found += zip(self._faults.times, self._faults.entries, strict=True)
@@ -243,19 +285,40 @@ class RecordedRun:
         }
         lasting = [life for life in lives if (life.ensemble, life.life) not in plain]
         if len(lasting) > 2 * _MOST:
-            self._remarks.append(f"the timeline has the first {_MOST:,} of {len(lasting) // 2:,} actions")
+            self.remark(f"the timeline has the first {_MOST:,} of {len(lasting) // 2:,} actions")
         found += [(life.time, life) for life in lasting[: 2 * _MOST]]
+        changes = self._changes()
+        if len(changes) > _MOST:
+            self.remark(f"the timeline has the first {_MOST:,} of {len(changes):,} changes of predicates")
+        found += changes[:_MOST]
         found.sort(key=lambda pair: pair[0])
         return [self._event(number, time, each) for number, (time, each) in enumerate(found, 1)]
 
+    def _changes(self) -> list[tuple[int, Any]]:
+        """Return the changes of predicates with their times."""
+        found: list[tuple[int, Any]] = []
+        before: dict[str, bool | None] = {}
+        for time, values in zip(self._values.times, self._values.entries, strict=True):
+            found += [
+                (time, (name, value))
+                for name, value in values.items()
+                if name in self._predicates and before.get(name) is not value
+            ]
+            before = values
+        return found
+
     def _event(self, number: int, time: int, each: Any) -> Event:
         seconds = self._seconds(time)
+        if isinstance(each, tuple) and isinstance(each[0], str):
+            assert self._manager is not None
+            return Event(*(number, seconds, "predicate", self._manager.path, each[0]), status=value_of(each[1]))
         if isinstance(each, tuple):
             decision, count = each
             return Event(
                 *(number, seconds, "decision", decision.ensemble, decision.action_name),
-                detail=decision.cause,
+                detail=_CAUSES.get(decision.cause, decision.cause),
                 life=decision.epoch,
+                at=self._decided_at(decision),
                 count=count,
             )
         if isinstance(each, ActionLife):
@@ -296,10 +359,12 @@ class RecordedRun:
             until = "" if at is None else f" up to second {self._seconds(at.time):g}"
             self._remarks.append(f"predicates are restored by a replay, which is the same as the run{until} alone")
         self._predicates = [name for name in manager.values() if name in values]
+        self._tell_events()
 
     def remark(self, text: str) -> None:
-        """Have something said of the run."""
-        self._remarks.append(text)
+        """Have something said of the run, once."""
+        if text not in self._remarks:
+            self._remarks.append(text)
 
     # -- The scene -----------------------------------------------------------------------------------------------
 
@@ -392,8 +457,8 @@ class RecordedRun:
     def _ended(self, path: str, time: int) -> dict[str, int]:
         counts: dict[str, int] = defaultdict(int)
         ends = self._ensembles[path].ends
-        for status in ends.entries[: ends.place(time) + 1]:
-            counts[status] += 1
+        for end in ends.entries[: ends.place(time) + 1]:
+            counts[end.status] += 1
         return dict(counts)
 
     def _ensemble_frame(self, each: _Ensemble, time: int) -> EnsembleFrame:
@@ -411,7 +476,51 @@ class RecordedRun:
             epoch=-1 if decision is None else decision.epoch,
             action="" if decision is None else decision.action_name,
             decisions=place + 1,
+            odd=() if mode is None or mode.mode != "deciding" else self._odd(each, time),
         )
+
+    def _odd(self, each: _Ensemble, time: int) -> tuple[str, ...]:
+        """Return what looks odd at a time, in words."""
+        decision: Decision | None = each.decisions.at(time)
+        found = []
+        if decision is not None:
+            first = each.repeats.place(time - round(WINDOW * 1e9)) + 1
+            window = each.repeats.entries[first : each.repeats.place(time) + 1]
+            found.append(repeated(decision.action_name, window.count(decision.action_name)))
+        ended = each.ends.entries[each.ends.last(time, KEPT)]
+        composed = self._composed(each.path)
+        lives = [life for life in each.lives.at(time) or () if life.action not in composed]
+        found += [lasting(life.action, (time - life.time) / 1e9, ended) for life in lives]
+        last = each.seen.last(time, SEEN)
+        if each.seen.times[last] and time - each.seen.times[last][-1] < WINDOW * 1e9:
+            pairs = zip(each.seen.times[last], each.seen.entries[last], strict=True)
+            seen = [Seen(self._seconds(at), *entry) for at, entry in pairs]
+            space = self._spaces[each.path]
+            name: Any = str if space is None else space.names.__getitem__
+            found.append(unmoved(seen, lambda symbol: self._observed(each.path, symbol) or "", name))
+        return tuple([text for text in found if text])
+
+    def _composed(self, path: str) -> frozenset[str]:
+        """Return the actions of an ensemble that are ensembles: these last as long as they are chosen."""
+        if path not in self._models:
+            return frozenset()
+        action = self._models[path].action
+        pairs = zip(action.names, action.bindings, strict=True)
+        return frozenset([name for name, binding in pairs if binding.ensemble is not None])
+
+    def _history(self, each: _Ensemble, time: int) -> tuple[tuple[float, str], ...]:
+        """Return the last observations by a time, by name."""
+        last = each.observed.last(time, HISTORY)
+        pairs = zip(each.observed.times[last], each.observed.entries[last], strict=True)
+        return tuple([(self._seconds(at), self._observed(each.path, symbol) or "") for at, symbol in pairs])
+
+    def _tally(self, each: _Ensemble, time: int) -> tuple[tuple[str, int], ...]:
+        """Return how often each observation came by a time."""
+        counts: Counter[str] = Counter()
+        for symbol, times in each.observations.items():
+            if count := bisect_right(times, time):
+                counts[self._observed(each.path, symbol) or ""] += count
+        return most_frequent(counts)
 
     def _detail(self, each: _Ensemble, time: int) -> Detail:
         decision: Decision | None = each.decisions.at(time)
@@ -429,10 +538,12 @@ class RecordedRun:
             state=state,
             factors=factors,
             observation=self._observed(each.path, decision.observation),
-            cause=decision.cause,
+            cause=_CAUSES.get(decision.cause, decision.cause),
             decided=self._seconds(decision.time),
             reward=decision.reward,
             belief=belief_frame(self._belief(each.path, decision), space),
+            observations=self._history(each, time),
+            tally=self._tally(each, time),
         )
 
     def _observed(self, path: str, observation: Any) -> str | None:
@@ -442,6 +553,12 @@ class RecordedRun:
             return observed(self._models[path].controller.symbols.observation_space, observation)
         found = self._names.get(path, Names()).observation(observation)
         return found or str(observation)
+
+    def _decided_at(self, decision: Decision) -> str:
+        """Return the state or observation of a decision, by name."""
+        if decision.state is None:
+            return on_observing(self._observed(decision.ensemble, decision.observation))
+        return at_state(self._spaces[decision.ensemble], decision.state)
 
     def _belief(self, path: str, decision: Decision) -> Any:
         """Return the belief of a decision, which the record is asked for anew."""
@@ -465,15 +582,19 @@ class RecordedRun:
         return self._encoded[cursor:end], end
 
     def step(self, kind: Step, seconds: float, *, back: bool = False) -> float:
-        """Return the time of the next decision, fault or change of a mode, or of the one before; the same for none."""
+        """Return the time of the next decision, fault or change of a mode, or of the one before; the same for none.
+
+        A ``change`` is a decision for another action than that of the decision before it of the same ensemble.
+        """
         time = self._time(seconds)
         tracks = {
             "decision": [each.decisions for each in self._ensembles.values()],
+            "change": [each.changes for each in self._ensembles.values()],
             "mode": [each.modes for each in self._ensembles.values()],
             "fault": [self._faults],
         }.get(kind)
         if tracks is None:
-            raise Error(f"there is no step to a {kind}: decision, fault, mode")
+            raise Error(f"there is no step to a {kind}: decision, change, fault, mode")
         found = []
         for track in tracks:
             place = bisect_left(track.times, time) - 1 if back else bisect_right(track.times, time)

@@ -20,6 +20,7 @@ _SIGNS = {"deciding": "▶", "safe": "■", "stopped": "○", "waiting": "…", 
 _COLOURS = {"deciding": "green", "safe": "bold red", "stopped": "bright_black", "waiting": "yellow", "idle": "yellow"}
 _BARS = 20
 _EVENTS = 100_000
+_ALARMS = 4
 
 
 def rich() -> Any:
@@ -84,8 +85,8 @@ class Terminal:
         self.selected = max(0, min(len(self.scene.ensembles) - 1, self.selected + by))
 
     def hear(self, events: Sequence[Event]) -> None:
-        """Take events in."""
-        self._events.extend(events)
+        """Take events in, but for changes of predicates, which have a line of their own."""
+        self._events.extend([event for event in events if event.kind != "predicate"])
 
     def picture(self, frame: Frame, *, height: int = 40, status: str = "") -> Any:
         """Return a frame as what rich prints.
@@ -103,6 +104,8 @@ class Terminal:
 
     @staticmethod
     def _lines(part: Any) -> int:
+        if getattr(part, "no_wrap", None) is False:
+            return 2  # a sentence on a screen that is not wide
         return int(getattr(part, "row_count", 1)) or 1
 
     def _text(self, *pieces: tuple[str, str]) -> Any:
@@ -132,7 +135,11 @@ class Terminal:
                 )
                 for cause in each.causes
             ]
-        return found[:4]
+        for of, each in zip(self.scene.ensembles, frame.ensembles, strict=False):
+            found += [self._text((f"? {of.path} looks odd: ", "bold yellow"), (text, "yellow")) for text in each.odd]
+        for text in found[:_ALARMS]:
+            text.no_wrap = False
+        return found[:_ALARMS]
 
     def _tree(self, frame: Frame, most: int) -> Any:
         table = self._table(5)
@@ -161,11 +168,12 @@ class Terminal:
         told = [
             (name, value)
             for name, value in (
-                ("state", detail.state),
+                ("state", ", ".join(f"{name} {value or '?'}" for name, value in detail.factors) or detail.state),
                 ("observed", detail.observation),
+                ("so far", ", ".join(f"{name} {count}" for name, count in detail.tally[:4]) or None),
                 ("reward", None if detail.reward is None else f"{detail.reward:.4g}"),
                 ("return", None if detail.value is None else f"{detail.value:.4g}"),
-                ("on", detail.cause or None),
+                ("decided", detail.cause or None),
             )
             if value is not None
         ]

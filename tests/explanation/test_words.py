@@ -44,20 +44,20 @@ def test_a_whole_explanation():
     assert in_words(WHOLE) == (
         "Decision 2: 'open-left', by alpha vectors.\n"
         "The most probable states were tiger-right (0.97), tiger-left (0.03).\n"
-        "Values: open-left 6.5, listen 4.25, open-right not weighed.\n"
+        "Values: open-left 6.5, listen 4.25, open-right (no value).\n"
         "It is ahead of 'listen' by 2.25.\n"
         "The observation that moved it most was hear-right before decision 2: without it, it would have been behind by "
         "3, and the decision 'listen'.\n"
         "The smallest change that decides otherwise: 0.02 of the probability elsewhere (tiger-right 0.95 instead of "
         "0.97, tiger-left 0.05 instead of 0.03), then 'listen'.\n"
         "It expects next, of states tiger-left (0.5), tiger-right (0.5); of observations hear-left (0.5).\n"
-        "Not told: the moon is not known."
+        "Note: the moon is not known."
     )
 
 
 def test_a_few_words():
     assert brief(WHOLE) == {
-        "values": "open-left 6.5, listen 4.25, open-right not weighed",
+        "values": "open-left 6.5, listen 4.25, open-right (no value)",
         "ahead": "2.25 of listen",
         "moved_by": "hear-right before decision 2",
         "otherwise": "0.02 of the probability elsewhere (tiger-right 0.95 instead of 0.97, tiger-left 0.05 instead of "
@@ -79,7 +79,7 @@ def test_influences():
     assert "Of the last 2 observations, robot2: hears before decision 3 moved it most: without it, it would" in text
     assert "have been ahead by 1." in text
     lost = Influence(3, "", "hears", None, None, "listen", decisive=True)
-    assert "without it, this action would not even be weighed, and the decision 'listen'." in in_words(
+    assert "without it, this action would not even be compared, and the decision 'listen'." in in_words(
         but(moved_by=lost)
     )
     assert "without it, the decision would have been 'listen'." in in_words(but(moved_by=lost, margin=None))
@@ -101,7 +101,7 @@ def test_nodes_states_and_searches():
     text = in_words(Explanation(0, 0, "go", "a plan", nodes=(3, 4), by="bound", effort=1234, values=WHOLE.values))
     assert "Decision 0: 'go', by a plan at nodes 3, 4." in text
     assert (
-        "Values are at least: open-left 6.5, listen 4.25, open-right not weighed, by a search that expanded 1,234"
+        "Values are at least: open-left 6.5, listen 4.25, open-right (no value), by a search that expanded 1,234"
         in text
     )
     assert "The state was hall." in in_words(Explanation(0, 0, "go", "a table", state="hall"))

@@ -13,7 +13,8 @@ from sentences import refused
 from shown import a_robot
 
 import mdm
-from mdm import Error
+from mdm import Ensemble, Error
+from mdm.policies import DeterministicPolicy
 from mdm.snapshots import Frame, LiveRun, Scene
 from mdm.snapshots.live import factors_of
 from mdm.testing import probe, run_virtual
@@ -42,6 +43,12 @@ def test_factors_say_which_predicates_tell_them():
     assert found == {"person": ("PersonIsWaiting",), "intruder": ("IntruderIsSeen",), "fire": ("FireIsSeen",)}
 
 
+def test_without_a_model_the_wiring_says_which_predicates_tell_a_factor(tmp_path):
+    walk = mdm.load_system(a_robot(tmp_path)).ensembles["walk"]
+    (factor,) = factors_of(walk.controller.symbols.state_space, walk)
+    assert (factor.name, factor.told_by) == ("near", ("Near",))
+
+
 def test_frames_say_what_the_actors_do(tmp_path):
     modes, changes, before = Counter(), [], {}
 
@@ -64,6 +71,7 @@ def test_frames_say_what_the_actors_do(tmp_path):
                 changes.append(name)
         before.update(values)
         assert msgspec.json.decode(msgspec.json.encode(frame), type=Frame) == frame
+        assert msgspec.json.decode(live.encoded({"top", "top/walk"}), type=Frame) == live.frame({"top", "top/walk"})
         assert msgspec.json.decode(msgspec.json.encode(scene), type=Scene) == scene
 
     looked_at(a_robot(tmp_path), 30, look)
@@ -180,3 +188,68 @@ def test_actors_that_come_later_make_another_scene():
         assert live.generation == first + 1
 
     run_virtual(main)
+
+
+def test_of_a_thousand_ensembles_changes_are_seen_at_once_and_all_others_in_their_turn():
+    robots = [
+        Ensemble(
+            f"robot{number:03}",
+            policy=DeterministicPolicy([0, 1]),
+            actions={0: lambda: None, 1: lambda: None},
+            safe_action=lambda: None,
+        )
+        for number in range(300)
+    ]
+
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        for robot in robots:
+            await runtime.start(robot)
+        live.frame()
+        robots[7].publish_state(1)
+        robots[299].publish_state(1)
+        robots[150].stop()
+        robots[151].safety.alarm(mdm.messages.Fault(runtime.now(), "robot151", "policy", "it is torn"))
+        await asyncio.sleep(0.05)
+        frames = live.frame().ensembles
+        assert {place for place, each in enumerate(frames) if each.decisions} == {7, 299}
+        assert (frames[150].mode, frames[151].mode) == ("stopped", "safe")
+        looks = dict.fromkeys(range(300), 0)
+        for place, each in enumerate(live._ensembles):
+
+            def look(now, place=place, look=each.lookout.look):
+                looks[place] += 1
+                return look(now)
+
+            each.lookout.look = look
+        for _ in range(20):
+            await asyncio.sleep(0.05)
+            live.frame({"robot200"})
+        return looks
+
+    looks = run_virtual(main)
+    assert min(looks.values()) >= 1
+    assert max(looks.values()) == looks[200] == 20
+    assert sum(looks.values()) < 20 * 40
+
+
+def test_observations_are_told_with_their_times_and_how_often_each_came():
+    robot = ensemble()
+
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        await runtime.start(robot)
+        live.frame({"robot"})
+        for word in ["hear-left"] * 9 + ["hear-right"]:
+            await asyncio.sleep(1)
+            robot.publish_observation(word)
+            frame = live.frame({"robot"})
+        return frame.details["robot"]
+
+    detail = run_virtual(main)
+    assert detail.observations == tuple(
+        [(float(second), "hear-left") for second in range(3, 10)] + [(10.0, "hear-right")]
+    )
+    assert detail.tally == (("hear-left", 9), ("hear-right", 1))

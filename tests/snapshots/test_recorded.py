@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import tempfile
+from collections import Counter
 
 import msgspec
 import pytest
@@ -83,6 +84,19 @@ def test_its_events_are_those_that_were_seen_live(robot):
     assert {each for each in ends if each[2]} <= {(event.source, event.name, event.life) for event in found}
 
 
+def test_changes_of_predicates_are_events_as_they_were_live(robot):
+    _, events, record = robot
+    run = restored(record)
+    found = [msgspec.json.decode(each, type=Event) for each in run.after(0, 10**9)[0]]
+    kept = [(event.name, event.status) for event in found if event.kind == "predicate"]
+    seen = [(event.name, event.status) for event in events if event.kind == "predicate"]
+    assert len(seen) > 20
+    for name in {name for name, _ in seen}:
+        live = [each for each in seen if each[0] == name]
+        assert [each for each in kept if each[0] == name][: len(live)] == live  # the last was not looked at any more
+    assert [event.number for event in found] == list(range(1, len(found) + 1))
+
+
 def test_steps_lead_from_one_to_the_next_and_back(robot):
     _, _, record = robot
     run = RecordedRun(record)
@@ -102,6 +116,17 @@ def test_steps_lead_from_one_to_the_next_and_back(robot):
         while (after := run.step(kind, forward[-1])) != forward[-1]:
             forward.append(after)
         assert forward == times
+    changes, before = set(), {}
+    for each in record.messages(["decisions"]):
+        if before.get(each.message.ensemble) != each.message.action:
+            changes.add(round((each.time - first) / 1e9, 6))
+        before[each.message.ensemble] = each.message.action
+    at, found = -1.0, [0.0] if 0.0 in changes else []
+    while (after := run.step("change", at)) != max(at, 0.0):
+        found.append(after)
+        at = after
+    assert found == sorted(changes)
+    assert len(found) > 10
     with refused(Error):
         run.step("breath", 0.0)
 
@@ -126,6 +151,9 @@ def test_without_a_configuration_beliefs_have_the_names_of_the_record(tmp_path):
             dict(zip(mdm.problems.tiger().state_space.names, belief, strict=True)), abs=1e-6
         )
         assert detail.observation == ("hear-right" if second == 3 else "hear-left")
+        heard = [(1.0, "hear-left"), (2.0, "hear-left"), (3.0, "hear-right")][:second]
+        assert detail.observations == tuple(heard)
+        assert dict(detail.tally) == Counter([name for _, name in heard])
     assert run.scene().ensembles[0].actions[0] == "listen"
 
 

@@ -22,7 +22,7 @@ SCENE = Scene(
 FRAME = Frame(
     65.5,
     (
-        EnsembleFrame("deciding", 5.0, live=(LifeFrame("Go", 60.0),)),
+        EnsembleFrame("deciding", 5.0, live=(LifeFrame("Go", 60.0),), odd=("Go has lasted for 99 s",)),
         EnsembleFrame("safe", 65.0, causes=(CauseFrame("stale_input", "Near", 65.0, "look at the sensor"),)),
     ),
     (True, False, None),
@@ -44,6 +44,7 @@ def test_a_picture_says_modes_actions_causes_and_beliefs():
     text = printed(terminal, status="● live")
     assert re.search(r"robot.toml +01:05.5 +● live", text)
     assert "■ top/walk is safe stale_input: Near → look at the sensor" in text
+    assert "? top looks odd: Go has lasted for 99 s" in text
     assert re.search(r"top +▶ deciding +Go +5.5 s", text)
     assert re.search(r"> +walk +■ safe", text)
     assert re.search(r"hall +█{15}░{5} +75.0%", text)

@@ -131,11 +131,13 @@ class Liveness:
     Attributes:
         retries: Whether failed actions are followed by a decision, even against their bindings.
         since: Nanoseconds since when the ensemble is idle; None where it is not.
+        repeats: How often it was decided again for no other reason than that an action had ended.
     """
 
     def __init__(self, ensemble: Ensemble, options: SafetyOptions) -> None:
         self.retries = options.get("on_failed_action") == "decide"
         self.since: int | None = None
+        self.repeats = 0
         self._ensemble = ensemble
         self._idle_after = _seconds(options.get("idle_after"))
         self._tries = Tries()
@@ -168,7 +170,7 @@ class Liveness:
         """The pause or the holds that it waits for before it decides again, in words."""
         if self._again is not None:
             return (self._why,)
-        if not self._rests or self.since is not None:
+        if self.since is not None or not self._rests:
             return ()
         now = self._ensemble.runtime.now()
         return tuple(f"{name!r} to hold for {(due - now) / 1e9:g} s more" for name, due in self._holding().items())
@@ -301,6 +303,7 @@ class Liveness:
         if safety.modes.mode == "safe":  # by the failure itself
             safety.reopen(frozenset({"action"}), now)
         elif safety.deciding and ensemble.control.decisions == self._decisions:
+            self.repeats += 1
             ensemble.control.source.decide_again(now)
         self.look()
 
@@ -323,10 +326,10 @@ class Liveness:
             self._again is None
             and ensemble.safety.deciding
             and self._decides_alone
+            and (control.acted is None or self._end is not None)  # else its effect stands
             and not ensemble.action.busy
             and not control.blind
             and not control.asks
-            and (control.acted is None or self._end is not None)  # else its effect stands
         )
 
     def _holding(self) -> dict[str, int]:

@@ -29,7 +29,7 @@ __all__ = ["run"]
 
 _PERIOD = 0.25
 _WAITS = 5.0
-_STEPS = {"d": "decision", "f": "fault", "m": "mode"}
+_STEPS = {"d": "decision", "n": "change", "f": "fault", "m": "mode"}
 _ARROWS = {"\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left"}
 
 
@@ -68,7 +68,7 @@ async def _watch_record(shown: RecordedRun, at: float | None, *, once: bool) -> 
             if playing:
                 time = min(shown.last, time + now - before)
             before = now
-            status = "▶ playing" if playing else "❚❚ space plays, d f m step, q ends"
+            status = "▶ playing" if playing else "❚❚ space plays, d n f m step, q ends"
             draw(terminal, shown.frame(time, terminal.close), status)
             if once:
                 return

@@ -13,8 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-import msgspec
-
 from mdm.errors import Error
 from mdm.views.web.access import HEADERS, Access
 from mdm.views.web.encryption import encryption
@@ -249,7 +247,7 @@ class PageServer:
         before = times.perf_counter()
         try:
             close = dict.fromkeys(path for reader in self._readers for path in reader.close)
-            encoded = msgspec.json.encode(self._source.frame(close))
+            encoded = self._source.encoded(close)
         except Exception as error:  # the robot goes on without its page
             future.set_exception(Error(f"the page has failed: {type(error).__name__}: {error}"))
             return

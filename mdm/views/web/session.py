@@ -111,6 +111,9 @@ class LiveSource(Source, Protocol):
     def frame(self, close: Collection[str] = ()) -> Frame:
         """Return how everything is."""
 
+    def encoded(self, close: Collection[str] = ()) -> bytes:
+        """Return how everything is, as JSON."""
+
     def command(self, command: str, ensemble: str) -> Awaitable[None] | None:
         """Command an ensemble; what is returned waits where another process carries it out."""
 

@@ -102,6 +102,8 @@ class _Agent:
             facts = msgspec.structs.asdict(event)
             time, kind, source, name = (facts.pop(key) for key in ("time", "kind", "source", "name"))
             facts.pop("number")
+            if kind == "predicate":
+                name = f"{self.name}: {name}"  # as the scene of the team names it
             self._team.ring.add(time + self.ahead, kind, source, name, **facts)
         self._cursor = told.cursor
 
@@ -178,7 +180,11 @@ def _shifted(frame: Frame, by: float) -> Frame:
         for each in frame.ensembles
     ]
     details = {
-        path: each if each.decided is None else replace(each, decided=each.decided + by)
+        path: replace(
+            each,
+            decided=None if each.decided is None else each.decided + by,
+            observations=tuple([(time + by, name) for time, name in each.observations]),
+        )
         for path, each in frame.details.items()
     }
     return replace(
@@ -271,6 +277,10 @@ class TeamRun:
             facts["team"] |= {f"{key} ({agent.name})": told for key, told in shifted.team.items()}
         now = (times.time_ns() - self.began) / 1e9
         return Frame(now, tuple(frames), tuple(values), tuple(changed), **facts)
+
+    def encoded(self, close: Collection[str] = ()) -> bytes:
+        """Return how all agents are, as JSON."""
+        return _encode(self.frame(close))
 
     def _agent_of(self, ensemble: str) -> _Agent:
         for agent in self._agents:

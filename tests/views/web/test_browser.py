@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import re
+from itertools import pairwise
 
 import browsers
 import pytest
@@ -273,8 +275,14 @@ def test_a_record_is_stepped_through_by_keyboard_alone(tmp_path):
         async with browsers.browser() as (look, wrong):
             page = await look(server.address)
             await page.wait_for_function(UNTIL)
-            for key, topic in (("d", "decisions"), ("f", "faults"), ("m", "modes")):
-                times = sorted({round((each.time - first) / 1e9, 6) for each in record.messages([topic])})
+            for key, topic in (("d", "decisions"), ("n", "decisions"), ("f", "faults"), ("m", "modes")):
+                found, before = set(), {}
+                for each in record.messages([topic]):
+                    if key != "n" or before.get(each.message.ensemble) != each.message.action:
+                        found.add(round((each.time - first) / 1e9, 6))
+                    if key == "n":
+                        before[each.message.ensemble] = each.message.action
+                times = sorted(found)
                 at = await page.evaluate("mdmPage.frame.time")
                 after = next(time for time in times if time > at)
                 await page.keyboard.press(key)
@@ -306,6 +314,128 @@ def test_a_record_is_stepped_through_by_keyboard_alone(tmp_path):
             await page.wait_for_function("() => !mdmPage.playing")
             events = await page.evaluate("mdmPage.cursor")
             assert events == len(run_.after(0, 10**9)[0])
+            assert await browsers.barriers(page) == []
+            assert wrong == []
+        await server.close()
+
+    asyncio.run(program())
+
+
+def test_the_arrows_choose_an_ensemble_wherever_the_focus_is(tmp_path):
+    async def look_at(page, *_):
+        await page.locator("h1").click()
+        for key, path in (("ArrowDown", "top/walk"), ("ArrowDown", "top/walk"), ("ArrowUp", "top")):
+            await page.keyboard.press(key)
+            await page.wait_for_function(f"() => mdmPage.selected === '{path}'")
+        await page.get_by_label("Tree of ensembles").focus()
+        await page.keyboard.press("ArrowDown")
+        await page.wait_for_function("() => mdmPage.selected === 'top/walk'")
+
+    seen(look_at, mdm.load_system(a_robot(tmp_path)))
+
+
+def test_an_oddity_is_told_at_the_top_and_goes_when_it_is_over():
+    async def nothing():
+        pass
+
+    robot = Ensemble(
+        "robot",
+        policy=DeterministicPolicy([0, 1]),
+        actions={0: mdm.Binding(nothing, then="decide", pause=0.05), 1: lambda: None},
+    )
+
+    async def look_at(page, *_):
+        assert await page.locator(".headline .odd").count() == 0
+        robot.publish_state(0)
+        await page.wait_for_selector(".headline .odd")
+        assert "? robot looks odd decided 0" in await text(page, ".headline")
+        assert "? odd" in await text(page, "[role=option]")
+        robot.publish_state(1)
+        await page.wait_for_function("() => !document.querySelector('.headline .odd')")
+
+    seen(look_at, robot)
+
+
+def test_predicates_that_the_chosen_ensemble_decides_on_come_first_and_have_lanes(tmp_path):
+    async def look_at(page, *_):
+        for key, mine in (("ArrowUp", "Low"), ("ArrowDown", "Near")):
+            await page.keyboard.press(key)
+            await page.wait_for_function(
+                f"() => document.querySelector('[aria-label=Predicates] .name').innerText === '{mine}'"
+            )
+            rows = await page.locator("[aria-label=Predicates] [role=listitem]").all_inner_texts()
+            assert len(rows) == 4
+            assert "the others" in rows[1]
+        await page.wait_for_function("() => mdmPage.history.predicates.get('Near')?.length > 1")
+        statuses = await page.evaluate("mdmPage.history.predicates.get('Near').map((each) => each.status)")
+        assert all(one != other for one, other in pairwise(statuses))
+        assert "2 ensembles, 1 predicate, " in await page.get_attribute(".timeline canvas", "aria-label")
+
+    seen(look_at, mdm.load_system(a_robot(tmp_path)))
+
+
+def test_the_timeline_tells_of_what_the_pointer_is_on(tmp_path):
+    async def run(runtime):
+        await runtime.start(mdm.load_system(a_robot(tmp_path)))
+        await asyncio.sleep(40)
+
+    run_virtual(run, record=tmp_path / "run.mcap")
+    system = mdm.load_system(a_robot(tmp_path))
+    recorded = RecordedRun(
+        Record(tmp_path / "run.mcap"), system, ensembles=system.ensembles, predicates=system.predicates
+    )
+    recorded.restore()
+
+    async def program():
+        server = PageServer(recorded, port=0, live=False, token=TOKEN)
+        await server.open()
+        async with browsers.browser() as (look, wrong):
+            page = await look(server.address)
+            await page.wait_for_function(UNTIL)
+            await page.wait_for_function(
+                "() => mdmPage.history.faults.length > 0 && mdmPage.history.predicates.size > 0"
+            )
+            await page.keyboard.press("f")
+            await page.wait_for_function("() => mdmPage.frame.time > 0")
+            await page.wait_for_function("() => document.querySelector('.timeline .told').innerText.includes('⚠')")
+            canvas = await page.locator(".timeline canvas").bounding_box()
+            fault = recorded.step("fault", 0.0)
+            across = canvas["x"] + 118 + (canvas["width"] - 118) * fault / recorded.last
+            middle = canvas["x"] + 118 + (canvas["width"] - 118) * 0.5
+            for x, y, words in (
+                (across, 18, "⚠"),  # faults
+                (middle, 30, "top decides from"),  # its mode
+                (middle, 44, "0:"),  # a life of an action
+                (middle, 24 + 2 * 46 + 8, "Low false from"),  # the predicate of the chosen ensemble
+            ):
+                await page.mouse.move(x, canvas["y"] + y)
+                await page.wait_for_function(f"() => document.querySelector('.tip')?.innerText.includes('{words}')")
+            await page.mouse.move(5, 5)
+            await page.wait_for_function("() => !document.querySelector('.tip')")
+            await page.keyboard.press("n")
+            told = await text(page, ".timeline .told")
+            assert re.match(r"[0-9:.]+ top decided [01], decision [0-9]+, ", told)
+            assert "in state" in told
+            assert await browsers.barriers(page) == []
+            assert wrong == []
+        await server.close()
+
+    asyncio.run(program())
+
+
+def test_a_record_in_the_dark_keeps_nobody_out(tmp_path):
+    async def run(runtime):
+        await runtime.start(mdm.load_system(a_robot(tmp_path)))
+        await asyncio.sleep(10)
+
+    run_virtual(run, record=tmp_path / "run.mcap")
+
+    async def program():
+        server = PageServer(RecordedRun(Record(tmp_path / "run.mcap")), port=0, live=False, token=TOKEN)
+        await server.open()
+        async with browsers.browser(color_scheme="dark") as (look, wrong):
+            page = await look(server.address)
+            await page.wait_for_function(UNTIL)
             assert await browsers.barriers(page) == []
             assert wrong == []
         await server.close()

@@ -1,7 +1,7 @@
 // The headline, the tree of ensembles, and one of them at close range.
 import { html, useState } from "./vendor/htm-preact.js";
 import { VirtualList } from "./list.js";
-import { called, number, percent, seconds, SIGNS, since, standing } from "./words.js";
+import { called, clock, number, percent, seconds, SIGNS, since, standing } from "./words.js";
 
 const PAUSE = 2;   // Seconds without anything to do that nobody need be told of.
 
@@ -11,7 +11,8 @@ export function Headline({ scene, frame }) {
   const pauses = ({ each, how }) => how === "idle" && frame.time - each.idle < PAUSE;   // between two decisions
   const waits = told.filter((one) => (one.how === "waiting" || one.how === "idle") && !pauses(one));
   const decide = told.filter((one) => one.how === "deciding" || pauses(one));
-  const kind = safe.length ? "alarm" : waits.length ? "waits" : "calm";
+  const odd = told.flatMap(({ each, path }) => (each.odd ?? []).map((text) => ({ path, text })));
+  const kind = safe.length ? "alarm" : waits.length || odd.length ? "waits" : "calm";
   const most = 4;
   const lines = safe.length ? safe : waits;
   return html`<section class=${`headline ${kind}`} aria-label="What matters most" aria-live="polite">
@@ -27,6 +28,9 @@ export function Headline({ scene, frame }) {
       ${(each.causes ?? []).map((cause) => html`<span><b>${cause.kind}</b>: ${cause.detail}</span><span class="remedy">${cause.remedy}</span>`)}
     </div>`)}
     ${lines.length > most && html`<div class="line">and ${lines.length - most} more ensembles, in the tree below</div>`}
+    ${odd.length > 0 && html`<div class="odd" aria-live="off">${odd.slice(0, most).map(({ path, text }) => html`<div class="line" key=${path + text.slice(0, 12)}>
+      <strong class="waiting">? ${path} looks odd</strong><span>${text}</span></div>`)}
+      ${odd.length > most && html`<div class="line">and ${odd.length - most} more oddities, in the tree below</div>`}</div>`}
   </section>`;
 }
 
@@ -58,7 +62,7 @@ export function Tree({ scene, frame, selected, choose }) {
         aria-selected=${of.path === selected} onClick=${() => choose(of.path)}>
       <span style=${`width:${1.1 * depth[place]}rem;flex:none`}></span>
       <span class=${`sign ${how}`} aria-hidden="true">${SIGNS[how]}</span>
-      <span class="name">${called(of)}</span><span class=${how}>${how}</span>
+      <span class="name">${called(of)}</span><span class=${how}>${how}</span>${each.odd?.length > 0 && html`<span class="waiting" title=${each.odd.join("; ")}>? odd</span>`}
       <span class="grow">${live.length
         ? live.map((life) => `${life.action}${life.remaining == null ? "" : `, ${number(life.remaining)} m to go`}`).join(", ")
         : each.action && how !== "stopped" ? html`<span class="soft">${each.action}</span>` : ""}</span>
@@ -67,6 +71,7 @@ export function Tree({ scene, frame, selected, choose }) {
   };
   return html`<section class="panel" aria-label="Ensembles">
     <div class="head"><h2>Ensembles</h2><span class="soft number">${scene.ensembles.length}</span></div>
+    <p class="soft legend">An ensemble is one process that decides: a model, its policy, and the actions that it may start.</p>
     ${scene.ensembles.length > 12 && html`<input type="search" placeholder="Find" aria-label="Find an ensemble" value=${sought} onInput=${(event) => seek(event.currentTarget.value)} />`}
     <${VirtualList} count=${places.length} height=${32} row=${row} label="Tree of ensembles" role="listbox"
       selected=${places.findIndex((place) => scene.ensembles[place].path === selected)}
@@ -85,18 +90,21 @@ export function Detail({ scene, frame, path, why, ask, control, command }) {
   const ended = Object.entries(frame.statistics?.ended?.[path] ?? {});
   return html`<section class="panel" aria-label=${`Ensemble ${path}`}>
     <div class="head"><h2>${path}</h2><span class=${`badge ${how}`}>${SIGNS[how]} ${how} ${seconds(frame.time - since(each))}</span></div>
+    ${(each.odd ?? []).map((text) => html`<p class="said waiting" key=${text.slice(0, 12)}>? looks odd: ${text}</p>`)}
     <p class="soft said">${of.summary}${of.bound ? `; it is the action ${of.bound} of the ensemble above` : ""}</p>
     <dl>
       <dt>live</dt><dd>${each.live?.length ? each.live.map((life) => `${life.action}, for ${seconds(frame.time - life.since)}${life.remaining == null ? "" : `, ${number(life.remaining)} m to go`}`).join("; ") : html`<span class="soft">no action lasts</span>`}</dd>
-      <dt>decided</dt><dd>${each.decisions || each.epoch > -1 ? html`<b>${each.action}</b> <span class="soft number">decision ${each.epoch}${detail.decided == null ? "" : `, ${seconds(frame.time - detail.decided)} ago`}${detail.cause ? `, on ${detail.cause}` : ""}</span>` : html`<span class="soft">nothing yet</span>`}</dd>
+      <dt>decided</dt><dd>${each.decisions || each.epoch > -1 ? html`<b>${each.action}</b> <span class="soft number">decision ${each.epoch}${detail.decided == null ? "" : `, ${seconds(frame.time - detail.decided)} ago`}${detail.cause ? `, ${detail.cause}` : ""}</span>` : html`<span class="soft">nothing yet</span>`}</dd>
       ${detail.state != null && html`<dt>in state</dt><dd>${detail.factors?.length ? html`<span class="chips">${detail.factors.map(([factor, value]) => html`<span class="chip" key=${factor} title=${sources(of, factor).join(", ")}>${factor} <b>${value ?? "unknown"}</b>${sources(of, factor).length === 1 ? html` <span class="soft">← ${sources(of, factor)[0]}</span>` : ""}</span>`)}</span>` : html`<b>${detail.state}</b>`}</dd>`}
       ${detail.observation != null && html`<dt>observed</dt><dd><b>${detail.observation}</b></dd>`}
+      ${detail.tally?.length > 0 && html`<dt>so far</dt><dd class="number">${detail.tally.map(([name, count]) => `${name} ${count.toLocaleString("en")} ${count === 1 ? "time" : "times"}`).join(", ")}</dd>`}
       ${detail.reward != null && html`<dt>expected reward</dt><dd class="number">${number(detail.reward)}</dd>`}
       ${detail.value != null && html`<dt>expected return</dt><dd class="number">${number(detail.value)}</dd>`}
       ${detail.search && html`<dt>search</dt><dd>${detail.search}</dd>`}
       ${ended.length > 0 && html`<dt>actions ended</dt><dd class="number">${ended.map(([word, count]) => `${count.toLocaleString("en")} ${word.replace("_", " ")}`).join(", ")}</dd>`}
     </dl>
     ${detail.belief && html`<${Belief} belief=${detail.belief} />`}
+    ${detail.observations?.length > 0 && html`<div><h3>the last observations</h3><ol class="heard number">${[...detail.observations].reverse().map(([time, name]) => html`<li key=${time}><span class="soft">${clock(time)}</span> ${name}</li>`)}</ol></div>`}
     <div class="commands"><button onClick=${ask} title="w">Why this action?</button>
       ${control && ["start", "stop", "reset", "release"].map((word) => html`<button key=${word} onClick=${() => command(word, path)}>${word}</button>`)}</div>
     ${why && why.ensemble === path && html`${why.decided !== detail.decided && html`<p class="said">This is of an earlier decision: ask again.</p>`}<${Why} told=${why.why} />`}

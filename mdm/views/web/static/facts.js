@@ -1,18 +1,25 @@
 // Predicates, faults, the team, and what is counted.
 import { html, useState } from "./vendor/htm-preact.js";
 import { VirtualList } from "./list.js";
-import { clock, latency, seconds } from "./words.js";
+import { clock, feeding, latency, seconds } from "./words.js";
 import { Bar } from "./ensembles.js";
 
 const VALUES = new Map([[true, ["●", "true", "deciding"]], [false, ["○", "false", "stopped"]], [null, ["?", "unknown", "waiting"]]]);
 
-export function Predicates({ scene, frame, control, sense }) {
+const DIVIDER = -1;
+
+// Those that the chosen ensemble decides on come first.
+export function Predicates({ scene, frame, path, control, sense }) {
   const [sought, seek] = useState("");
   const [only, show] = useState(false);
-  const places = scene.predicates.map((_, place) => place).filter((place) => scene.predicates[place].name.toLowerCase().includes(sought.toLowerCase())
-    && (!only || frame.predicates[place] !== false));
+  const isShown = (place) => scene.predicates[place].name.toLowerCase().includes(sought.toLowerCase()) && (!only || frame.predicates[place] !== false);
+  const first = feeding(scene, scene.ensembles.find((each) => each.path === path));
+  const feeds = new Set(first);
+  const mine = first.filter(isShown), others = scene.predicates.map((_, place) => place).filter((place) => !feeds.has(place) && isShown(place));
+  const places = mine.length && others.length ? [...mine, DIVIDER, ...others] : [...mine, ...others];
   const row = (index, style) => {
     const place = places[index];
+    if (place === DIVIDER) return html`<div class="row divider soft" role="listitem" key="divider" style=${style}>↑ ${path} decides on these; ↓ the others</div>`;
     const of = scene.predicates[place];
     const [sign, word, mark] = VALUES.get(frame.predicates[place] ?? null);
     return html`<div class="row" role="listitem" key=${of.name} style=${style} title=${of.definition}>

@@ -101,6 +101,11 @@ function draw(canvas, floor, frame, scheme, chances) {
   context.globalAlpha = 1;
   context.font = `600 ${Math.max(10, Math.min(14, wide / 42))}px system-ui, "DejaVu Sans", sans-serif`;
   context.textAlign = "center";
+  // Labels give way to robots, and to each other: above their place, else below it, else farther above.
+  const taken = (frame.robots ?? []).filter((robot) => robot.floor === floor.name).map((robot) => { const [x, y] = at(robot.row, robot.column); return [x - 14, y - 14, x + 14, y + 14]; });
+  const size = parseFloat(/(\d+(?:\.\d+)?)px/.exec(context.font)[1]);
+  const room = (x, y, width) => [x - width / 2 - 2, y - size, x + width / 2 + 2, y + 3];
+  const isFree = ([left, top, right, bottom]) => top > 0 && !taken.some((one) => one[0] < right && left < one[2] && one[1] < bottom && top < one[3]);
   for (const place of floor.places) {
     const [x, y] = at(place.row, place.column);
     const chance = chances.get(place.name);
@@ -117,11 +122,15 @@ function draw(canvas, floor, frame, scheme, chances) {
     context.arc(x, y, 2.5, 0, 7);
     context.fill();
     const label = chance > 0.005 ? `${place.name} ${percent(chance)}` : place.name;
+    const width = context.measureText(label).width;
+    const middle = Math.max(width / 2 + 3, Math.min(wide - width / 2 - 3, x));
+    const line = [y - 7, y + size + 6, y - 26, y + size + 22].find((each) => isFree(room(middle, each, width))) ?? y - 7;
+    taken.push(room(middle, line, width));
     context.lineWidth = 3;
     context.strokeStyle = paper;
-    context.strokeText(label, x, y - 7);
+    context.strokeText(label, middle, line);
     context.fillStyle = ink;
-    context.fillText(label, x, y - 7);
+    context.fillText(label, middle, line);
   }
   for (const robot of frame.robots ?? []) {
     if (robot.floor !== floor.name) continue;

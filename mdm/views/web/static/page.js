@@ -152,9 +152,17 @@ function freeze() {
   schedule();
 }
 
+function neighbour(by) {
+  const ensembles = told.scene.ensembles;
+  if (ensembles.length) choose(ensembles[Math.max(0, Math.min(ensembles.length - 1, place() + by))].path);
+}
+
 const KEYS = {
+  ArrowUp: ["choose the ensemble above", () => neighbour(-1)],
+  ArrowDown: ["choose the ensemble below", () => neighbour(1)],
   " ": ["play or pause; of a running system, freeze the picture", freeze],
   d: ["to the next decision, with shift the one before", (back) => step("decision", back)],
+  n: ["to the next decision for another action, past those that are the same", (back) => step("change", back)],
   f: ["to the next fault", (back) => step("fault", back)],
   m: ["to the next change of a mode", (back) => step("mode", back)],
   ArrowLeft: ["a second back", () => isRecord() && go(told.frame.time - 1)],
@@ -182,6 +190,7 @@ addEventListener("keydown", (event) => {
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
   const found = KEYS[key] ?? KEYS[event.key];
   if (!found || !told.frame) return;
+  if (/^Arrow(Up|Down)$/.test(key) && event.target.closest(".scrolls, .list")) return;   // which scroll, or choose, themselves
   event.preventDefault();
   found[1](event.shiftKey && event.key !== "?");
 });
@@ -205,8 +214,7 @@ function Header() {
 
 function Help() {
   return html`<section class="panel wide" aria-label="Keys"><div class="head"><h2>Keys</h2></div><dl>
-    <dt><kbd>↑</kbd> <kbd>↓</kbd></dt><dd>choose an ensemble, in the tree</dd>
-    ${Object.entries(KEYS).map(([key, [text]]) => html`<dt key=${key}><kbd>${{ " ": "space", ArrowLeft: "←", ArrowRight: "→" }[key] ?? key}</kbd></dt><dd>${text}</dd>`)}</dl></section>`;
+    ${Object.entries(KEYS).map(([key, [text]]) => html`<dt key=${key}><kbd>${{ " ": "space", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" }[key] ?? key}</kbd></dt><dd>${text}</dd>`)}</dl></section>`;
 }
 
 function Controls() {
@@ -217,7 +225,7 @@ function Controls() {
     <select aria-label="Speed" value=${told.speed} onChange=${(event) => { told.speed = Number(event.currentTarget.value); schedule(); }}>${[0.1, 0.5, 1, 2, 5, 10, 60].map((each) => html`<option value=${each} selected=${each === told.speed}>${each}×</option>`)}</select>
     <input type="range" aria-label="Time" min=${scene.first} max=${scene.last} step="0.001" value=${frame.time} aria-valuetext=${clock(frame.time)} onInput=${(event) => go(Number(event.currentTarget.value))} />
     <span class="number">${clock(frame.time)}</span>
-    ${["decision", "fault", "mode"].map((kind) => html`<span key=${kind}><button aria-label=${`${kind} before`} title=${`shift ${kind[0]}`} onClick=${() => step(kind, true)}>◀</button> <button title=${kind[0]} onClick=${() => step(kind, false)}>${kind} ▶</button></span>`)}
+    ${[["decision", "d"], ["change", "n", "other action"], ["fault", "f"], ["mode", "m"]].map(([kind, key, word = kind]) => html`<span key=${kind}><button aria-label=${`${word} before`} title=${`shift ${key}`} onClick=${() => step(kind, true)}>◀</button> <button title=${key} onClick=${() => step(kind, false)}>${word} ▶</button></span>`)}
   </div>`;
 }
 
@@ -242,7 +250,7 @@ function Page() {
         <${Plots} seen=${told.seen} path=${told.selected} scheme=${told.scheme} /></div>
       <div class="column third">${scene.floors?.length > 0 && html`<${Floor} floors=${scene.floors} frame=${frame} scheme=${told.scheme} />`}
         <${Team} team=${frame.team} />
-        <${Predicates} scene=${scene} frame=${frame} control=${scene.control} sense=${sense} />
+        <${Predicates} scene=${scene} frame=${frame} path=${told.selected} control=${scene.control} sense=${sense} />
         <${Counts} statistics=${frame.statistics} path=${told.selected} /></div>
     </main><${Controls} />`;
 }

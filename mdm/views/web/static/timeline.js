@@ -1,8 +1,10 @@
-// The timeline: a lane an ensemble, with modes, lives of actions and decisions; faults above. It zooms and scrolls.
-import { html, useEffect, useRef } from "./vendor/htm-preact.js";
-import { called, clock, colour, SIGNS } from "./words.js";
+// The timeline: a lane an ensemble, with modes, lives of actions and decisions; below them predicates; faults above. It
+// zooms and scrolls, and tells of all that is in it.
+import { html, useEffect, useRef, useState } from "./vendor/htm-preact.js";
+import { called, clock, colour, feeding, seconds, SIGNS } from "./words.js";
 
-const LANE = 46, HEAD = 24, LEFT = 118, MOST = 10;
+const LANE = 46, THIN = 18, HEAD = 24, LEFT = 118, MOST = 10, PREDICATES = 8;
+const NEAR = 14;   // Pixels between equal decisions up to which they are drawn as one.
 const TINTS = { deciding: "good", safe: "bad", stopped: "off" };
 
 // What happened, by ensemble, in the order of time; kept up to date event by event.
@@ -12,7 +14,7 @@ export class History {
   clear() {
     this.faults = [];
     this.lanes = new Map();
-    this.first = 0;
+    this.predicates = new Map();
   }
 
   lane(path) {
@@ -26,18 +28,25 @@ export class History {
       if (this.faults.length > 2000) this.faults.shift();
       return;
     }
+    if (event.kind === "predicate") {
+      if (!this.predicates.has(event.name)) this.predicates.set(event.name, []);
+      const changes = this.predicates.get(event.name);
+      changes.push(event);
+      if (changes.length > 20000) changes.splice(0, 5000);
+      return;
+    }
     const lane = this.lane(event.source);
     if (event.kind === "mode") lane.modes.push(event);
     else if (event.kind === "decision") lane.decisions.push(event);
     else if (event.kind === "life") {
       if (event.status === "running") {
-        const life = { from: event.time, to: null, action: event.name, status: "running" };
+        const life = { from: event.time, to: null, action: event.name, status: "running", detail: "" };
         lane.lives.push(life);
         lane.open.set(event.life, life);
       } else {
         const life = lane.open.get(event.life);
-        if (life) { life.to = event.time; life.status = event.status; lane.open.delete(event.life); }
-        else lane.lives.push({ from: event.time, to: event.time, action: event.name, status: event.status });
+        if (life) { life.to = event.time; life.status = event.status; life.detail = event.detail ?? ""; lane.open.delete(event.life); }
+        else lane.lives.push({ from: event.time, to: event.time, action: event.name, status: event.status, detail: event.detail ?? "" });
       }
     }
     if (lane.lives.length > 30000) lane.lives.splice(0, 10000);
@@ -63,15 +72,42 @@ export function lanesOf(scene, selected) {
   return paths.slice(start, start + MOST);
 }
 
+// The predicates that have lanes: those that the chosen ensemble decides on, or all where they are few.
+export function shownPredicates(scene, selected) {
+  const fed = feeding(scene, scene.ensembles.find((each) => each.path === selected));
+  const places = fed.length ? fed : scene.predicates.length <= PREDICATES ? scene.predicates.map((_, place) => place) : [];
+  return places.slice(0, PREDICATES).map((place) => scene.predicates[place].name);
+}
+
+const told = (event) => `${event.name}, decision ${event.life ?? 0}${event.detail ? `, ${event.detail}` : ""}${event.at ? `\n${event.at}` : ""}`;
+
+const counted = (list, word) => `${list.length} ${word}${list.length === 1 ? "" : "s"}`;
+const blamed = (fault) => `⚠ ${clock(fault.time)} ${fault.name}, ${fault.source}: ${fault.detail}${fault.remedy ? `\n→ ${fault.remedy}` : ""}`;
+
+// The faults of a time, in words.
+function faultsAt(history, time) {
+  const place = from(history.faults, time - 1e-5, (each) => each.time);
+  return history.faults.slice(place, place + 3).filter((each) => each.time <= time + 1e-5).map((each) => html`<br />${blamed(each).replace("\n", " ")}`);
+}
+
+// The last decision of an ensemble by a time, in words.
+function decision(history, path, time) {
+  const { decisions } = history.lane(path);
+  const place = from(decisions, time + 1e-6, (each) => each.time) - 1;
+  return place < 0 ? "" : `${clock(decisions[place].time)} ${path} decided ${told(decisions[place]).replace("\n", ", ")}`;
+}
+
 export function Timeline({ scene, frame, history, selected, view, setView, go, scheme, extent }) {
   const box = useRef(null);
   const drag = useRef(null);
-  const lanes = lanesOf(scene, selected);
+  const hits = useRef([]);
+  const [tip, show] = useState(null);
+  const lanes = lanesOf(scene, selected), predicates = shownPredicates(scene, selected);
   const [first, last] = extent;
   const span = view.span;
   const end = view.follow ? (scene.source === "record" ? Math.min(last, Math.max(span + first, frame.time + span / 2)) : frame.time) : view.end;
   const begin = end - span;
-  useEffect(() => draw(box.current, { scene, frame, history, lanes, selected, begin, end }));
+  useEffect(() => { hits.current = draw(box.current, { scene, frame, history, lanes, predicates, selected, begin, end, last }) ?? []; });
   const timeAt = (event) => {
     const { left, width } = box.current.getBoundingClientRect();
     return begin + (Math.max(0, event.clientX - left - LEFT) / Math.max(1, width - LEFT)) * span;
@@ -94,8 +130,15 @@ export function Timeline({ scene, frame, history, selected, view, setView, go, s
     return () => canvas.removeEventListener("wheel", wheel);
   });
   const down = (event) => { drag.current = { x: event.clientX, end, moved: false }; event.currentTarget.setPointerCapture(event.pointerId); };
+  const point = (event) => {
+    const { left, top, width } = box.current.getBoundingClientRect();
+    const x = event.clientX - left, y = event.clientY - top;
+    const found = hits.current.findLast((each) => each.left - 3 <= x && x <= each.right + 3 && each.top <= y && y <= each.bottom);
+    show(found ? { x: Math.min(x, Math.max(0, width - 280)), y: y + 18, text: found.text } : null);
+  };
   const move = (event) => {
-    if (!drag.current) return;
+    if (!drag.current) { point(event); return; }
+    show(null);
     const by = event.clientX - drag.current.x;
     if (Math.abs(by) > 4) drag.current.moved = true;
     if (drag.current.moved) setView({ follow: false, span, end: drag.current.end - (by / Math.max(1, box.current.clientWidth - LEFT)) * span });
@@ -111,12 +154,14 @@ export function Timeline({ scene, frame, history, selected, view, setView, go, s
   };
   return html`<section class="panel wide timeline" aria-label="Timeline">
     <div class="head"><h2>Timeline</h2><span class="commands">
-      <span class="soft">▶ decides ■ safe ○ stopped | decision, ✕ failed, ⚠ fault</span>
+      <span class="soft">▶ decides ■ safe ○ stopped | decision, ✕ failed, ⚠ fault${predicates.length > 0 && "; predicates: ▬ true, ─ false, ▨ unknown"}</span>
       <button onClick=${() => zoom(0.5)} title="+" aria-label="Zoom in">+</button><button onClick=${() => zoom(2)} title="-" aria-label="Zoom out">−</button>
       <button onClick=${() => setView({ follow: false, span: Math.max(1, last - first), end: last })} title="0">all</button>
       <button aria-pressed=${view.follow} onClick=${() => setView({ ...view, follow: !view.follow, end })}>follow</button></span></div>
-    <canvas ref=${box} tabindex="0" role="img" aria-label=${`Timeline from ${clock(begin)} to ${clock(end)} of ${lanes.length} ensembles, ${history.faults.length} faults`}
-      onPointerDown=${down} onPointerMove=${move} onPointerUp=${up} onKeyDown=${keys}></canvas>
+    <div class="held"><canvas ref=${box} tabindex="0" role="img" aria-label=${`Timeline from ${clock(begin)} to ${clock(end)} of ${counted(lanes, "ensemble")}, ${counted(predicates, "predicate")}, ${counted(history.faults, "fault")}`}
+      onPointerDown=${down} onPointerMove=${move} onPointerUp=${up} onPointerLeave=${() => show(null)} onKeyDown=${keys}></canvas>
+      ${tip && html`<div class="tip number" role="tooltip" style=${`left:${tip.x}px;top:${tip.y}px`}>${tip.text}</div>`}</div>
+    <p class="told soft number">${(selected && decision(history, selected, frame.time)) || "Nothing is decided yet."}${faultsAt(history, frame.time)}</p>
   </section>`;
 }
 
@@ -126,9 +171,12 @@ function step(span, room) {
   return 604800;
 }
 
-function draw(canvas, { scene, frame, history, lanes, selected, begin, end }) {
-  if (!canvas || !canvas.clientWidth) return;
-  const wide = canvas.clientWidth, tall = HEAD + LANE * Math.max(1, lanes.length) + 4;
+// Draws; returns what is where, in words, the smaller of things that lie over each other last.
+function draw(canvas, { scene, frame, history, lanes, predicates, selected, begin, end, last: until }) {
+  if (!canvas || !canvas.clientWidth) return [];
+  const wide = canvas.clientWidth, base = HEAD + LANE * Math.max(1, lanes.length), tall = base + THIN * predicates.length + 4;
+  const hits = [];
+  const hit = (left, right, top, bottom, text) => { if (hits.length < 5000) hits.push({ left, right, top, bottom, text }); };
   const ratio = window.devicePixelRatio || 1;
   if (canvas.width !== Math.round(wide * ratio) || canvas.height !== Math.round(tall * ratio)) {
     canvas.width = Math.round(wide * ratio);
@@ -138,7 +186,7 @@ function draw(canvas, { scene, frame, history, lanes, selected, begin, end }) {
   const context = canvas.getContext("2d");
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   context.clearRect(0, 0, wide, tall);
-  const names = ["ink", "soft", "line", "good", "bad", "off", "mark", "mark-soft", "bad-soft", "good-soft", "off-soft", "paper"];
+  const names = ["ink", "soft", "line", "good", "bad", "off", "mark", "mark-soft", "bad-soft", "good-soft", "off-soft", "paper", "wait"];
   const tint = Object.fromEntries(names.map((each) => [each, colour(each)]));
   const font = (size, weight = 400) => `${weight} ${size}px system-ui, "DejaVu Sans", sans-serif`;
   const room = wide - LEFT;
@@ -146,12 +194,17 @@ function draw(canvas, { scene, frame, history, lanes, selected, begin, end }) {
   context.font = font(11);
   context.textBaseline = "middle";
   const every = step(end - begin, room);
+  let labelled = 0;
   for (let time = Math.ceil(begin / every) * every; time <= end; time += every) {
     if (time < -1e-9) continue;
     context.fillStyle = tint.line;
     context.fillRect(x(time), 0, 1, tall);
     context.fillStyle = tint.soft;
-    context.fillText(clock(time), x(time) + 3, 7);
+    const text = clock(time), width = context.measureText(text).width;
+    const at = Math.min(x(time) + 3, wide - width - 2);
+    if (at < labelled) continue;   // where the last one has no room
+    context.fillText(text, at, 7);
+    labelled = at + width + 8;
   }
   const labels = Object.fromEntries(scene.ensembles.map((each) => [each.path, called(each)]));
   lanes.forEach((path, row) => {
@@ -167,6 +220,7 @@ function draw(canvas, { scene, frame, history, lanes, selected, begin, end }) {
       const [left, right] = [Math.max(LEFT, x(modes[place].time)), Math.min(wide, place + 1 < modes.length ? x(modes[place + 1].time) : x(Math.min(end, frame.time)))];
       if (right <= left) continue;
       const name = modes[place].name;
+      hit(left, right, top, top + 10, `${path} ${{ deciding: "decides", safe: "is safe", stopped: "is stopped" }[name] ?? name} from ${clock(modes[place].time)}${modes[place].detail ? `\n${modes[place].detail}` : ""}`);
       context.fillStyle = tint[TINTS[name]] ?? tint.off;
       context.fillRect(left, top + 2, right - left, 7);
       if (name === "safe") hatch(context, left, top + 2, right - left, 7, tint.paper);
@@ -183,6 +237,7 @@ function draw(canvas, { scene, frame, history, lanes, selected, begin, end }) {
       if (right < LEFT || (right - left < 3 && Math.floor(left) === drawn)) continue;
       drawn = Math.floor(left);
       const bad = ["failed", "timed_out", "abandoned"].includes(life.status);
+      hit(left, right, top + 11, top + 29, `${life.action}: ${clock(life.from)} ${life.to == null ? `on, ${seconds(frame.time - life.from)} so far` : `to ${clock(life.to)}, ${seconds(life.to - life.from)}, ${life.status.replace("_", " ")}`}${life.detail ? `\n${life.detail}` : ""}`);
       context.fillStyle = bad ? tint["bad-soft"] : life.to == null ? tint["good-soft"] : tint["off-soft"];
       context.strokeStyle = bad ? tint.bad : life.to == null ? tint.good : tint.off;
       context.lineWidth = 1;
@@ -194,20 +249,70 @@ function draw(canvas, { scene, frame, history, lanes, selected, begin, end }) {
       }
     }
     const decisions = lane.decisions;
-    let before = -9, shown = -99;
-    for (let index = from(decisions, begin, (each) => each.time); index < decisions.length && decisions[index].time <= end; index += 1) {
-      const left = x(decisions[index].time);
-      if (left - before < 1.5) continue;
-      before = left;
+    let shown = -99;
+    for (let index = from(decisions, begin, (each) => each.time); index < decisions.length && decisions[index].time <= end;) {
+      const first = index, left = x(decisions[first].time);
+      let right = left, before = -9, count = 0;
       context.fillStyle = tint.mark;
-      context.fillRect(left, top + 30, 1.5, 8);
-      if (left - shown > 70) {
-        const next = decisions[index + 1] ? x(decisions[index + 1].time) : wide;
-        if (next - left > 34) { context.fillStyle = tint.soft; context.fillText(clip(context, decisions[index].name, Math.min(next - left - 6, 120)), left + 4, top + 35); shown = left; }
+      for (; index < decisions.length && decisions[index].time <= end && decisions[index].name === decisions[first].name; index += 1) {
+        const at = x(decisions[index].time);
+        if (at - right > NEAR) break;
+        right = at;
+        count += decisions[index].count ?? 1;
+        if (at - before < 3) continue;   // so that a dense run is a bar with strokes, and not a block of another meaning
+        before = at;
+        context.fillRect(at, top + 30, 1.5, 8);
+      }
+      const several = index - first > 1;
+      if (several) {
+        context.globalAlpha = 0.35;
+        context.fillRect(left, top + 32, right - left, 4);
+        context.globalAlpha = 1;
+        hit(left, right, top + 29, top + 42, `${decisions[first].name} decided ${count.toLocaleString("en")} times, ${clock(decisions[first].time)} to ${clock(decisions[index - 1].time)}`);
+      }
+      if (!several || (right - left) / (index - first) > 6) {
+        for (let place = first; place < index; place += 1) {
+          const at = x(decisions[place].time);
+          hit(at, at + 1.5, top + 29, top + 42, `${clock(decisions[place].time)} ${told(decisions[place])}`);
+        }
+      }
+      const next = index < decisions.length ? Math.min(wide, x(decisions[index].time)) : wide;
+      if (left - shown > 70 && next - right > 34) {
+        context.fillStyle = tint.soft;
+        context.fillText(clip(context, `${decisions[first].name}${count > 1 ? ` ×${count}` : ""}`, Math.min(next - right - 6, 140)), right + 4, top + 35);
+        shown = left;
+      } else if (several && right - left > 60) {
+        const text = clip(context, ` ${decisions[first].name} ×${count} `, right - left - 8);
+        const width = context.measureText(text).width;
+        context.fillStyle = tint.paper;
+        context.fillRect(left + 3, top + 29, width, 11);
+        context.fillStyle = tint.soft;
+        context.fillText(text, left + 3, top + 35);
+        shown = left;
       }
     }
     context.fillStyle = tint.line;
     context.fillRect(0, top + LANE - 3, wide, 1);
+  });
+  predicates.forEach((name, row) => {
+    const top = base + row * THIN, changes = history.predicates.get(name) ?? [];
+    context.font = font(11);
+    context.fillStyle = tint.ink;
+    context.fillText(clip(context, name, LEFT - 14), 6, top + 7);
+    hit(0, LEFT - 6, top, top + 14, name);
+    let drawn = -1;
+    for (let place = Math.max(0, from(changes, begin, (each) => each.time) - 1); place < changes.length && changes[place].time <= end; place += 1) {
+      const { time, status } = changes[place], to = changes[place + 1]?.time ?? Math.max(time, scene.source === "record" ? until : frame.time);
+      const left = Math.max(LEFT, x(time)), right = Math.min(wide, x(to));
+      if (right <= LEFT || right - drawn < 1) continue;
+      drawn = right;
+      const width = Math.max(1, right - left);
+      context.fillStyle = status === "true" ? tint.good : status === "false" ? tint.off : tint.wait;
+      if (status === "true") context.fillRect(left, top + 2, width, 10);
+      else if (status === "false") context.fillRect(left, top + 7, width, 1.5);
+      else { context.fillRect(left, top + 2, width, 10); hatch(context, left, top + 2, width, 10, tint.paper); }
+      hit(left, right, top, top + 14, `${name} ${status} from ${clock(time)}${changes[place + 1] ? ` to ${clock(to)}` : ""}`);
+    }
   });
   let last = -99;
   context.font = font(12);
@@ -220,11 +325,14 @@ function draw(canvas, { scene, frame, history, lanes, selected, begin, end }) {
     context.globalAlpha = 0.4;
     context.fillRect(left, HEAD, 1, tall);
     context.globalAlpha = 1;
+    const fault = history.faults[index];
+    hit(left - 6, left + 6, 0, HEAD, blamed(fault));
   }
   if (frame.time >= begin && frame.time <= end + 1e-9) {
     context.fillStyle = tint.mark;
     context.fillRect(Math.min(wide - 2, x(frame.time)), 0, 2, tall);
   }
+  return hits;
 }
 
 function clip(context, text, room) {

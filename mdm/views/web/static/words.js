@@ -15,6 +15,16 @@ export const since = (frame) => (standing(frame) === "idle" ? frame.idle : frame
 // What an ensemble is called: at the top by its whole path, which names its agent in a team, else by its own name.
 export const called = (of) => (of.parent < 0 ? of.path : of.path.slice(of.path.lastIndexOf("/") + 1));
 
+// The places of the predicates that tell a factor of an ensemble's state. In a team a name begins with its agent's.
+export function feeding(scene, of) {
+  const names = new Set((of?.factors ?? []).flatMap((each) => each.told_by ?? []));
+  const mine = (agent) => !agent || of.path === agent || of.path.startsWith(`${agent}/`);
+  return scene.predicates.map((_, place) => place).filter((place) => {
+    const [, agent, name] = /^(?:(.*?): )?(.*)$/.exec(scene.predicates[place].name);
+    return mine(agent) && (names.has(name) || names.has(name.slice(name.lastIndexOf("/") + 1)));
+  });
+}
+
 export function seconds(value) {
   if (value < 0) return "0 s";
   if (value < 10) return `${value.toFixed(1)} s`;

@@ -1,0 +1,134 @@
+"""A lookout on one ensemble that runs: what it has observed, how long its actions take, and what looks odd of it.
+
+It hears the lives of actions, which are rare, and looks between turns at all else, so that no decision pays for it. Its
+memory is bounded.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from typing import TYPE_CHECKING, Any
+
+from mdm.messages import Observation
+from mdm.snapshots.observations import HISTORY, most_frequent, observed
+from mdm.snapshots.oddities import KEPT, SEEN, WINDOW, Ended, Seen, lasting, likeliest, repeated, unmoved
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from mdm.actors import Ensemble
+    from mdm.messages import ActionLife
+
+__all__ = ["Lookout"]
+
+_EVERY = 0.5
+"""Seconds between two looks for oddities."""
+_KINDS = 1_000
+"""Observations that are counted each."""
+
+
+class Lookout:
+    """Looks at an ensemble again and again.
+
+    Args:
+        ensemble: The ensemble.
+        seconds: Of a time in nanoseconds, the seconds since the run's second 0.
+
+    Attributes:
+        odd: What looked odd at the last look, in words.
+    """
+
+    def __init__(self, ensemble: Ensemble, seconds: Callable[[int], float]) -> None:
+        self.odd: tuple[str, ...] = ()
+        self._ensemble = ensemble
+        self._seconds = seconds
+        believes = ensemble.controller.takes != "state"
+        self._observations = ensemble.channel("observation", Observation) if believes else None
+        self._last: Any = None
+        self._history: deque[tuple[float, Any]] = deque(maxlen=HISTORY)
+        self._tally: Counter[Any] = Counter()
+        self._begun: dict[int, int] = {}
+        self._ended: deque[Ended] = deque(maxlen=KEPT)
+        self._repeats: deque[tuple[float, int, int | None]] = deque(maxlen=round(WINDOW / _EVERY) + 1)
+        self._seen: deque[Seen] = deque(maxlen=SEEN)
+
+    def hear(self, life: ActionLife) -> None:
+        """Take that an action has begun or ended."""
+        if life.status == "running":
+            self._begun[life.life] = life.time
+        elif (begun := self._begun.pop(life.life, None)) is not None:
+            self._ended.append(Ended(life.action, (life.time - begun) / 1e9, life.status))
+
+    def observe(self) -> None:
+        """Take the last observation, if it is a new one."""
+        if self._observations is None:
+            return
+        last: Any = self._observations.last
+        if last is None or last is self._last:
+            return
+        self._last = last
+        symbol = tuple(last.values) if last.index is None else last.index
+        time = self._seconds(last.time)
+        self._history.append((time, symbol))
+        if symbol in self._tally or len(self._tally) < _KINDS:
+            self._tally[symbol] += 1
+        current = self._ensemble.controller.decided_by
+        found = likeliest(current)
+        if found is not None:
+            self._seen.append(Seen(time, symbol, *found))
+
+    def look(self, now: float) -> tuple[str, ...]:
+        """Return what looks odd, in words; looked for anew where that is half a second ago.
+
+        Args:
+            now: Seconds since the run's second 0.
+        """
+        if self._repeats and now - self._repeats[-1][0] < _EVERY:
+            return self.odd
+        ensemble = self._ensemble
+        acted = ensemble.control.output.acted
+        if self._repeats and self._repeats[-1][2] != acted:
+            self._repeats.clear()
+        self._repeats.append((now, ensemble.liveness.repeats, acted))
+        while now - self._repeats[0][0] > WINDOW:
+            self._repeats.popleft()
+        decides = ensemble.safety.modes.mode == "deciding"
+        self.odd = tuple([text for text in self._found(now) if text]) if decides else ()
+        return self.odd
+
+    def _found(self, now: float) -> list[str]:
+        ensemble = self._ensemble
+        found = []
+        times = self._repeats[-1][1] - self._repeats[0][1]
+        if times:
+            acted = ensemble.control.output.acted
+            found.append(repeated("" if acted is None else ensemble.control.output.name_of(acted), times))
+        for life in ensemble.action.lives.living:
+            if not life.secures and life.binding.ensemble is None:
+                since = self._seconds(life.action.time)
+                found.append(lasting(life.name, now - since, self._ended))
+        if self._seen and now - self._seen[-1].time < WINDOW:
+            found.append(unmoved(self._seen, self._name, self._state))
+        return found
+
+    @property
+    def history(self) -> tuple[tuple[float, str], ...]:
+        """The last observations that were seen, with their times in seconds."""
+        return tuple([(time, self._name(symbol)) for time, symbol in self._history])
+
+    @property
+    def latest(self) -> str:
+        """The last observation that was seen; empty where there was none."""
+        return self._name(self._history[-1][1]) if self._history else ""
+
+    @property
+    def tally(self) -> tuple[tuple[str, int], ...]:
+        """How often each observation was seen, the most frequent ones."""
+        return most_frequent({self._name(symbol): count for symbol, count in self._tally.items()})
+
+    def _name(self, symbol: Any) -> str:
+        return observed(self._ensemble.controller.symbols.observation_space, symbol) or str(symbol)
+
+    def _state(self, state: int) -> str:
+        space = self._ensemble.controller.symbols.state_space
+        return str(state) if space is None else space.names[state]

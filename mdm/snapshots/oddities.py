@@ -1,0 +1,144 @@
+"""What looks odd in a run, in words for the eye: nothing has failed, and yet somebody should look.
+
+Each function judges what has happened lately and costs no more than that is long. They are heuristics: their limits lie
+where robots that do well do not come.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from statistics import median
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from mdm.beliefs import Support
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+__all__ = ["KEPT", "SEEN", "WINDOW", "Ended", "Seen", "lasting", "likeliest", "repeated", "unmoved"]
+
+WINDOW = 5.0
+"""Seconds in which decisions that repeat are counted."""
+KEPT = 200
+"""Ended lives of an ensemble's actions by which it is judged how long one usually takes."""
+SEEN = 40
+"""Observations by which it is judged whether a belief moves."""
+
+_OFTEN = 10
+"""Decisions in the window, each made only because the action of the one before had ended."""
+_FACTOR = 5.0
+"""Times the usual duration of an action from which on it lasts long."""
+_SHORT, _LONG = 10.0, 30.0
+"""Seconds below which no action lasts long: one whose usual duration is known, and one that has never ended."""
+_OWN, _OTHERS = 3, 2
+"""Ended lives that it takes to know how long an action usually takes: its own, or those of the others."""
+_FEW, _RARE, _STILL = 20, 3, 10.0
+"""Observations, those of a second kind among them, and the seconds over which a belief should have moved."""
+_STATES = 10_000
+"""States up to which a belief is searched for its likeliest one, which costs their number."""
+_MOVED = 1e-3
+"""By how much the probability of the likeliest state changes at least where a belief moves."""
+
+
+class Ended(NamedTuple):
+    """An ended life of an action: its name, seconds, and how it has ended."""
+
+    action: str
+    seconds: float
+    status: str
+
+
+class Seen(NamedTuple):
+    """An observation: seconds, its symbol, and the likeliest state of the belief then with its probability."""
+
+    time: float
+    observation: object
+    state: int
+    chance: float
+
+
+def repeated(action: str, times: int) -> str:
+    """Return that an action was decided over and over, on nothing new; empty where that is not odd.
+
+    A decision that keeps a running action, and one at a tick or on an input, is none of these.
+
+    Args:
+        action: The action.
+        times: How often it was decided in the last `WINDOW` seconds only because it had ended.
+    """
+    if times < _OFTEN:
+        return ""
+    return f"decided {action} {times} times in the last {WINDOW:g} s, each time because it had just ended"
+
+
+def lasting(action: str, seconds: float, ended: Sequence[Ended]) -> str:
+    """Return that an action lasts long beyond its time; empty where it does not.
+
+    Its time is the median of its own lives that came to an end by themselves; where it has none, the longest of the
+    other actions'. An action that others usually end has no time of its own.
+
+    Args:
+        action: The live action.
+        seconds: How long it has been live.
+        ended: The ended lives of its ensemble, `KEPT` at most.
+    """
+    if seconds < _SHORT:
+        return ""
+    own = [each for each in ended if each.action == action]
+    done = [each.seconds for each in own if each.status == "succeeded"]
+    if len(done) >= _OWN and 2 * len(done) > len(own):
+        usual = median(done)
+        if seconds < _FACTOR * usual:
+            return ""
+        return f"{action} has lasted for {_words(seconds)}; it usually takes {_words(usual)}"
+    others = [each.seconds for each in ended if each.status == "succeeded" and each.action != action]
+    if own or len(others) < _OTHERS or seconds < max(_LONG, _FACTOR * max(others)):
+        return ""
+    most = _words(max(others))
+    return f"{action} has lasted for {_words(seconds)} and has never ended; other actions took {most} at most"
+
+
+def unmoved(seen: Sequence[Seen], observation: Callable[[object], str], state: Callable[[int], str]) -> str:
+    """Return that a belief stands still though observations that differ come; empty where it moves.
+
+    Where all observations are the same, a belief that stands still may well be right.
+
+    Args:
+        seen: The last observations, `SEEN` at most.
+        observation: Names an observation.
+        state: Names a state.
+    """
+    if len(seen) < _FEW or seen[-1].time - seen[0].time < _STILL or len({each.state for each in seen}) > 1:
+        return ""
+    chances = [each.chance for each in seen]
+    tally = Counter(each.observation for each in seen).most_common(3)
+    if max(chances) - min(chances) >= _MOVED or len(tally) < 2 or tally[1][1] < _RARE:
+        return ""
+    came = ", ".join(f"{observation(symbol)} {count} times" for symbol, count in tally)
+    last = seen[-1]
+    return (
+        f"the belief has not moved for {_words(last.time - seen[0].time)} though observations differ ({came}): "
+        f"{state(last.state)} at {100 * last.chance:.4g} %"
+    )
+
+
+def likeliest(current: Any) -> tuple[int, float] | None:
+    """Return the likeliest state of a belief with its probability; None where it is none, or too large to search."""
+    if isinstance(current, Support):
+        states, chances = np.asarray(current.states), np.asarray(current.probabilities)
+    elif isinstance(current, np.ndarray) and current.ndim == 1 and current.dtype.kind == "f":
+        states, chances = None, current
+    else:
+        return None
+    if not 0 < len(chances) <= _STATES:
+        return None
+    place = int(chances.argmax())
+    return place if states is None else int(states[place]), float(chances[place])
+
+
+def _words(seconds: float) -> str:
+    if seconds < 10:
+        return f"{seconds:.1f} s"
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds // 60:.0f} min {seconds % 60:.0f} s"

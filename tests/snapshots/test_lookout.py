@@ -1,0 +1,141 @@
+"""What looks odd of a robot that runs, and the same from its record."""
+
+from __future__ import annotations
+
+import asyncio
+
+import numpy as np
+from decided import ensemble
+
+import mdm
+from mdm import Ensemble
+from mdm.models import POMDP
+from mdm.policies import AlphaVectors, DeterministicPolicy
+from mdm.recording import Record
+from mdm.snapshots import LiveRun, RecordedRun
+from mdm.testing import run_virtual
+
+
+def looked(actors, seconds, path, script=None):
+    """Run actors, and return what looked odd of each ensemble at each second: live, and from the record."""
+    live = {}
+
+    async def main(runtime):
+        run = LiveRun(runtime)
+        run.open()
+        for actor in actors:
+            await runtime.start(actor)
+        task = asyncio.get_running_loop().create_task(script(*actors)) if script else None
+        for second in range(seconds):
+            for _ in range(5):
+                frame = run.frame(())
+                await asyncio.sleep(0.2)
+            scene = run.scene()
+            live[second + 1] = {
+                of.path: each.odd for of, each in zip(scene.ensembles, frame.ensembles, strict=True) if each.odd
+            }
+        if task is not None:
+            task.cancel()
+
+    run_virtual(main, record=path)
+    run = RecordedRun(Record(path))
+    recorded = {
+        second: {
+            of.path: each.odd
+            for of, each in zip(run.scene().ensembles, run.frame(second).ensembles, strict=True)
+            if each.odd
+        }
+        for second in range(1, seconds)
+    }
+    return live, recorded
+
+
+def test_an_action_that_ends_at_once_and_is_decided_again_is_told_live_and_from_the_record(tmp_path):
+    async def nothing():
+        pass
+
+    robot = Ensemble(
+        "robot", policy=DeterministicPolicy([0]), actions={0: mdm.Binding(nothing, then="decide", pause=0.2)}
+    )
+
+    async def script(robot):
+        robot.publish_state(0)
+
+    live, recorded = looked([robot], 20, tmp_path / "run.mcap", script)
+    for told in (live, recorded):
+        assert told[1] == {}
+        (text,) = told[15]["robot"]
+        assert text.startswith("decided 0 2")
+        assert "times in the last 5 s" in text
+
+
+def test_an_action_that_hangs_is_told_live_and_from_the_record(tmp_path):
+    spans = iter([2.0, 3.0, 2.0, 1e9])
+
+    async def go():
+        await asyncio.sleep(next(spans))
+
+    robot = Ensemble("robot", policy=DeterministicPolicy([0]), actions={0: mdm.Binding(go, then="decide", pause=0.2)})
+
+    async def script(robot):
+        robot.publish_state(0)
+
+    live, recorded = looked([robot], 40, tmp_path / "run.mcap", script)
+    for told in (live, recorded):
+        assert told[16] == {}
+        assert told[30]["robot"][0].endswith("it usually takes 2.0 s")
+
+
+def test_a_model_that_cannot_tell_states_apart_is_told_live_and_from_the_record(tmp_path):
+    deaf = POMDP(
+        transitions=[np.eye(2)] * 3,
+        observations=[np.array([[0.85, 0.15], [0.85, 0.15]])] * 3,
+        rewards=np.zeros((2, 3)),
+        discount=0.95,
+        states=["tiger-left", "tiger-right"],
+        actions=["listen", "open-left", "open-right"],
+        observation_names=["hear-left", "hear-right"],
+    )
+    robot = ensemble(model=deaf, policy=AlphaVectors([[0.0, 0.0], [-9.0, -9.0], [-9.0, -9.0]], [0, 1, 2]))
+
+    async def script(robot):
+        for step in range(100):
+            await asyncio.sleep(0.5)
+            robot.publish_observation("hear-right" if step % 4 == 0 else "hear-left")
+
+    live, recorded = looked([robot], 30, tmp_path / "run.mcap", script)
+    for told in (live, recorded):
+        assert told[5] == {}
+        assert "has not moved" in told[25]["robot"][0]
+        assert "hear-left" in told[25]["robot"][0]
+
+
+def test_a_fixed_rate_that_keeps_or_repeats_its_action_is_not_odd(tmp_path):
+    async def go():
+        await asyncio.sleep(1e6)
+
+    async def beep():
+        pass
+
+    keeps = Ensemble("keeps", policy=DeterministicPolicy([0, 1]), actions={0: go, 1: go}, drive=10.0)
+    calls = Ensemble("calls", policy=DeterministicPolicy([0, 1]), actions={0: beep, 1: lambda: None}, drive=10.0)
+
+    async def script(*robots):
+        for step in range(100):
+            for robot in robots:
+                robot.publish_state(step // 20 % 2)
+            await asyncio.sleep(1.0)
+
+    live, recorded = looked([keeps, calls], 60, tmp_path / "run.mcap", script)
+    assert set(map(str, live.values())) == set(map(str, recorded.values())) == {"{}"}
+
+
+def test_a_tiger_heard_well_is_not_odd(tmp_path):
+    async def script(robot):
+        draw = np.random.default_rng(1)
+        for _ in range(200):
+            await asyncio.sleep(0.3)
+            robot.publish_observation("hear-left" if draw.random() < 0.85 else "hear-right")
+
+    live, recorded = looked([ensemble()], 60, tmp_path / "run.mcap", script)
+    assert set(map(str, live.values())) == set(map(str, recorded.values())) == {"{}"}

@@ -12,6 +12,8 @@ from __future__ import annotations
 import copy
 import math
 import sys
+from bisect import bisect_right
+from operator import itemgetter
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack, get_args
 
 import msgspec
@@ -54,6 +56,8 @@ _ONE = 1 + 1e-6
 """A probability at most, with what rounding adds."""
 _KEPT = 10
 """Decisions whose information is kept at least, to explain later ones by."""
+_KEPT_UPDATES = 1_000
+"""Updates that are kept at most: a belief may go on for hours while nothing is decided."""
 _KEPT_NUMBERS = 1_000_000
 """Numbers of beliefs that are kept at most, to the same end."""
 
@@ -125,11 +129,13 @@ class Past:
         begins: Whether nothing came before the first one; else what did is not known.
     """
 
-    __slots__ = ("_begins", "_first", "_initial", "_made_of", "entries")
+    __slots__ = ("_begins", "_first", "_initial", "_made_of", "decided", "updates")
 
     def __init__(self, made_of: _MadeOf, first: int, initial: Vector | None, *, begins: bool) -> None:
-        self.entries: list[tuple[tuple[tuple[int, int, Any], ...], Any]] = []
-        """The updates that led to each decision, and what that was decided on."""
+        self.decided: list[Any] = []
+        """What each was decided on."""
+        self.updates: list[tuple[int, int, Any]] = []
+        """The updates between them: the number of the decision that followed, the action before, the observation."""
         self._made_of = made_of
         self._first = first
         self._initial = initial
@@ -137,8 +143,10 @@ class Past:
 
     def later(self, kept: int) -> Past:
         """Return the same without its first decisions, but for so many."""
-        past = Past(self._made_of, self._first + len(self.entries) - kept, self._initial, begins=False)
-        past.entries = self.entries[-kept:]
+        first = self._first + len(self.decided) - kept
+        past = Past(self._made_of, first, self._initial, begins=False)
+        past.decided = self.decided[-kept:]
+        past.updates = self.updates[bisect_right(self.updates, first, key=itemgetter(0)) :]
         return past
 
     def case(self, step: Step, last: int) -> Case:
@@ -146,7 +154,7 @@ class Past:
         from mdm.explanation.case import Case, Update  # noqa: PLC0415 - see `Step.explain`
 
         (policy, model, symbols, on_impossible, own_tracker), number = self._made_of, step.epoch - self._first
-        known = symbols.takes != "state" and 0 <= number < len(self.entries)
+        known = symbols.takes != "state" and 0 <= number < len(self.decided)
         first = max(number - last, 0)
         initial = None
         if known and self._begins and first == 0 and model is not None:
@@ -154,9 +162,9 @@ class Past:
         return Case(
             *(policy, model, symbols.state_space, symbols.action_space, symbols.observation_space),
             *(step.epoch, step.action, step.at),
-            before=self.entries[first][1] if known else None,
+            before=self.decided[first] if known else None,
             updates=tuple(
-                Update(*update) for updates, _ in self.entries[first + 1 : number + 1] if known for update in updates
+                Update(*update) for update in self.updates if known and first < update[0] - self._first <= number
             ),
             initial=initial,
             on_impossible=on_impossible,
@@ -462,8 +470,12 @@ class Controller:
         if self._own_tracker and not isinstance(probability, float | int | np.floating):
             raise ModelError(f"the tracker's update returned {probability!r}, but a probability is needed")
         self._probability = probability
-        if action is not None and self.takes == "observation":
-            self._updates += ((self.epoch, action, observed),)
+        if self.takes == "observation":
+            updates = self._past.updates
+            if len(updates) >= _KEPT_UPDATES:
+                self._forget()
+                updates = self._past.updates
+            updates.append((self.epoch, action, observed))  # type: ignore[arg-type]
         if not probability > 0:  # true also for NaN, which a user's tracker may return
             self._probability = 0.0
             self._impossible(observation)
@@ -507,10 +519,9 @@ class Controller:
             reward = self._expected(self._rewards[action])  # type: ignore[misc]
         probability, self._probability = self._probability, None
         past = self._past
-        if len(past.entries) >= self._most_kept:
+        if len(past.decided) >= self._most_kept:
             past = self._past = past.later(self._most_kept // 2)
-        past.entries.append((self._updates, current))
-        self._updates = ()
+        past.decided.append(current)
         name = self._action_names.get(action) or self._name(action)
         return Step(epoch, action, name, reward, probability, current, past)
 
@@ -535,7 +546,6 @@ class Controller:
     def _forget(self, *, begins: bool = False) -> None:
         """Begin the past anew: what comes next does not follow from what was before."""
         self._past = Past(self._made_of, self.epoch, self._initial, begins=begins)
-        self._updates = ()
 
     def begin_from(self, belief: Any) -> None:
         """Set the initial belief of further episodes.
@@ -614,7 +624,6 @@ class Controller:
         return self._configuration
 
     _configuration: str | None = None
-    _updates: tuple[tuple[int, int, Any], ...]
     _past: Past
 
     def digests(self) -> dict[str, str]:

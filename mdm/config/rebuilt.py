@@ -59,12 +59,7 @@ def rebuilt(record: Record, folder: str | Path, given: str | Path | None = None)
 
 
 def rebuilt_to_compare(record: Record, folder: str | Path, given: str | Path | None = None) -> Rebuilt:
-    """Return the actors of a recorded run whose decisions can be compared with those of the record.
-
-    Args:
-        record: The record.
-        folder: Where its files are laid out.
-        given: A TOML file, in place of what the record keeps.
+    """Return the actors of a recorded run whose decisions can be compared with those of the record: see `rebuilt`.
 
     Raises:
         ConfigError: If the record has no configuration and none is given, or that cannot be loaded.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -104,6 +105,27 @@ def test_of_large_beliefs_less_is_kept(monkeypatch):
     controller = mdm.Controller(TIGER, problems.tiger())
     controller.start()
     assert all(len(controller.observe(0).case().updates) <= 3 for _ in range(20))
+
+
+def test_a_belief_that_goes_on_for_long_without_a_decision_keeps_little():
+    """As that of an ensemble that is safe for hours; what led to the next decision is whole, or not known."""
+    controller = mdm.Controller(TIGER, problems.tiger())
+    controller.start()
+    for few in range(5):
+        controller.advance(few % 2)
+    step = controller.decide()
+    assert [update.observation for update in step.case().updates] == [0, 1, 0, 1, 0]
+    tracemalloc.start()
+    for many in range(20_000):
+        controller.advance(many % 2)
+    kept, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert kept < 400_000
+    assert controller.decide().case().updates == ()
+    later = controller.observe(1)
+    case = later.case()
+    assert len(case.updates) == 1
+    assert Rerun(case).at(case.updates) == pytest.approx(later.at)
 
 
 def test_the_belief_of_every_kind_of_information():

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 __all__ = ["run"]
 
 _PERIOD = 0.25
-_WAITS = 5.0
+_PATIENCE = 5.0
+"""Seconds that one picture waits for an ensemble: agents come to the page of a team one by one."""
 _STEPS = {"d": "decision", "n": "change", "f": "fault", "m": "mode"}
 _ARROWS = {"\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left"}
 
@@ -87,7 +88,7 @@ async def _watch_record(shown: RecordedRun, at: float | None, *, once: bool) -> 
 
 async def _watch_page(url: str, authority: str | None, *, once: bool) -> None:
     terminal: Terminal | None = None
-    cursor = 0
+    cursor, began = 0, times.monotonic()
     async with opened(url, authority=authority) as socket:
         with _screen(once=once) as (draw, keys):
             while True:
@@ -101,14 +102,18 @@ async def _watch_page(url: str, authority: str | None, *, once: bool) -> None:
                 if terminal is not None and told.frame is not None:
                     terminal.hear(told.events)
                     cursor = told.cursor
-                    draw(terminal, told.frame, "● live, q ends")
-                    if once and terminal.close[0] in told.frame.details:
-                        return
-                    key = await keys(_PERIOD)
-                    if key == "q":
-                        return
-                    if key in {"up", "down"}:
-                        terminal.choose(1 if key == "down" else -1)
+                    if once:
+                        is_seen = bool(terminal.close) and terminal.close[0] in told.frame.details
+                        if is_seen or times.monotonic() - began > _PATIENCE:
+                            draw(terminal, told.frame, "● live")
+                            return
+                    else:
+                        draw(terminal, told.frame, "● live, q ends")
+                        key = await keys(_PERIOD)
+                        if key == "q":
+                            return
+                        if key in {"up", "down"}:
+                            terminal.choose(1 if key == "down" else -1)
                 close = [] if terminal is None else list(terminal.close)
                 await socket.say({"say": "drawn", "cursor": cursor, "close": close})
 

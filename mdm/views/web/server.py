@@ -97,7 +97,7 @@ class PageServer:
             f"/{path.relative_to(_STATIC).as_posix()}": path for path in _STATIC.rglob("*") if path.suffix in _KINDS
         }
         self._readers: set[Reader] = set()
-        self._next: asyncio.Future[bytes] | None = None
+        self._next: asyncio.Future[tuple[int, bytes]] | None = None
         self._due = 0.0
         self._made = 0.0
         self._beat: asyncio.TimerHandle | None = None
@@ -232,8 +232,8 @@ class PageServer:
 
     # -- Frames of a running system ------------------------------------------------------------------------------
 
-    async def _newest(self) -> bytes:
-        """Return the next frame, which is made once for all who wait for it."""
+    async def _newest(self) -> tuple[int, bytes]:
+        """Return the next frame, which is made once for all who wait for it, behind the number of its scene."""
         if self._next is None:
             loop = asyncio.get_running_loop()
             self._next = loop.create_future()
@@ -255,7 +255,7 @@ class PageServer:
         cost = times.perf_counter() - before
         self._made = loop.time()
         self._due = self._made + max(1 / _RATE, cost / _SHARE)
-        future.set_result(encoded)
+        future.set_result((self._source.generation, encoded))
 
     def _watch(self) -> None:
         loop = asyncio.get_running_loop()

@@ -163,14 +163,17 @@ class Reader:
 
     Args:
         source: What it looks at.
-        newest: Of a running system, returns the newest frame, encoded, when one is due; None for a record.
+        newest: Of a running system, returns the number of the newest frame's scene, and the frame, encoded, when one is
+            due; None for a record.
         control: Whether it may command.
 
     Attributes:
         close: The ensembles that it looks at closely.
     """
 
-    def __init__(self, source: Any, newest: Callable[[], Awaitable[bytes]] | None, *, control: bool) -> None:
+    def __init__(
+        self, source: Any, newest: Callable[[], Awaitable[tuple[int, bytes]]] | None, *, control: bool
+    ) -> None:
         self._source = source
         self._newest = newest
         self._control = control
@@ -228,8 +231,10 @@ class Reader:
             _message(_encode(self._source.frame(seconds, said.close)), *self._source.after(said.cursor, _MOST_EVENTS))
         ]
 
-    async def _live(self, said: Drawn, newest: Callable[[], Awaitable[bytes]]) -> list[bytes]:
-        frame = await newest()
+    async def _live(self, said: Drawn, newest: Callable[[], Awaitable[tuple[int, bytes]]]) -> list[bytes]:
+        generation, frame = await newest()
+        while generation != self._source.generation:  # by now there is another scene, of which the frame is none
+            generation, frame = await newest()
         answers = []
         if self._generation != self._source.generation:
             answers.append(self.greeting())

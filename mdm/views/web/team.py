@@ -84,7 +84,7 @@ class _Agent:
         while True:
             told = _decode(await socket.receive())
             if told.scene is not None:
-                self.scene = told.scene
+                self.scene, self.frame = told.scene, None  # the last frame is of the scene before
                 self._team.generation += 1
             elif told.frame is not None:
                 self.frame = told.frame
@@ -262,7 +262,7 @@ class TeamRun:
         changed: list[float] = []
         for agent, scene in self._known():
             frame = agent.frame
-            if frame is None or len(frame.ensembles) != len(scene.ensembles):
+            if frame is None:
                 frames += [_GONE] * len(scene.ensembles)
                 values += [None] * len(scene.predicates)
                 changed += [0.0] * len(scene.predicates)

@@ -8,7 +8,8 @@ from places import TIGER, TIGER_VECTORS
 from sentences import refused
 
 from mdm import FormatError, load_model, load_policy, save_policy
-from mdm.cli.policies.inputs import load, load_for, revealed, visibility
+from mdm.cli.policies.inputs import load, load_for, visibility
+from mdm.loading import revealed
 from mdm.policies import (
     AlphaVectors,
     FiniteStateController,

@@ -408,8 +408,10 @@ def test_the_timeline_tells_of_what_the_pointer_is_on(tmp_path):
                 (middle, 44, "0:"),  # a life of an action
                 (middle, 24 + 2 * 46 + 8, "Low false from"),  # the predicate of the chosen ensemble
             ):
-                await page.mouse.move(x, canvas["y"] + y)
-                await page.wait_for_function(f"() => document.querySelector('.tip')?.innerText.includes('{words}')")
+                async with asyncio.timeout(60):  # what lies above may still move the timeline
+                    place = {"x": x - canvas["x"], "y": y}
+                    while not await page.evaluate(f"document.querySelector('.tip')?.innerText.includes('{words}')"):
+                        await page.locator(".timeline canvas").hover(position=place)
             await page.mouse.move(5, 5)
             await page.wait_for_function("() => !document.querySelector('.tip')")
             await page.keyboard.press("n")

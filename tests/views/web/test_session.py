@@ -11,7 +11,7 @@ from decided import ensemble
 from sentences import refused
 
 from mdm import Error
-from mdm.snapshots import LiveRun
+from mdm.snapshots import LiveRun, Ring
 from mdm.testing import run_virtual
 from mdm.views.web.session import Allowance, Reader
 
@@ -36,13 +36,44 @@ def with_reader(talk, *, control=False):
 
         async def newest():
             await asyncio.sleep(0.05)
-            return msgspec.json.encode(live.frame(reader.close))
+            encoded = live.encoded(reader.close)
+            return live.generation, encoded
 
         reader = Reader(live, newest, control=control)
         assert msgspec.json.decode(reader.greeting())["scene"]["ensembles"][0]["path"] == "robot"
         return await talk(reader, robot, loop)
 
     return run_virtual(main)
+
+
+def test_a_frame_of_an_older_scene_is_left_out():
+    """One that was made, and then, before it was sent, an ensemble came."""
+
+    class Source:
+        generation = 1
+        ring = Ring()
+
+        def scene(self):
+            return {"ensembles": self.generation}
+
+    source = Source()
+    frames = iter([(1, b"1"), (1, b"1"), (2, b"2"), (2, b"2")])
+    later = iter([1, 2, 2, 2])
+
+    async def newest():
+        source.generation = next(later)
+        return next(frames)
+
+    reader = Reader(source, newest, control=False)
+    reader.greeting()
+
+    async def talk():
+        return [[msgspec.json.decode(each) for each in await answers(reader, said(say="drawn"))] for _ in range(3)]
+
+    (old,), (scene, new), (again,) = asyncio.run(talk())
+    assert old["frame"] == 1
+    assert scene["scene"] == {"ensembles": 2}
+    assert new["frame"] == again["frame"] == 2
 
 
 def test_a_frame_comes_with_the_events_behind_the_cursor():

@@ -109,6 +109,7 @@ class Driver:
         elif isinstance(stimulus, Said):
             await self._repeat(stimulus)
         elif isinstance(stimulus, Ticked):
+            self._player.ticks += 1
             ticker = self._player.tickers.get((stimulus.actor, stimulus.rate))
             if ticker is not None:
                 ticker.tick(Tick(stimulus.time, stimulus.number, 0, stimulus.missed))
@@ -162,15 +163,24 @@ class Driver:
                 await found[0].do(lambda: self._say(said))
             else:
                 self._say(said)
-        elif said.where == "turn" and player.turns and player.turns[0] is said:  # else its turn has come
+        elif said.where == "turn" and player.turns and player.turns[0][0] is said:  # else its turn has come
             player.turns.popleft()
             self._say(said)
 
     def _say_in_turn(self) -> None:
-        """Publish what users' handlers said in the running turn, once that has come as far as it had then."""
-        runtime, turns = self._runtime, self._player.turns
-        while turns and turns[0].time == runtime.dispatcher.time and turns[0].after == count_messages(runtime.channels):
-            self._say(turns.popleft())
+        """Publish what users' handlers said in the running turn, once that has come as far as it had then.
+
+        Several ticks have one time, and each a turn of its own: what was said behind the last is not said in the first.
+        """
+        runtime, player = self._runtime, self._player
+        while player.turns:
+            said, ticks = player.turns[0]
+            if said.time != runtime.dispatcher.time or ticks > player.ticks:
+                break
+            if said.after != count_messages(runtime.channels):
+                break
+            player.turns.popleft()
+            self._say(said)
 
     def _say(self, said: Said) -> None:
         """Publish what was said, on its channel, in the present turn or as the beginning of one."""

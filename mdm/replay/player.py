@@ -7,7 +7,7 @@ from collections import Counter, defaultdict, deque
 from typing import TYPE_CHECKING, Any
 
 from mdm.messages import Decision
-from mdm.recording.stimuli import Began, Behind, Delays, Ended, GoesOn, Kept, Lasts, Late, Raised, Said
+from mdm.recording.stimuli import Began, Behind, Delays, Ended, GoesOn, Kept, Lasts, Late, Raised, Said, Ticked
 from mdm.replay.difference import Difference, unlike
 from mdm.replay.stand_in import AsRecordedError, StandIn
 
@@ -67,8 +67,9 @@ class Player:
         self.stand_ins: dict[tuple[str, int], tuple[StandIn, Work]] = {}
         self.tickers: dict[tuple[str, float], Ticker] = {}
         self.say: Callable[[Said], None] = lambda _: None
-        # What users' handlers said within turns, and was not said yet.
-        self.turns: deque[Said] = deque()
+        # What users' handlers said within turns, and was not said yet, each with the ticks before it; and those so far.
+        self.turns: deque[tuple[Said, int]] = deque()
+        self.ticks = 0
         self.since: deque[Stimulus] = deque(maxlen=_SINCE)
         self._tolerance, self._most = tolerance, most
         self._expected: dict[str, deque[tuple[int, Decision, int]]] = defaultdict(deque)
@@ -95,13 +96,15 @@ class Player:
         # Work that has not been waited for to take its first step.
         self.fresh: list[tuple[StandIn, Work]] = []
         self._layers: dict[str, ActionLayer] = {}
+        ticks = 0
         for stimulus in stimuli:
-            self._sort(stimulus)
+            ticks += isinstance(stimulus, Ticked)
+            self._sort(stimulus, ticks)
 
-    def _sort(self, stimulus: Stimulus) -> None:
+    def _sort(self, stimulus: Stimulus, ticks: int) -> None:
         """Put what answers a question where it is found when that is asked."""
         if isinstance(stimulus, Said):
-            self._sort_said(stimulus)
+            self._sort_said(stimulus, ticks)
         elif isinstance(stimulus, Raised):
             self._raised[stimulus.ensemble, stimulus.life] = stimulus
         elif isinstance(stimulus, Lasts):
@@ -119,12 +122,12 @@ class Player:
         elif isinstance(stimulus, Ended):
             self._ended.add((stimulus.ensemble, stimulus.life))
 
-    def _sort_said(self, said: Said) -> None:
+    def _sort_said(self, said: Said, ticks: int) -> None:
         """Put what was said within calls and turns where it has its place."""
         if said.where == "call":
             self._said[said.ensemble, said.life].append(said)
         elif said.where == "turn":
-            self.turns.append(said)
+            self.turns.append((said, ticks))
 
     # -- Starts and ends -----------------------------------------------------------------------------------------------
 

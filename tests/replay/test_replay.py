@@ -74,6 +74,45 @@ def test_a_run_in_virtual_time_is_repeated(tmp_path):
     assert result.recorded == result.replayed == len(decisions) > 20
 
 
+class Watcher(mdm.Actor):
+    """Looks at a predicate ten times a second, and says nothing."""
+
+    def __init__(self, robot):
+        super().__init__("watcher")
+        self.robot, self.seen = robot, []
+
+    def on_start(self):
+        self.every(10.0, lambda _: self.seen.append(self.robot.sensors[0].value))
+
+
+class Teller(mdm.Actor):
+    """Tells the predicate otherwise at each of these ticks, behind the watcher."""
+
+    def __init__(self, robot):
+        super().__init__("teller")
+        self.robot = robot
+
+    def on_start(self):
+        self.every(10.0, lambda tick: self.robot.sensors[0].set(tick.number % 2 == 0))
+
+
+def test_what_is_said_at_one_of_several_ticks_of_one_time_is_not_said_at_another(tmp_path):
+    def actors():
+        robot = Robot()
+        return robot.ensemble, Watcher(robot), Teller(robot)
+
+    async def main(runtime, *actors):
+        for each in actors:
+            await runtime.start(each)
+        await asyncio.sleep(2.05)
+
+    run, again = actors(), actors()
+    run_virtual(lambda runtime: main(runtime, *run), record=tmp_path / "run.mcap")
+    assert replay(tmp_path / "run.mcap", again).same
+    assert again[1].seen == run[1].seen
+    assert {True, False} <= set(run[1].seen)
+
+
 @pytest.mark.parametrize("entry", range(8))
 def test_another_entry_of_a_policy_is_found_where_it_first_decides(tmp_path, entry):
     decisions = walk(tmp_path / "run.mcap", seed=entry)

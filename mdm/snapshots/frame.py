@@ -174,6 +174,7 @@ class Frame(msgspec.Struct, frozen=True, omit_defaults=True):
         robots: Where the robot is.
         statistics: Once a second.
         team: Of a team, agents and links, in words by key.
+        missing: Of a team, the agents that do not answer, or have not answered yet.
     """
 
     time: float
@@ -184,3 +185,4 @@ class Frame(msgspec.Struct, frozen=True, omit_defaults=True):
     robots: tuple[RobotFrame, ...] = ()
     statistics: StatisticsFrame | None = None
     team: dict[str, dict[str, str]] = {}
+    missing: tuple[str, ...] = ()

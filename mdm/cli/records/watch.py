@@ -29,7 +29,7 @@ __all__ = ["run"]
 
 _PERIOD = 0.25
 _PATIENCE = 5.0
-"""Seconds that one picture waits for an ensemble: agents come to the page of a team one by one."""
+"""Seconds that one picture waits for an ensemble and, of a team, for all agents: they come to its page one by one."""
 _STEPS = {"d": "decision", "n": "change", "f": "fault", "m": "mode"}
 _ARROWS = {"\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left"}
 
@@ -104,7 +104,7 @@ async def _watch_page(url: str, authority: str | None, *, once: bool) -> None:
                     cursor = told.cursor
                     if once:
                         is_seen = bool(terminal.close) and terminal.close[0] in told.frame.details
-                        if is_seen or times.monotonic() - began > _PATIENCE:
+                        if (is_seen and not told.frame.missing) or times.monotonic() - began > _PATIENCE:
                             draw(terminal, told.frame, "● live")
                             return
                     else:

@@ -257,12 +257,17 @@ class TeamRun:
         """Return how all agents are; of one that does not run, as stopped."""
         self.close = tuple(close)
         frames: list[Any] = []
-        facts: dict[str, Any] = {"details": {}, "robots": (), "team": {}}
+        facts: dict[str, Any] = {"details": {}, "robots": (), "team": {}, "missing": ()}
         values: list[bool | None] = []
         changed: list[float] = []
-        for agent, scene in self._known():
-            frame = agent.frame
+        for agent in self._agents:
+            scene, frame = agent.scene, agent.frame
+            if scene is None:
+                facts["missing"] += (agent.name,)
+                facts["team"][f"agent {agent.name}"] = {"link": "none yet", "process": "has not answered yet"}
+                continue
             if frame is None:
+                facts["missing"] += (agent.name,)
                 frames += [_GONE] * len(scene.ensembles)
                 values += [None] * len(scene.predicates)
                 changed += [0.0] * len(scene.predicates)

@@ -5,13 +5,18 @@ from __future__ import annotations
 import asyncio
 import subprocess
 import sys
+from collections import deque
+from contextlib import asynccontextmanager
 
+import msgspec
 import pytest
 from served import shown
 from shown import a_robot
 
 import mdm
 from mdm.cli import main
+from mdm.snapshots import Detail, EnsembleFrame, Frame, Scene
+from mdm.snapshots.scene import EnsembleScene
 from mdm.team.transport.certificates import make_certificates
 from mdm.testing import run_virtual
 
@@ -100,3 +105,27 @@ def test_what_cannot_be_watched_is_a_sentence(url, told):
     assert done.returncode in {1, 2}
     assert told in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_one_picture_of_a_team_waits_for_all_agents(monkeypatch, capsys):
+    told = deque()
+    for agents, missing in ((("ada",), ("bob",)), (("ada", "bob"), ())):
+        ensembles = tuple(EnsembleScene(agent, -1, "", "policy") for agent in agents)
+        modes = tuple(EnsembleFrame("deciding", 0.0) for _ in agents)
+        told.append({"scene": Scene("", "live", "rooms", 0, 0.0, 0.0, ensembles, ())})
+        told.append({"frame": Frame(1.0, modes, (), (), details={"ada": Detail()}, missing=missing), "cursor": 0})
+
+    class Page:
+        async def receive(self):
+            return msgspec.json.encode(told.popleft())
+
+        async def say(self, message):
+            pass
+
+    @asynccontextmanager
+    async def opened(url, *, authority):
+        yield Page()
+
+    monkeypatch.setattr("mdm.cli.records.watch.opened", opened)
+    assert main(["watch", "http://robots.test/", "--once"]) == 0
+    assert "bob" in capsys.readouterr().out

@@ -69,8 +69,28 @@ def test_all_agents_are_laid_beside_each_other_and_one_that_ends_says_so():
                 assert "there is no ensemble 'carl'" in (await team.explain("carl")).text
             await until(lambda: "agent bob" in team.frame().team)
             gone = team.frame()
+            assert gone.missing == ("bob",)
             assert [each.mode for each in gone.ensembles] == ["deciding", "stopped"]
             assert gone.team["agent bob"]["link"] == "lost"
+            await team.stop()
+
+    asyncio.run(program())
+
+
+def test_an_agent_that_has_not_come_yet_is_named():
+    ada = agent("ada")
+
+    async def program():
+        ada_page = page()
+        async with Runtime(log=False, page=ada_page, watchdog=None, signals=False) as runtime:
+            await runtime.start(ada)
+            team = TeamRun({"bob": "http://127.0.0.1:1/?token=" + TOKEN, "ada": ada_page.address})
+            assert team.frame().missing == ("bob", "ada")
+            team.open()
+            await until(lambda: team.frame().missing == ("bob",))
+            frame = team.frame()
+            assert [each.mode for each in frame.ensembles] == ["deciding"]
+            assert frame.team["agent bob"]["process"] == "has not answered yet"
             await team.stop()
 
     asyncio.run(program())

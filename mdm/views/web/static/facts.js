@@ -60,7 +60,7 @@ export function Team({ team }) {
   const entries = Object.entries(team ?? {});
   if (!entries.length) return null;
   return html`<section class="panel" aria-label="Team"><h2>Team</h2><table><tbody>
-    ${entries.map(([of, facts]) => html`<tr key=${of}><th scope="row">${facts.link === "lost" ? "✕ " : facts.link ? "● " : ""}${of}</th><td>${Object.entries(facts).map(([key, value]) => `${key} ${value}`).join(", ")}</td></tr>`)}
+    ${entries.map(([of, facts]) => html`<tr key=${of}><th scope="row">${({ lost: "✕ ", "none yet": "○ " })[facts.link] ?? (facts.link ? "● " : "")}${of}</th><td>${Object.entries(facts).map(([key, value]) => `${key} ${value}`).join(", ")}</td></tr>`)}
   </tbody></table></section>`;
 }
 

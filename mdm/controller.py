@@ -458,19 +458,20 @@ class Controller:
             ModelError: If there is no such observation; the information state is unchanged.
         """
         action, self.problem = self.last_action, None
-        observed: Any = None if self.takes == "state" else self._observed(observation)
+        observes = self.takes == "observation"
+        observed: Any = self._observed(observation) if observes else None
         if self.given:  # a belief from outside counts in place of what is observed
             return None
-        if action is None and self.takes == "observation":
+        if not observes:
+            observed = self._seen() if observation is None else self.symbols.state_index(observation)
+        elif action is None:
             self._probability = None
             return None
-        if self.takes == "state":
-            observed = self._seen() if observation is None else self.symbols.state_index(observation)
         probability = self.information.update(action, observed)  # type: ignore[arg-type]
         if self._own_tracker and not isinstance(probability, float | int | np.floating):
             raise ModelError(f"the tracker's update returned {probability!r}, but a probability is needed")
         self._probability = probability
-        if self.takes == "observation":
+        if observes:
             updates = self._past.updates
             if len(updates) >= _KEPT_UPDATES:
                 self._forget()
@@ -733,6 +734,8 @@ class Controller:
 
     def _observed(self, observation: Any) -> int | tuple[int | None, ...] | frozenset[int] | None:
         """Return an observation by index, components or those that agree, as information states take it."""
+        if observation.__class__ is int and -1 < observation < self._num_observations:
+            return observation
         if observation.__class__ is tuple and self._parts is not None and len(observation) == len(self._parts):
             sizes = zip(observation, self._parts, strict=True)
             if not all(part is None or (part.__class__ is int and -1 < part < size) for part, size in sizes):
@@ -740,8 +743,6 @@ class Controller:
             return frozenset(agreeing(self._parts, observation))
         if observation is None or self.symbols.observation_space is None:
             return observation  # type: ignore[no-any-return]
-        if observation.__class__ is int and -1 < observation < self._num_observations:
-            return observation
         if observation.__class__ is tuple and None in observation and len(observation) == len(self._sizes):
             for component, size in zip(observation, self._sizes, strict=True):
                 if component is not None and (component.__class__ is not int or not -1 < component < size):

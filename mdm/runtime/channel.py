@@ -5,6 +5,8 @@ from __future__ import annotations
 from threading import get_ident
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
+from msgspec.structs import replace
+
 from mdm.errors import Error
 from mdm.messages import Fault
 from mdm.runtime.handler import check_plain
@@ -129,8 +131,8 @@ class Channel(Generic[T]):
         self._version = 0
         # Whether anybody listens, so that a costly message need not be made for nobody.
         self.heard = False
-        # Whether the library takes input from it, which a record keeps; and whether the time of each message that is
-        # published between turns is the clock's, read just before.
+        # Whether the library takes input from it, which a record keeps; and whether the time of each message is the
+        # clock's, read just before: within a turn it is made that of the turn.
         self.input = False
         self.stamped = False
         self.name = name
@@ -167,15 +169,19 @@ class Channel(Generic[T]):
         if dispatcher.time < 0:
             # The way in: a stimulus, behind what timers bring about by its time. As `Dispatcher.begin`, without a call.
             time: int = message.time if self.stamped else dispatcher.stamp(message)  # type: ignore[attr-defined]
-            if time >= dispatcher.clock.due and dispatcher.clock.firing < 0:
-                dispatcher.clock.fire_before(time)
+            if time >= dispatcher.clock.due:
+                if dispatcher.clock.firing < 0:
+                    dispatcher.clock.fire_before(time)
+                elif self.stamped:  # a timer sets it by itself, when that was due
+                    time = dispatcher.clock.firing
+                    message = replace(message, time=time)  # type: ignore[type-var]
             if dispatcher.active:  # though none runs: one was cut short
-                if self.input and dispatcher.tape is not None:
+                if dispatcher.tape is not None and self.input:
                     dispatcher.tape.said(self, message, time)
                 self._wait_behind(message, time)
                 return
             dispatcher.time = dispatcher.last = time
-            if self.input and dispatcher.tape is not None:
+            if dispatcher.tape is not None and self.input:
                 dispatcher.tape.said(self, message, time)
             self.published += 1
             self.last = message
@@ -188,7 +194,9 @@ class Channel(Generic[T]):
                 self._queue(message)
                 dispatcher.time = -1
             return
-        if self.input and dispatcher.tape is not None:
+        if self.stamped and message.time != dispatcher.time:  # type: ignore[attr-defined]
+            message = replace(message, time=dispatcher.time)  # type: ignore[type-var]
+        if dispatcher.tape is not None and self.input:
             dispatcher.tape.said(self, message, dispatcher.time)
         self.published += 1
         self.last = message

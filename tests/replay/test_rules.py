@@ -189,6 +189,36 @@ def test_input_of_threads_is_delivered_late_and_as_old_as_it_was_sensed(tmp_path
     assert found == expected
 
 
+def test_what_a_callback_or_a_timer_sets_has_the_time_of_its_turn(tmp_path):
+    predicates = mdm.PredicateManager("predicates")
+    near, bright = predicates.sensor("Near", initial=False), predicates.sensor("Bright")
+    clocks, found = [], []
+
+    def act():
+        clocks[0].shown += 5 * _MS
+        bright.set(True)
+
+    robot = mdm.Ensemble(
+        "robot",
+        policy=[0, 1],
+        predicates=predicates,
+        states=[mdm.StateFactor("near", ["Near"])],
+        actions={"stay": lambda: None, "go": act},
+    )
+
+    async def happen(clock):
+        clocks.append(clock)
+        predicates.sensed.subscribe(lambda update: found.append((update.predicates[0], (update.time - START) / _MS)))
+        clock.hold_until(3)
+        near.set(True)
+        clock.call_at(START + 10 * _MS, lambda: near.set(False))
+        clock.hold_until(19)
+        clock.let_go()
+
+    recorded(tmp_path / "run.mcap", [robot], happen)
+    assert found == [(("Near", True), 3.0), (("Bright", True), 3.0), (("Near", False), 10.0)]
+
+
 class Tired:
     """An ensemble that decides again 5 ms after an action that holds the event loop for 50."""
 

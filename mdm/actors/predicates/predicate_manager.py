@@ -287,8 +287,7 @@ class PredicateManager(Actor):
     def _input(self, predicates: tuple[tuple[str, bool | None], ...], events: tuple[str, ...]) -> None:
         senses = self._senses
         if senses is not None:
-            now = self._now
-            senses(SensorUpdate(now(), predicates, events))
+            senses(SensorUpdate(self._now(), predicates, events))
         elif self._begun:
             self._keep(SensorUpdate(self.runtime.now(), predicates, events))
         else:
@@ -301,7 +300,7 @@ class PredicateManager(Actor):
     def keep(self) -> None:
         """Keep sensors' reports from now on for the next start, too: an ensemble that uses them has failed."""
         if self._senses is not None:
-            self._senses = self._keep
+            self._senses, self._now = self._keep, self.runtime.dispatcher.now
 
     def keep_no_more(self) -> None:
         """Take it that the manager lives on."""
@@ -332,7 +331,7 @@ class PredicateManager(Actor):
         self.events = self.channel("events", EventUpdate)
         self.map = self.channel("map", PredicateMap)
         self._batches.dispatcher = self.runtime.dispatcher
-        self._now = self.runtime.dispatcher.now
+        self._now = self.runtime.clock.reader()  # of the fewest steps: the channel knows of turns
         self._senses = self.sensed.publish
         now = self.runtime.now()
         self._begun = self._home is self.runtime

@@ -208,7 +208,7 @@ class RecordedRun:
         return self._record.grows
 
     def _seconds(self, time: int) -> float:
-        return round((time - self._epoch) / 1e9, 6)
+        return (time - self._epoch) / 1e9  # all digits: a step lands on what happened, and no microsecond before it
 
     def _time(self, seconds: float) -> int:
         return self._epoch + round(min(max(seconds, self.first), self.last) * 1e9)

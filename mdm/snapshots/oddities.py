@@ -38,6 +38,8 @@ _FEW, _RARE, _STILL = 20, 3, 10.0
 """Observations, those of a second kind among them, and the seconds over which a belief should have moved."""
 _STATES = 10_000
 """States up to which a belief is searched for its likeliest one, which costs their number."""
+_SURE = 0.9
+"""The probability of the likeliest state from which on a belief may well stand still, whatever noise is observed."""
 _MOVED = 1e-3
 """By how much the probability of the likeliest state changes at least where a belief moves."""
 
@@ -103,7 +105,7 @@ def lasting(action: str, seconds: float, ended: Sequence[Ended]) -> str:
 def unmoved(seen: Sequence[Seen], observation: Callable[[object], str], state: Callable[[int], str]) -> str:
     """Return that a belief stands still though observations that differ come; empty where it moves.
 
-    Where all observations are the same, a belief that stands still may well be right.
+    Where all observations are the same, a belief that stands still may well be right; so may one that is all but sure.
 
     Args:
         seen: The last observations, `SEEN` at most.
@@ -114,7 +116,7 @@ def unmoved(seen: Sequence[Seen], observation: Callable[[object], str], state: C
         return ""
     chances = [each.chance for each in seen]
     tally = Counter(each.observation for each in seen).most_common(3)
-    if max(chances) - min(chances) >= _MOVED or len(tally) < 2 or tally[1][1] < _RARE:
+    if max(chances) >= _SURE or max(chances) - min(chances) >= _MOVED or len(tally) < 2 or tally[1][1] < _RARE:
         return ""
     came = ", ".join(f"{observation(symbol)} {count} times" for symbol, count in tally)
     last = seen[-1]

@@ -63,6 +63,8 @@ def test_a_belief_that_stands_still_while_observations_differ_is_odd():
     )
     assert told(seen(symbols, [0.5] * 19 + [0.502])) == ""
     assert told(seen(["left"] * 20, [0.5] * 20)) == ""
+    assert told(seen(symbols, [0.89] * 20)).endswith("s1 at 89 %")
+    assert told(seen(symbols, [0.9] * 20)) == ""  # noise moves nobody who is that sure
     assert told(seen(symbols, [0.5] * 20)[:19]) == ""
 
 

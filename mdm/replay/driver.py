@@ -51,6 +51,7 @@ class Driver:
         self._runtime, self._player, self._clock, self._tops = runtime, player, clock, tops
         self._teammates = Teammates(runtime, player, transports)
         self._program: list[asyncio.Task[None]] = []
+        self._stops: dict[str, asyncio.Task[None]] = {}
         player.say = self._say
         runtime.dispatcher.watch = self._say_in_turn
 
@@ -72,8 +73,9 @@ class Driver:
         """Give the stimuli, each at its time."""
         player = self._player
         try:
-            for stimulus in stimuli:
+            for place, stimulus in enumerate(stimuli):
                 await self._move_to(stimulus.time)
+                player.comes_to(place)
                 if isinstance(stimulus, Finished) or len(player.differences) >= most:
                     break
                 player.since.append(stimulus)
@@ -82,8 +84,7 @@ class Driver:
                 except PartedError:
                     break
                 await self._settle()
-            if len(player.differences) < most:
-                player.missed(self._clock.now())
+            player.missed(self._clock.now(), overdue=len(player.differences) >= most)
         finally:
             for stand_in, work in player.stand_ins.values():
                 if not work.done:
@@ -125,9 +126,17 @@ class Driver:
         for top in self._tops:
             if top.path == began.actor and not top.failing:
                 if began.step == "stop" and top.life == "running":
-                    self._program.append(asyncio.create_task(self._runtime.stop(top)))
-                elif began.step == "start" and top.life in {"stopped", "failed"}:
-                    self._program.append(asyncio.create_task(self._runtime.start(top)))
+                    self._stops[top.path] = stop = asyncio.create_task(self._runtime.stop(top))
+                    self._program.append(stop)
+                elif began.step == "start" and top.life in {"stopping", "stopped", "failed"}:
+                    self._program.append(asyncio.create_task(self._start_again(top)))
+
+    async def _start_again(self, top: Actor) -> None:
+        """Start an actor, once it has stopped: that takes some rounds of the event loop."""
+        stop = self._stops.pop(top.path, None)
+        if stop is not None:
+            await asyncio.wait([stop])
+        await self._runtime.start(top)
 
     def _fail(self, failed: Failed) -> None:
         """Have an actor fail, unless it has with another, or by itself."""

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 __all__ = ["Player"]
 
 _SINCE = 5
+_EVENTS = ("state", "observation")
+"""Causes of decisions by events, and not at ticks."""
 
 
 class Player:
@@ -31,7 +33,8 @@ class Player:
 
     Args:
         stimuli: Those of the record.
-        decisions: Those of the record, each with the time of the next stimulus behind it: it was made by then.
+        decisions: Those of the record, each with the time of the next stimulus behind it, by which it was made, and
+            with the place of that among the stimuli.
         tolerance: By how much numbers may differ.
         most: How many differences are kept.
         now: Returns the time of the replay.
@@ -43,6 +46,7 @@ class Player:
         made: When decisions were made in the replay, which may be behind the time of what they are made on.
         paired: The same, of those that stand beside one of the record.
         missed_by: Until when those of the record had been made that were not made.
+        stopped: Whether the replay stopped before the end of the record.
     """
 
     repeats = True
@@ -50,7 +54,7 @@ class Player:
     def __init__(
         self,
         stimuli: Sequence[Stimulus],
-        decisions: Iterable[tuple[Decision, int]],
+        decisions: Iterable[tuple[Decision, int, int]],
         *,
         tolerance: float,
         most: int,
@@ -62,10 +66,14 @@ class Player:
         self.made: list[int] = []
         self.paired: list[int] = []
         self.missed_by: list[int] = []
+        self.stopped = False
         self._now = now
         self.noted = 0
         self.stand_ins: dict[tuple[str, int], tuple[StandIn, Work]] = {}
         self.tickers: dict[tuple[str, float], Ticker] = {}
+        # The rates of each actor that ticked, and the ensembles that decided when something happened.
+        self._rates: dict[str, set[float]] = defaultdict(set)
+        self._eventful: set[str] = set()
         self.say: Callable[[Said], None] = lambda _: None
         # What users' handlers said within turns, and was not said yet, each with the ticks before it; and those so far.
         self.turns: deque[tuple[Said, int]] = deque()
@@ -73,8 +81,14 @@ class Player:
         self.since: deque[Stimulus] = deque(maxlen=_SINCE)
         self._tolerance, self._most = tolerance, most
         self._expected: dict[str, deque[tuple[int, Decision, int]]] = defaultdict(deque)
-        for number, (decision, by) in enumerate(decisions):
+        # Those that should have been made by now, and were not: what had led there, by their numbers.
+        self._overdue: dict[int, tuple[Stimulus, ...]] = {}
+        self._due: deque[tuple[int, Decision, int]] = deque()
+        for number, (decision, by, place) in enumerate(decisions):
             self._expected[decision.ensemble].append((number, decision, by))
+            self._due.append((number, decision, place))
+            if decision.cause in _EVENTS:
+                self._eventful.add(decision.ensemble)
             self.count += 1
         self._next = 0
         self._compared = False
@@ -98,7 +112,9 @@ class Player:
         self._layers: dict[str, ActionLayer] = {}
         ticks = 0
         for stimulus in stimuli:
-            ticks += isinstance(stimulus, Ticked)
+            if isinstance(stimulus, Ticked):
+                ticks += 1
+                self._rates[stimulus.actor].add(stimulus.rate)
             self._sort(stimulus, ticks)
 
     def _sort(self, stimulus: Stimulus, ticks: int) -> None:
@@ -191,6 +207,17 @@ class Player:
     def rates(self, actor: str, rate: float, ticker: Ticker) -> None:
         """Keep a ticker, which ticks when the record does."""
         self.tickers[actor, rate] = ticker
+
+    def unticked(self) -> str:
+        """Return that an actor is to tick at times at which it did not; empty where all tick as they did."""
+        for actor, rate in self.tickers:
+            had = self._rates[actor]
+            if had and rate not in had:
+                rates = " and ".join(f"{each:g}" for each in sorted(had))
+                return f"{actor!r} ticks {rate:g} times a second, and {rates} times in the record"
+            if not had and actor.rpartition("/")[0] in self._eventful:
+                return f"{actor!r} ticks {rate:g} times a second, and never in the record"
+        return ""
 
     def ticked(self, actor: str, rate: float, tick: Tick) -> None:
         """Take a tick."""
@@ -298,15 +325,38 @@ class Player:
             self.differences.append(difference)
             self.found.append(by)
 
-    def missed(self, until: int) -> None:
-        """Take it that decisions of the record up to a time are not made any more, and compare no further ones."""
-        self._compared = True
-        left = sorted(
-            (item for expected in self._expected.values() for item in expected if item[1].time <= until),
-            key=lambda item: item[0],
-        )
+    def comes_to(self, place: int) -> None:
+        """Take it that the replay comes to a stimulus, by its place: decisions before it are made, or late.
+
+        One that comes late is no difference; one that never comes is one, with what had led to it.
+        """
+        due = self._due
+        while due and due[0][2] <= place:
+            number, decision, _ = due.popleft()
+            expected = self._expected[decision.ensemble]
+            if expected and expected[0][0] <= number:
+                self._overdue[number] = tuple(self.since)
+
+    def missed(self, until: int, *, overdue: bool = False) -> None:
+        """Take it that decisions of the record up to a time are not made any more, and compare no further ones.
+
+        Args:
+            until: The time.
+            overdue: Only those whose place in the record has passed: the replay has not come to its end.
+        """
+        self._compared, self.stopped = True, overdue
+        left = [
+            item
+            for expected in self._expected.values()
+            for item in expected
+            if (item[0] in self._overdue if overdue else item[1].time <= until)
+        ]
+        found = list(zip(self.differences, self.found, strict=True))
         for number, recorded, by in left:
             self.missed_by.append(by)
-            self._differ(Difference(number, recorded, None, (), tuple(self.since)), by)
+            found.append((Difference(number, recorded, None, (), self._overdue.get(number, tuple(self.since))), by))
+        found.sort(key=lambda each: each[0].number)
+        self.differences = [difference for difference, _ in found[: self._most]]
+        self.found = [by for _, by in found[: self._most]]
         for expected in self._expected.values():
             expected.clear()

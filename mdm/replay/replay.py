@@ -51,6 +51,7 @@ class Replayed(msgspec.Struct, frozen=True):
         exact: Whether numbers were compared bit by bit, for the environment is that of the record; else to 1e-9.
         lost: How many messages the record lacks: behind such a gap a replay differs.
         different: How many were not the same, also where not all of them are kept.
+        stopped: Whether it stopped at the last difference that was asked for, before the end of the record.
         limit: Of an agent of a team that is replayed with another configuration, from when on nothing can be told, and
             why, where that is so: all numbers are of what was before.
     """
@@ -62,6 +63,7 @@ class Replayed(msgspec.Struct, frozen=True):
     lost: int
     different: int = 0
     limit: Limit | None = None
+    stopped: bool = False
 
     @property
     def same(self) -> bool:
@@ -135,14 +137,14 @@ def replay(
 
     Args:
         record: The record, or its file.
-        actors: The system, or the actors at the top, built as for the run and not started. Their functions are not
-            called.
+        actors: The system, or the actors at the top, built as for the run and not started. The functions of actions are
+            not called. A world needs a seed; actors of one's own that tell what sensors see are left out.
         most: How many differences are kept; at the last of them the replay ends.
         transports: Of agents of a team, those that `transports_of` returned, with which their members were built.
         listen: Called with the runtime before it begins, to subscribe to channels that the record does not keep.
 
     Raises:
-        Error: If the record has no beginning.
+        Error: If the record has no beginning, or an actor ticks at times at which it did not.
     """
     run_again = _Again(record if isinstance(record, Record) else Record(record), actors, transports, most)
 
@@ -150,6 +152,7 @@ def replay(
         await run_again.play(listen)
 
     run(main, virtual=True)
+    run_again.check_ticks()
     return run_again.replayed()
 
 
@@ -253,6 +256,18 @@ class _Again:
         driver = Driver(runtime, self._player, self.clock, self._tops, self._transports)
         await driver.play(self.stimuli, self._most)
 
+    def check_ticks(self) -> None:
+        """Refuse actors whose ticks the record does not have.
+
+        Raises:
+            Error: If there is one.
+        """
+        if unticked := self._player.unticked():
+            raise Error(
+                f"{self._record.path}: {unticked}: what it would have decided at other times cannot be told; "
+                f"give it the rate of the run"
+            )
+
     def replayed(self, limit: Limit | None = None, most: int = sys.maxsize) -> Replayed:
         """Return what became of it, up to a limit; with so many differences."""
         player = self._player
@@ -262,29 +277,35 @@ class _Again:
             expected = bisect_left(player.paired, limit.time) + sum(by < limit.time for by in player.missed_by)
             found = [each for each, by in zip(found, player.found, strict=True) if by < limit.time]
         kept = tuple(found[:most])
-        return Replayed(expected, made, kept, self._exact, self._record.lost, len(found), limit)
+        return Replayed(expected, made, kept, self._exact, self._record.lost, len(found), limit, player.stopped)
 
 
 def _no_beginning(record: Record) -> Error:
     return Error(f"{record.path}: the record has no beginning: nothing in it says when an actor started")
 
 
-def _contents(record: Record) -> tuple[list[Stimulus], list[tuple[Decision, int]]]:
-    """Return the stimuli and the decisions, each with the time of the next stimulus behind it: it was made by then."""
+def _contents(record: Record) -> tuple[list[Stimulus], list[tuple[Decision, int, int]]]:
+    """Return the stimuli, and the decisions as a player takes them.
+
+    Decisions behind the run's end are none of them, though the time of what they were made on may lie before it.
+    """
     stimuli: list[Stimulus] = []
-    decisions: list[tuple[Decision, int]] = []
+    decisions: list[tuple[Decision, int, int]] = []
     waiting: list[Decision] = []
+    has_finished = False
     for each in record.messages(_there(record, "stimuli", "decisions")):
         if each.topic == "decisions":
-            waiting.append(each.message)
+            if not has_finished:
+                waiting.append(each.message)
             continue
+        place = len(stimuli)
         stimuli.append(each.message)
-        decisions += [(decision, max(decision.time, each.message.time)) for decision in waiting]
+        has_finished = has_finished or isinstance(each.message, Finished)
+        decisions += [(decision, max(decision.time, each.message.time), place) for decision in waiting]
         waiting.clear()
     last = stimuli[-1].time if stimuli else 0
-    decisions += [(decision, max(decision.time, last)) for decision in waiting]
-    end = next((stimulus.time for stimulus in stimuli if isinstance(stimulus, Finished)), None)
-    return stimuli, [each for each in decisions if end is None or each[0].time <= end]
+    decisions += [(decision, max(decision.time, last), len(stimuli)) for decision in waiting]
+    return stimuli, decisions
 
 
 def _there(record: Record, *topics: str) -> list[str]:

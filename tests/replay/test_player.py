@@ -14,8 +14,8 @@ from mdm.replay.stand_in import AsRecordedError, StandIn
 
 
 def player(*stimuli, decisions=(), most=10):
-    by = [(each, each.time + 1) for each in decisions]
-    return Player(stimuli, by, tolerance=0.0, most=most, now=lambda: 7)
+    made = [(each, each.time + 1, place) for place, each in enumerate(decisions)]
+    return Player(stimuli, made, tolerance=0.0, most=most, now=lambda: 7)
 
 
 class Layer:
@@ -107,6 +107,25 @@ def test_it_is_known_by_when_a_difference_was_there():
     assert (tape.made, tape.paired) == ([7, 7], [7, 7])
     assert tape.found == [7, decision(2).time + 1]
     assert tape.missed_by == [decision(2).time + 1]
+
+
+def test_one_that_is_never_made_comes_before_those_that_differ_later():
+    stimuli = [Began(number, "robot", "start") for number in range(4)]
+    tape = player(decisions=[decision(0), decision(1), decision(2, ensemble="other")], most=1)
+    tape.since.append(stimuli[0])
+    tape.comes_to(0)
+    tape.since.append(stimuli[1])
+    decide(tape, 0)  # late, and no difference
+    tape.comes_to(1)
+    tape.comes_to(2)
+    tape.since.append(stimuli[2])
+    other = Output()
+    other.ensemble = "other"
+    tape.decided(other, 2_000_000, 2, "state", 2, None, None, 0, 0.5)
+    assert [each.number for each in tape.differences] == [2]
+    tape.missed(10_000_000, overdue=True)
+    (first,) = tape.differences
+    assert (first.number, first.replayed, first.since) == (1, None, (stimuli[0], stimuli[1]))
 
 
 def test_differences_tell_the_number_and_what_came_before():

@@ -7,6 +7,7 @@ import random
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from records import Writing
 from sentences import refused
 
@@ -16,7 +17,7 @@ from mdm.messages import Decision, SensorUpdate
 from mdm.recording import Record
 from mdm.recording.stimuli import Said, Stimulus
 from mdm.replay import replay
-from mdm.testing import crash, run_virtual
+from mdm.testing import capture_decisions, crash, run_virtual
 
 _POLICY = [0, 1, 2, 0, 1, 2, 0, 1]
 
@@ -24,7 +25,7 @@ _POLICY = [0, 1, 2, 0, 1, 2, 0, 1]
 class Robot:
     """An ensemble over eight states, by a table."""
 
-    def __init__(self, policy=_POLICY):
+    def __init__(self, policy=_POLICY, right=asyncio.sleep):
         self.predicates = mdm.PredicateManager("predicates")
         self.sensors = [self.predicates.sensor(name, initial=False) for name in "ABC"]
         self.ensemble = mdm.Ensemble(
@@ -32,7 +33,7 @@ class Robot:
             policy=mdm.policies.DeterministicPolicy(policy, 3),
             predicates=self.predicates,
             states=[mdm.StateFactor(name.lower(), [name]) for name in "ABC"],
-            actions={"left": lambda: None, "right": asyncio.sleep, "stay": lambda: None},
+            actions={"left": lambda: None, "right": right, "stay": lambda: None},
         )
 
 
@@ -229,6 +230,60 @@ def test_a_state_that_is_told_before_a_restart_is_decided_on_behind_it(tmp_path)
     decisions = [each.message for each in Record(tmp_path / "run.mcap").messages(["decisions"])]
     assert [(decision.state, decision.cause) for decision in decisions] == [(1, "state"), (3, "start")]
     assert replay(tmp_path / "run.mcap", told()).same
+
+
+def test_an_ensemble_that_the_program_stops_and_starts_again_is_repeated(tmp_path):
+    robot = Robot(right=lambda: None)
+
+    async def main(runtime):
+        with capture_decisions(runtime) as decisions:
+            for value in (True, False):
+                await runtime.start(robot.ensemble)
+                for sensor in robot.sensors:
+                    sensor.set(value)
+                await asyncio.sleep(1)
+                await runtime.stop(robot.ensemble)
+                robot.sensors[0].set(value)
+                await asyncio.sleep(1)
+        return decisions
+
+    decisions = run_virtual(main, record=tmp_path / "run.mcap")
+    result = replay(tmp_path / "run.mcap", Robot(right=lambda: None).ensemble)
+    assert (result.differences, result.replayed) == ((), len(decisions))
+    assert {round(each.time / 1e9) for each in decisions} == {0, 2}
+
+
+def test_a_decision_behind_the_end_of_the_run_is_not_missed_whatever_its_time(tmp_path):
+    made = walk(tmp_path / "run.mcap")
+    record = Record(tmp_path / "run.mcap")
+    writing = Writing(tmp_path / "late.mcap", record.head)
+    kinds = {"stimuli": Stimulus, "decisions": Decision}
+    for each in record.messages(["stimuli", "decisions"]):
+        writing.write(each.topic, each.message, kinds[each.topic])
+        writing.writer.flush()
+    last = made[-1]
+    writing.write("decisions", replace(last, epoch=last.epoch + 1), Decision)  # stamped before the end
+    result = replay(Record(writing.close()), Robot().ensemble)
+    assert (result.differences, result.recorded) == ((), len(made))
+
+
+@pytest.mark.parametrize("drive", ["event", 10.0, 20.0])
+def test_ticks_at_other_times_cannot_be_told(tmp_path, drive):
+    def ticking(drive):
+        return mdm.Ensemble("robot", policy=[0], actions={"stay": lambda: None}, drive=drive)
+
+    async def main(runtime):
+        robot = ticking(drive)
+        await runtime.start(robot)
+        robot.publish_state(0)
+        await asyncio.sleep(1)
+
+    run_virtual(main, record=tmp_path / "run.mcap")
+    assert replay(tmp_path / "run.mcap", ticking(drive)).same
+    with refused(Error):
+        replay(tmp_path / "run.mcap", ticking(5.0))
+    if drive != "event":  # without ticks it decides on what comes
+        assert replay(tmp_path / "run.mcap", ticking("event")).replayed == 1
 
 
 def test_a_record_without_a_start_is_refused(tmp_path):

@@ -100,7 +100,8 @@ def _summary(record: Record, result: Replayed) -> str:
     until = "" if result.limit is None else f"up to {_seconds(record, result.limit)} s, "
     if result.limit is not None and not result.recorded and not result.replayed:
         same = "nothing to compare"
-    lines = [f"{until}{result.recorded} decisions recorded, {result.replayed} replayed: {same} ({how})"]
+    stopped = " before it stopped at a difference" if result.stopped else ""
+    lines = [f"{until}{result.recorded} decisions recorded, {result.replayed} replayed{stopped}: {same} ({how})"]
     if record.torn is not None:
         lines.append(f"torn: {record.torn}")
     if result.lost:
@@ -119,6 +120,7 @@ def _facts(result: Replayed, epoch: int) -> dict[str, object]:
         **until,
         "recorded": result.recorded,
         "replayed": result.replayed,
+        "stopped": result.stopped,
         "same": result.same,
         "exact": result.exact,
         "lost": result.lost,

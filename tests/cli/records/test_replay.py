@@ -73,6 +73,7 @@ def test_it_is_one_json_object(mdm, run):
     assert json.loads(line) == {
         "recorded": 15,
         "replayed": 15,
+        "stopped": False,
         "same": True,
         "exact": True,
         "lost": 0,

@@ -151,7 +151,15 @@ def load_recorded(
             f"{record.path}: its configuration {name!r} is not in the record, as of one that was torn early: give the "
             f"file of the same system with --config"
         )
-    return load_system(here / name, agent=agent, callbacks=False, transport=transport)
+    try:
+        return load_system(here / name, agent=agent, callbacks=False, transport=transport)
+    except ConfigError as error:  # of a place that will be gone
+        first = error.problems[0]
+        at = name if first.key is None else f"{name}: {first.key}"
+        raise ConfigError(
+            f"{record.path}: its configuration cannot be loaded from the record, which keeps no code: {at}: "
+            f"{first.message}; give the file of the run with --config"
+        ) from None
 
 
 def lay_out(record: Record, folder: str | Path) -> Path:

@@ -75,6 +75,15 @@ def test_the_demo_is_kept_with_its_map(tmp_path):
     }
 
 
+def test_a_configuration_that_needs_code_is_refused_and_the_way_out_told(file, tmp_path):
+    file.write_text(FILE.replace('policy = "robot.policy"', 'policy = "robot_code:Policy"'))
+    recorder = Recorder(tmp_path / "run.mcap")
+    attach_configuration(recorder, file)
+    run_virtual(lambda runtime: runtime.start(mdm.Actor("other")), record=recorder)
+    with refused(ConfigError):
+        load_recorded(Record(tmp_path / "run.mcap"), tmp_path / "laid out")
+
+
 def test_another_configuration_may_stand_in_its_place(file, tmp_path):
     record, _ = recorded(file, tmp_path / "run.mcap")
     mdm.save_policy(mdm.policies.DeterministicPolicy([0, 0], 2), file.parent / "robot.policy")

@@ -388,6 +388,7 @@ def test_states_whose_weight_underflows_are_not_reached(size):
 def test_without_compilation_the_numbers_are_the_same():
     program = (
         "import sys, mdm; from mdm.solvers import solve; from mdm.solvers.sarsop import solver; solver._SMALL = 0\n"
+        "solver._FIRST_PLAN = 1e9  # plans come by time\n"
         "found = solve(mdm.load_model(sys.argv[1]).with_discount(0.95), gap=1e-2, iterations=400)\n"
         "print(repr(found.lower), repr(found.upper), found.iterations)"
     )

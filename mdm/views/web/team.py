@@ -15,6 +15,7 @@ import msgspec
 
 from mdm.errors import Error
 from mdm.snapshots import EnsembleFrame, Event, Frame, Ring, Scene
+from mdm.snapshots.events import value_of
 from mdm.snapshots.why import Why
 from mdm.version import __version__
 from mdm.views.web.client import Socket, opened
@@ -61,6 +62,10 @@ class _Agent:
         self._address = address
         self._team = team
         self._cursor = 0
+        # When the process began whose events were heard, and the number of the last: it tells all of them to each who
+        # comes anew. And whether it is told that the agent has gone.
+        self._heard = (0, 0)
+        self._is_gone = False
         self._socket: Socket | None = None
         self._whys: deque[asyncio.Future[_Told]] = deque()
         self._commands: deque[asyncio.Future[_Told]] = deque()
@@ -73,6 +78,8 @@ class _Agent:
                 async with opened(self._address) as socket:
                     self._socket, self._cursor = socket, 0
                     await self._look(socket)
+            if self.frame is not None:
+                self._tell_gone()
             self._socket = self.frame = None
             for asked in (*self._whys, *self._commands):
                 asked.cancel()
@@ -89,6 +96,8 @@ class _Agent:
             elif told.frame is not None:
                 self.frame = told.frame
                 self._hear(told)
+                if self._is_gone:
+                    self._tell_back(told.frame)
             else:  # each kind is answered in the order in which it was asked
                 asked = self._commands if told.done or told.refused else self._whys
                 if asked and not (first := asked.popleft()).done():
@@ -97,8 +106,32 @@ class _Agent:
                 close = [path for path in self._team.close if path in self.paths]
                 await socket.say({"say": "drawn", "cursor": self._cursor, "close": close})
 
+    def _tell_gone(self) -> None:
+        """Have the events say that nothing is known of the agent from now on."""
+        assert self.scene is not None
+        self._is_gone = True
+        now, ring = self._team.now, self._team.ring
+        for ensemble in self.scene.ensembles:
+            ring.add(now, "mode", ensemble.path, "stopped", detail=f"agent {self.name!r} does not answer")
+        for predicate in self.scene.predicates:
+            ring.add(now, "predicate", self.name, self.shown(predicate.name), status=value_of(None))
+
+    def _tell_back(self, frame: Frame) -> None:
+        """Have the events say how the agent is that was gone."""
+        assert self.scene is not None
+        self._is_gone = False
+        now, ring = self._team.now, self._team.ring
+        for ensemble, shown in zip(self.scene.ensembles, frame.ensembles, strict=True):
+            ring.add(now, "mode", ensemble.path, shown.mode)
+        for predicate, value in zip(self.scene.predicates, frame.predicates, strict=True):
+            ring.add(now, "predicate", self.name, self.shown(predicate.name), status=value_of(value))
+
     def _hear(self, told: _Told) -> None:
+        assert self.scene is not None
         for event in told.events:
+            if (self.scene.began, event.number) <= self._heard:
+                continue
+            self._heard = (self.scene.began, event.number)
             facts = msgspec.structs.asdict(event)
             time, kind, source, name = (facts.pop(key) for key in ("time", "kind", "source", "name"))
             facts.pop("number")
@@ -231,6 +264,11 @@ class TeamRun:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
+    @property
+    def now(self) -> float:
+        """Seconds since the page began."""
+        return (times.time_ns() - self.began) / 1e9
+
     def _known(self) -> list[tuple[_Agent, Scene]]:
         return [(agent, agent.scene) for agent in self._agents if agent.scene is not None]
 
@@ -280,8 +318,7 @@ class TeamRun:
             facts["details"] |= shifted.details
             facts["robots"] += shifted.robots
             facts["team"] |= {f"{key} ({agent.name})": told for key, told in shifted.team.items()}
-        now = (times.time_ns() - self.began) / 1e9
-        return Frame(now, tuple(frames), tuple(values), tuple(changed), **facts)
+        return Frame(self.now, tuple(frames), tuple(values), tuple(changed), **facts)
 
     def encoded(self, close: Collection[str] = ()) -> bytes:
         """Return how all agents are, as JSON."""

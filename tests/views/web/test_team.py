@@ -70,11 +70,27 @@ def test_all_agents_are_laid_beside_each_other_and_one_that_ends_says_so():
             await until(lambda: "agent bob" in team.frame().team)
             gone = team.frame()
             assert gone.missing == ("bob",)
+            last = {(event.kind, event.source): event for event in team.ring}
+            assert (last["mode", "bob"].name, last["mode", "bob"].detail) == ("stopped", "agent 'bob' does not answer")
+            assert last["mode", "ada"].name == "deciding"
             assert [each.mode for each in gone.ensembles] == ["deciding", "stopped"]
             assert gone.team["agent bob"]["link"] == "lost"
             await team.stop()
 
     asyncio.run(program())
+
+
+def test_an_agent_that_is_lost_for_a_moment_tells_nothing_twice():
+    ada = agent("ada")
+
+    async def program(team):
+        ada.report("stale", "nothing was told")
+        await until(lambda: any(event.kind == "fault" for event in team.ring))
+        team._agents[0]._socket.abort()
+        await until(lambda: [event.name for event in team.ring if event.kind == "mode"][-2:] == ["stopped", "deciding"])
+        assert len([event for event in team.ring if event.kind == "fault"]) == 1
+
+    commanded(program, ada)
 
 
 def test_an_agent_that_has_not_come_yet_is_named():

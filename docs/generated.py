@@ -26,6 +26,7 @@ PACKAGES = (
     "mdm.messages",
     "mdm.actors",
     "mdm.runtime",
+    "mdm.controller",
     "mdm.config",
     "mdm.logic",
     "mdm.models",

@@ -18,7 +18,7 @@ AfterSafe = Literal["reset", "keep"]
 
 
 class ControlOptions(ControllerOptions, total=False):
-    """The options of a control layer: its controller's options, see `mdm.controller.ControllerOptions`, and these.
+    """The options of a control layer: its controller's options, see `mdm.options.ControllerOptions`, and these.
 
     Attributes:
         drive: When to decide: ``OnEvent()`` or ``"event"`` (the default), on each state or observation; or

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 from hypothesis import given, strategies as st
 
-from mdm.controller import Held, opened
+from mdm.controller.held import Held, opened
 from mdm.errors import Error
 from mdm.messages import Belief
 from mdm.team.agreement import log, messages

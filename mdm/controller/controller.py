@@ -1,175 +1,63 @@
-"""The controller: one decision process as plain data and plain calls, without actors, clock or channels.
+"""The controller holds the information state of a policy, updates it by actions and observations, and decides.
 
-It holds the information state of a policy (a state, a belief, the nodes of a plan), updates it by actions and
-observations, and decides. The same calls give the same steps. Control layers, simulations and traces all use it.
-
-Below it: what it is made of, from its options, each of which is refused where it does not fit the policy; what a
-snapshot holds, which may come from another process; and beliefs of a user's own tracker, which may be anything.
+The information state is a state, a belief, or the nodes of a plan. The same calls give the same steps. Control layers,
+simulations and traces all use it.
 """
 
 from __future__ import annotations
 
-import copy
 import math
 import sys
-from bisect import bisect_right
-from operator import itemgetter
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Unpack, get_args
+from typing import TYPE_CHECKING, Any, Literal, Unpack, get_args
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 
 from mdm.beliefs import KnownState
-from mdm.beliefs.choice import check_memory
 from mdm.beliefs.information import restore, snapshot
-from mdm.beliefs.tracker import agreeing, checked_support
+from mdm.beliefs.tracker import agreeing
 from mdm.checks import check_choice
 from mdm.compilation import sparing
+from mdm.controller.construction import (
+    expectation,
+    horizon_of,
+    informed,
+    reward_rows,
+    seeded,
+    with_false_negatives,
+    within,
+)
+from mdm.controller.foreign_belief import checked_belief, copied
+from mdm.controller.held import Held, check_counts, check_information, opened
+from mdm.controller.step import KEPT, Past, Step
 from mdm.errors import ConfigError, ModelError, PolicyError
-from mdm.loading import model_of, policy_of, spared
+from mdm.loading import model_of, policy_of
 from mdm.models.digest import digest, of_parts, parts, plain, short
-from mdm.models.factored.flattening import RewardRow, RewardRows
 from mdm.options import ControllerOptions, OnImpossible, check_options
 from mdm.policies import mismatch
 from mdm.symbols import Symbols
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     import numpy.typing as npt
 
-    from mdm.beliefs import Information
-    from mdm.explanation import Case, Explanation
+    from mdm.explanation import Case
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models import MDP
+    from mdm.models.factored.flattening import RewardRows
     from mdm.models.matrices import Vector
     from mdm.models.space import Symbol
     from mdm.policies import Policy
 
     _MadeOf = tuple[Policy, MDP | None, Symbols, OnImpossible, bool]
 
-__all__ = ["Controller", "Step"]
+__all__ = ["Controller"]
 
-_MOST = (1 << 62) - 1
-_ONE = 1 + 1e-6
-"""A probability at most, with what rounding adds."""
-_KEPT = 10
-"""Decisions whose information is kept at least, to explain later ones by."""
 _KEPT_UPDATES = 1_000
 """Updates that are kept at most: a belief may go on for hours while nothing is decided."""
 _KEPT_NUMBERS = 1_000_000
 """Numbers of beliefs that are kept at most, to the same end."""
-
-
-class Step(msgspec.Struct, frozen=True, gc=False):
-    """A decision.
-
-    Attributes:
-        epoch: Its number in the episode, from 0.
-        action: The (joint) action's index.
-        action_name: Its name.
-        reward: The expected immediate reward; None if it is not known.
-        probability: P(observation | information, action) of the observation before; 0 if it was impossible, None at
-            the start and for policies over states.
-        at: The state, the belief (an array or a `Support`) or the nodes that it was decided on. Steps are equal
-            without it.
-        past: What came before, to explain it by; None of a step that no controller has made.
-    """
-
-    epoch: int
-    action: int
-    action_name: str
-    reward: float | None
-    probability: float | None = None
-    at: Any = None
-    past: Past | None = None
-
-    def explain(self, last: int = _KEPT) -> Explanation:
-        """Return why it was decided: values, the observation that mattered, what would have decided otherwise.
-
-        Args:
-            last: How many of the last observations are looked at; ten are kept, of large beliefs fewer.
-
-        Raises:
-            ModelError: If no controller has made it.
-        """
-        from mdm.explanation import explain  # noqa: PLC0415 - nobody who runs a robot need load it
-
-        return explain(self.case(last))
-
-    def case(self, last: int = _KEPT) -> Case:
-        """Return what it was made of, for the functions of `mdm.explanation`; arguments as of `explain`."""
-        if self.past is None:
-            raise ModelError("no controller has made this step, so that nothing is known of why")
-        return self.past.case(self, last)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Step) and self._told() == other._told()
-
-    def __hash__(self) -> int:
-        return hash(self._told())
-
-    def __repr__(self) -> str:
-        told = zip(self.__struct_fields__, self._told(), strict=False)
-        return f"Step({', '.join(f'{name}={value!r}' for name, value in told)})"
-
-    def _told(self) -> tuple[int, int, str, float | None, float | None]:
-        return self.epoch, self.action, self.action_name, self.reward, self.probability
-
-
-class Past:
-    """The last decisions of an episode, which only grow: a step is explained by those before it, also when it is old.
-
-    Args:
-        made_of: What makes them: policy, model, symbols, what an impossible observation means, and whether the
-            information state is a tracker of the user's.
-        first: The number of the first one.
-        initial: The belief from which the episode began, where that is not the model's; None for that.
-        begins: Whether nothing came before the first one; else what did is not known.
-    """
-
-    __slots__ = ("_begins", "_first", "_initial", "_made_of", "decided", "updates")
-
-    def __init__(self, made_of: _MadeOf, first: int, initial: Vector | None, *, begins: bool) -> None:
-        self.decided: list[Any] = []
-        """What each was decided on."""
-        self.updates: list[tuple[int, int, Any]] = []
-        """The updates between them: the number of the decision that followed, the action before, the observation."""
-        self._made_of = made_of
-        self._first = first
-        self._initial = initial
-        self._begins = begins
-
-    def later(self, kept: int) -> Past:
-        """Return the same without its first decisions, but for so many."""
-        first = self._first + len(self.decided) - kept
-        past = Past(self._made_of, first, self._initial, begins=False)
-        past.decided = self.decided[-kept:]
-        past.updates = self.updates[bisect_right(self.updates, first, key=itemgetter(0)) :]
-        return past
-
-    def case(self, step: Step, last: int) -> Case:
-        """Return what a step was made of."""
-        from mdm.explanation.case import Case, Update  # noqa: PLC0415 - see `Step.explain`
-
-        (policy, model, symbols, on_impossible, own_tracker), number = self._made_of, step.epoch - self._first
-        known = symbols.takes != "state" and 0 <= number < len(self.decided)
-        first = max(number - last, 0)
-        initial = None
-        if known and self._begins and first == 0 and model is not None:
-            initial = model.initial_belief if self._initial is None and not model.stays_factored else self._initial
-        return Case(
-            *(policy, model, symbols.state_space, symbols.action_space, symbols.observation_space),
-            *(step.epoch, step.action, step.at),
-            before=self.decided[first] if known else None,
-            updates=tuple(
-                Update(*update) for update in self.updates if known and first < update[0] - self._first <= number
-            ),
-            initial=initial,
-            on_impossible=on_impossible,
-            tracked=not own_tracker,
-        )
 
 
 class Controller:
@@ -276,7 +164,7 @@ class Controller:
         self._probability: float | None = None
         self.given = False
         numbers = max(self.symbols.num_states or 1, 1) if self.takes == "observation" else 1
-        self._most_kept = 2 * min(_KEPT, max(1, _KEPT_NUMBERS // numbers // 2))
+        self._most_kept = 2 * min(KEPT, max(1, _KEPT_NUMBERS // numbers // 2))
         # Looked up once, for every decision.
         self._choose = self.policy.action
         self._num_actions = self.policy.num_actions
@@ -576,7 +464,7 @@ class Controller:
         tracked: Vector | None = self.information.current if belief is Ellipsis else belief
         return copied(tracked) if self._own_tracker and tracked is not None else tracked
 
-    def case(self, last: int = _KEPT) -> Case:
+    def case(self, last: int = KEPT) -> Case:
         """Return what the last decision was made of, for the functions of `mdm.explanation`.
 
         Args:
@@ -779,200 +667,3 @@ class Controller:
                 return int(action)
             raise ModelError(f"the policy chose action {action}, but its actions are 0 to {self._num_actions - 1}")
         raise ModelError(f"the policy chose {action!r}, but an action's index is needed")
-
-
-def informed(policy: Policy, model: MDP | None, tracker: Information | None) -> Information:
-    """Return the information state that a policy decides by: its own, or a tracker of the user's."""
-    if tracker is None:
-        return policy.information(model)
-    if getattr(policy, "input", "belief") != "belief":
-        raise ConfigError("a tracker needs a policy over beliefs", key="tracker")
-    if isinstance(tracker, type):
-        raise ConfigError(f"a tracker is an object, not the class {tracker.__name__}: make one of it", key="tracker")
-    missing = [name for name in ("current", "reset", "update") if not hasattr(tracker, name)]
-    if missing:
-        raise ConfigError(
-            f"the tracker {type(tracker).__name__} has no {' and no '.join(missing)}; see mdm.beliefs.Information",
-            key="tracker",
-        )
-    return tracker
-
-
-def horizon_of(information: Information, given: int | None) -> int | None:
-    """Return the decisions per episode: as many as given, or as the policy has stages."""
-    stages: int | None = getattr(information, "horizon", None)
-    if given is None:
-        return stages
-    if isinstance(given, bool) or not isinstance(given, int) or given < 1:
-        raise ConfigError(f"a horizon is at least 1 decision, not {given!r}", key="horizon")
-    if stages is not None and given > stages:
-        raise ConfigError(f"the policy is for episodes of at most {stages} decisions, not of {given}", key="horizon")
-    return given
-
-
-def expectation(information: Information, *, own: bool) -> Callable[[Vector | RewardRow], float] | None:
-    """Return the expectation of functions of the state; None if the information state has no states."""
-    known: Callable[[Vector | RewardRow], float] | None = getattr(information, "expected", None)
-    if known is None and own:
-        return lambda values: float(values.dot(information.current))
-    return known
-
-
-def reward_rows(
-    given: npt.ArrayLike | None, model: MDP | None, symbols: Symbols
-) -> Sequence[Vector] | RewardRows | None:
-    """Return R as a row of S numbers for each action; of a model that stays factored none of them is made."""
-    if given is None and model is None:
-        return None
-    if given is None and model is not None and model.network is not None and model.stays_factored:
-        return RewardRows(model.network)
-    rewards = model.rewards if given is None and model is not None else given
-    try:
-        array = np.asarray(rewards, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ConfigError(f"rewards are a states x actions array of numbers: {error}", key="rewards") from None
-    if array.ndim != 2:
-        raise ConfigError(f"rewards are a states x actions array, not of shape {array.shape}", key="rewards")
-    if not np.isfinite(array).all():
-        state, action = (int(place[0]) for place in np.nonzero(~np.isfinite(array)))
-        raise ConfigError(f"the reward of action {action} in state {state} is {array[state, action]}", key="rewards")
-    states, actions = array.shape
-    if (states, actions) != (symbols.num_states or states, symbols.policy.num_actions):
-        raise ConfigError(
-            f"the rewards are for {states} states and {actions} actions, but the policy is for "
-            f"{symbols.num_states} and {symbols.policy.num_actions}",
-            key="rewards",
-        )
-    return list(np.ascontiguousarray(array.T))
-
-
-def with_false_negatives(model: MDP | None, symbol: Symbol) -> MDP:
-    """Return a model in which a symbol of observation is a false negative."""
-    if model is None or model.pomdp is None:
-        raise ConfigError(
-            "false negatives need a POMDP to track the belief, but there is none",
-            key="false_negative",
-        )
-    try:
-        return model.with_false_negatives(symbol)
-    except ModelError as error:
-        raise ConfigError(str(error), key="false_negative") from None
-
-
-def within(memory: float | None, model: MDP | None, policy: Policy, *, tracked: bool) -> MDP | None:
-    """Return a model that takes no more memory than it may; refuse one that would, before anything of it is made.
-
-    Args:
-        memory: The most megabytes; None for the machine's free memory.
-        model: The model, if there is one.
-        policy: The policy.
-        tracked: Whether the controller tracks the belief, if the policy is over beliefs.
-    """
-    kind = getattr(policy, "input", "belief")
-    if model is None or kind == "observation":  # a plan, which needs nothing of the model but names
-        return model
-    held = model if memory is None else spared(model)
-    search = "a search" if getattr(policy, "deliberates", False) else None
-    check_memory(held, memory, beliefs=tracked and kind == "belief", matrices=search)
-    return held
-
-
-def seeded(policy: Policy, seed: int) -> Policy:
-    """Return a policy that draws by a seed; the one that was given stays as it is."""
-    if not hasattr(policy, "seed"):
-        raise ConfigError("a seed is for policies that draw their actions, which this one does not", key="seed")
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise ConfigError(f"a seed is a whole number from 0 on, not {seed!r}", key="seed")
-    own = copy.copy(policy)
-    own.seed(int(seed))
-    return own
-
-
-class Held(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """All that a controller needs to go on from.
-
-    Args:
-        configuration: The digest of the constant part.
-        epoch: Decisions made in this episode.
-        last_action: The last one, None before the first.
-        given: Whether the next decision is on a belief from outside.
-        probability: Of the observation that was not decided on yet.
-        initial: The belief that episodes begin from, if it is not the model's.
-        information: The snapshot of the information state.
-    """
-
-    configuration: str
-    epoch: Annotated[int, Meta(ge=0, le=_MOST)]
-    last_action: Annotated[int, Meta(ge=0, le=_MOST)] | None
-    given: bool
-    probability: Annotated[float, Meta(ge=0, le=_ONE)] | None
-    initial: list[float] | None
-    information: Any
-
-
-_decode = msgspec.msgpack.Decoder(Held).decode
-
-
-def opened(snapshot: bytes) -> Held:
-    """Return the content of a snapshot.
-
-    Raises:
-        ModelError: If it is none.
-    """
-    try:
-        return _decode(snapshot)
-    except (msgspec.MsgspecError, TypeError, ValueError, RecursionError) as error:
-        raise ModelError(f"this is not a snapshot of a controller: {error}") from None
-
-
-def check_counts(held: Held, num_actions: int, horizon: int | None) -> None:
-    """Refuse an action that the policy has not, and more decisions than its horizon allows.
-
-    Raises:
-        ModelError: If it is so.
-    """
-    if held.last_action is not None and held.last_action >= num_actions:
-        raise ModelError(f"its last action is {held.last_action}, but there are {num_actions}")
-    if held.last_action is None and held.epoch:
-        raise ModelError(f"it has made {held.epoch} decisions, and no action is the last")
-    if horizon is not None and held.epoch > horizon:
-        raise ModelError(f"it has made {held.epoch} decisions of {horizon}")
-
-
-def check_information(information: Any, num_states: int | None) -> None:
-    """Refuse an information state that is none of the model's, and leave it as it is.
-
-    Raises:
-        ModelError: If a state does not exist, or the belief is not a distribution.
-    """
-    information = getattr(information, "of", information)  # to read what is drawn along with it would draw
-    state = getattr(information, "state", None)
-    if state is not None and (type(state) is not int or (num_states is not None and not 0 <= state < num_states)):
-        raise ModelError(f"there is no state {state!r}; the {num_states} count from 0")
-    support = getattr(information, "support", None)
-    if support is not None and num_states is not None:
-        checked_support(support, num_states)
-    elif support is None and isinstance(getattr(information, "current", None), np.ndarray):
-        checked_belief(information.current, num_states)
-
-
-def checked_belief(belief: Any, size: int | None) -> Vector:
-    """Return a copy of the belief of a user's tracker, which may change its own in place; refuse an invalid one."""
-    try:
-        array = copied(belief)
-    except (TypeError, ValueError):
-        raise ModelError(f"the tracker's belief is not an array of numbers, but {belief!r}") from None
-    if array.shape != (array.size if size is None else size,):
-        raise ModelError(f"the tracker's belief has the shape {array.shape}, but there are {size} states")
-    if not (np.isfinite(array).all() and (array >= 0).all() and abs(array.sum() - 1) < 1e-6):
-        raise ModelError(
-            "the tracker's belief is not a distribution: its numbers are negative, not finite, or do not sum to 1"
-        )
-    return array
-
-
-def copied(belief: Any) -> Vector:
-    """Return a belief as an immutable array of its own."""
-    array = np.array(belief, dtype=np.float64)
-    array.flags.writeable = False
-    return array

@@ -1,0 +1,9 @@
+"""The controller: one decision process as plain data and plain calls, without actors, clock or channels."""
+
+from __future__ import annotations
+
+from mdm.controller.construction import seeded
+from mdm.controller.controller import Controller
+from mdm.controller.step import Step
+
+__all__ = ["Controller", "Step", "seeded"]

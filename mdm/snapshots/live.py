@@ -95,7 +95,7 @@ class _Ensemble:
         self.stale = True
         self.path = ensemble.path
         self.actions = ensemble.channel("action", Action)
-        self.decisions = ensemble.control.output.decisions
+        self.decisions = 0  # the first picture tells those so far, by the last of them
         self.detail: tuple[Any, Detail] | None = None
         self.believed: tuple[Any, Any] | None = None
         self._key: tuple[Any, ...] = ()

@@ -237,6 +237,8 @@ class RecordedRun:
                 if record.grows
                 else f"the record ends before its run did: {record.torn}"
             )
+        elif record.closed is False:
+            self._remarks.append("the run's process ended before it closed the record")
         if record.lost:
             self._remarks.append(f"{record.lost:,} messages were lost while it was recorded")
 

@@ -144,7 +144,7 @@ def test_decisions_cost_nothing_on_the_way_to_the_action():
             robot.publish_observation("hear-left")
         live.frame()
         decisions = [event for event in live.ring if event.kind == "decision"]
-        assert sum(event.count for event in decisions) == 6 - 1  # the first came before anybody looked
+        assert [(event.life, event.count) for event in decisions] == [(0, 1), (5, 5)]  # by the last of each look
 
     run_virtual(main)
 

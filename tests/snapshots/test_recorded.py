@@ -166,6 +166,12 @@ def test_a_torn_record_says_so(robot, tmp_path):
     assert run.frame(run.last).ensembles
 
 
+def test_it_says_that_the_process_was_killed(robot):
+    record = robot[2]
+    record.closed = False  # as its file then says
+    assert RecordedRun(record).scene().remarks == ("the run's process ended before it closed the record",)
+
+
 def test_a_step_shows_what_it_leads_to_between_microseconds(tmp_path):
     robot = ensemble()
 

@@ -131,9 +131,11 @@ class Terminal:
         for of, each in zip(self.scene.ensembles, frame.ensembles, strict=False):
             found += [
                 self._text(
-                    (f"■ {of.path} is safe ", "bold red"), (f"{cause.kind}: {cause.detail} → {cause.remedy}", "red")
+                    (f"■ {of.path} is safe ", "bold red"),
+                    (f"{cause.kind}: {cause.detail}{' → ' * bool(cause.remedy)}{cause.remedy}", "red"),
                 )
                 for cause in each.causes
+                if each.mode == "safe"
             ]
         for of, each in zip(self.scene.ensembles, frame.ensembles, strict=False):
             found += [self._text((f"? {of.path} looks odd: ", "bold yellow"), (text, "yellow")) for text in each.odd]
@@ -150,11 +152,13 @@ class Terminal:
         pairs = list(zip(self.scene.ensembles, frame.ensembles, depths, strict=False))
         for place, (of, each, depth) in list(enumerate(pairs))[first : first + most]:
             how = standing(each)
+            above = "" if of.parent < 0 else self.scene.ensembles[of.parent].path
             live = ", ".join(life.action for life in each.live) or each.action
-            since = each.live[-1].since if each.live else each.since
+            standing_since = each.since if how != "idle" or each.idle is None else each.idle
+            since = each.live[-1].since if each.live else standing_since
             table.add_row(
                 ">" if place == self.selected else " ",
-                self._text(("  " * depth + of.path.rpartition("/")[2], "bold")),
+                self._text(("  " * depth + of.path[len(above) :].lstrip("/"), "bold")),
                 self._text((f"{_SIGNS.get(how, '?')} {how}", _COLOURS.get(how, ""))),
                 self._text((live + (f"  waits for {', '.join(each.waiting)}" if each.waiting else ""), "")),
                 self._text((f"{max(0.0, frame.time - since):.1f} s", "bright_black")),

@@ -52,6 +52,17 @@ def test_a_picture_says_modes_actions_causes_and_beliefs():
     assert "? Lit ● Near and 1 false" in text
 
 
+def test_agents_are_told_apart_and_idle_since_they_have_nothing_to_do():
+    ensembles = tuple(EnsembleScene(f"{agent}/patrol", -1, "", "MDP") for agent in ("ada", "bob"))
+    scene = Scene("1", "live", "team.toml", 0, 0.0, 0.0, ensembles=ensembles, predicates=())
+    ended = CauseFrame("end", "the runtime ends", 9.0, "")
+    modes = EnsembleFrame("deciding", 1.0, idle=9.5), EnsembleFrame("stopped", 9.0, causes=(ended,))
+    text = printed(Terminal(scene), Frame(10.0, modes, (), ()))
+    assert re.search(r"> ada/patrol +- idle +0.5 s", text)
+    assert "bob/patrol" in text
+    assert "is safe" not in text
+
+
 def test_events_are_those_up_to_the_frame():
     terminal = Terminal(SCENE)
     terminal.hear([Event(number, float(number), "decision", "top", f"act{number}") for number in range(1, 100)])

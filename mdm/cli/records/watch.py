@@ -30,6 +30,8 @@ __all__ = ["run"]
 _PERIOD = 0.25
 _PATIENCE = 5.0
 """Seconds that one picture waits for an ensemble and, of a team, for all agents: they come to its page one by one."""
+_BATCH = 100
+"""Events that one message may bring, and there are hardly more: of a run that is old a thousand come with each."""
 _STEPS = {"d": "decision", "n": "change", "f": "fault", "m": "mode"}
 _ARROWS = {"\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left"}
 
@@ -104,7 +106,8 @@ async def _watch_page(url: str, authority: str | None, *, once: bool) -> None:
                     cursor = told.cursor
                     if once:
                         is_seen = bool(terminal.close) and terminal.close[0] in told.frame.details
-                        if (is_seen and not told.frame.missing) or times.monotonic() - began > _PATIENCE:
+                        is_seen = is_seen and not told.frame.missing and len(told.events) < _BATCH
+                        if is_seen or times.monotonic() - began > _PATIENCE:
                             draw(terminal, told.frame, "● live")
                             return
                     else:

@@ -231,6 +231,10 @@ class RecordedRun:
             if name.startswith("ensemble "):
                 self._of(name.removeprefix("ensemble "))
         self._ensembles = dict(sorted(self._ensembles.items()))
+        self._tell_damage()
+
+    def _tell_damage(self) -> None:
+        record = self._record
         if record.torn is not None:
             self._remarks.append(
                 "the record is still being written: open it again for what has come since"

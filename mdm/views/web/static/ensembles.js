@@ -35,7 +35,7 @@ export function Headline({ scene, frame }) {
 }
 
 function doing(scene, frame) {
-  const acting = frame.ensembles.map((each, place) => [scene.ensembles[place], each]).filter(([, each]) => each.live?.length);
+  const acting = frame.ensembles.map((each, place) => [scene.ensembles[place], each]).filter(([of, each]) => of && each.live?.length);
   if (!acting.length) return frame.ensembles.length === 1 ? frame.ensembles[0].action : "";
   return acting.slice(0, 3).map(([of, each]) => `${called(of)}: ${each.live.map((life) => life.action).join(", ")}`).join(" › ");
 }

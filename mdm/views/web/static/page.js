@@ -4,6 +4,7 @@ import { Connection } from "./connection.js";
 import { Detail, Headline, Tree } from "./ensembles.js";
 import { Counts, Faults, Predicates, Team } from "./facts.js";
 import { Floor } from "./floor.js";
+import { Part } from "./part.js";
 import { Plots, Seen } from "./plots.js";
 import { History, Timeline } from "./timeline.js";
 import { clock } from "./words.js";
@@ -16,9 +17,12 @@ const told = {
 let waiting = false;   // A frame is asked for and has not come.
 let wanted = null;     // Of a record, the time that is wanted next.
 let clocked = null;
-const link = new Connection(receive, (state, reason) => {
-  told.link = state; told.reason = reason; waiting = false;
-  if (state === "open") { told.cursor = 0; told.history.clear(); }
+let coming = null;     // A scene, until the first frame of it has come: a frame is drawn with its own scene.
+let isAnew = false;    // The connection is new, and nothing has come through it.
+let fuller = null;     // The picture before ensembles went, and when they went.
+const link = new Connection((message) => { try { receive(message); } finally { schedule(); } }, (state, reason) => {
+  told.link = state; told.reason = reason; waiting = false; coming = null;
+  if (state === "open") { told.cursor = 0; isAnew = true; } else keep();
   schedule();
 });
 
@@ -26,19 +30,20 @@ let asked = null;      // When the decision was made of which it is told why.
 const place = () => told.scene.ensembles.findIndex((each) => each.path === told.selected);
 const decided = () => told.frame?.details?.[told.selected]?.decided;
 const isRecord = () => told.scene?.source === "record";
+const SHUTS = 10_000;   // Milliseconds before the end of a program in which it takes its ensembles down.
 const close = () => (told.selected ? [told.selected] : []);
 
 function receive(message) {
   if (message.scene) {
     if (told.scene && told.scene.version !== message.scene.version) { location.reload(); return; }
-    told.scene = message.scene;
-    told.scenes += 1;
-    if (!told.scene.ensembles.some((each) => each.path === told.selected)) told.selected = told.scene.ensembles[0]?.path ?? null;
-    document.title = `${message.scene.title || "robot"} - mdm`;
-    if (!waiting && told.scenes === 1 && isRecord()) { told.view.span = Math.max(1, message.scene.last - message.scene.first); told.view.end = message.scene.last; }
+    if (told.frame) coming = message.scene; else enter(message.scene);
     if (!waiting) ask(isRecord() ? (told.frame?.time ?? message.scene.first) : null);
   } else if (message.frame) {
     waiting = false;
+    if (isAnew) told.history.clear();
+    isAnew = false;
+    if (coming) enter(coming);
+    coming = null;
     told.frame = message.frame;
     for (const event of message.events) told.history.add(event);
     const more = message.cursor > told.cursor;
@@ -51,7 +56,25 @@ function receive(message) {
   } else if ("why" in message && message.ensemble === told.selected) {
     told.why = { ...message, decided: asked };
   }
-  schedule();
+}
+
+function enter(scene) {
+  if (told.frame && scene.began === told.scene.began && scene.ensembles.length < told.scene.ensembles.length && !isShutting()) {
+    fuller = { scene: told.scene, frame: told.frame, selected: told.selected, since: performance.now() };
+  }
+  told.scene = scene;
+  told.scenes += 1;
+  if (!scene.ensembles.some((each) => each.path === told.selected)) told.selected = scene.ensembles[0]?.path ?? null;
+  document.title = `${scene.title || "robot"} - mdm`;
+  if (told.scenes === 1 && isRecord()) { told.view.span = Math.max(1, scene.last - scene.first); told.view.end = scene.last; }
+}
+
+const isShutting = () => fuller && performance.now() - fuller.since < SHUTS;
+
+// At the end of a program its ensembles go before the connection does: what stays is the picture with them.
+function keep() {
+  if (isShutting()) { const { scene, frame, selected } = fuller; Object.assign(told, { scene, frame, selected }); }
+  fuller = null;
 }
 
 function ask(time) {
@@ -235,27 +258,27 @@ function Page() {
     return html`<${Header} /><main><section class="panel wide"><p class="empty">${told.link === "open" ? "Waiting for the first frame." : "Not connected. Open the address that the program has printed; this page goes on trying."}</p></section></main>`;
   }
   return html`<a class="skip" href="#main">To the ensembles</a><${Header} />
-    <${Headline} scene=${scene} frame=${frame} />
+    <${Part} name="the headline"><${Headline} scene=${scene} frame=${frame} /><//>
     <main id="main">
       ${told.help && html`<${Help} />`}
       ${told.asked && html`<div class="ask wide" role="alertdialog" aria-label="Are you sure?"><b>${told.asked.text}</b>
         <button class="danger" onClick=${() => answer(true)}>${told.asked.yes}</button><button onClick=${() => answer(false)} ref=${(button) => { if (button && !button.dataset.met) { button.dataset.met = "1"; button.focus(); } }}>No</button></div>`}
       ${told.said && html`<p class=${`said wide ${told.said.refused ? "refused" : ""}`} role="status">${told.said.refused ? `✕ refused: ${told.said.refused}` : `✓ done: ${told.said.done}`}</p>`}
       ${(scene.remarks ?? []).map((text) => html`<p class="said wide" key=${text}>ⓘ ${text}</p>`)}
-      <${Timeline} scene=${scene} frame=${frame} history=${told.history} selected=${told.selected} view=${told.view} extent=${extent()}
-        setView=${(view) => { told.view = view; schedule(); }} go=${isRecord() ? go : null} scheme=${told.scheme} />
-      <div class="column"><${Tree} scene=${scene} frame=${frame} selected=${told.selected} choose=${choose} />
-        <${Faults} faults=${told.history.faults} frame=${frame} go=${isRecord() ? go : null} /></div>
-      <div class="column"><${Detail} scene=${scene} frame=${frame} path=${told.selected} why=${told.why} ask=${why} control=${scene.control} command=${command} />
-        <${Plots} seen=${told.seen} path=${told.selected} scheme=${told.scheme} /></div>
-      <div class="column third">${scene.floors?.length > 0 && html`<${Floor} floors=${scene.floors} frame=${frame} scheme=${told.scheme} />`}
-        <${Team} team=${frame.team} />
-        <${Predicates} scene=${scene} frame=${frame} path=${told.selected} control=${scene.control} sense=${sense} />
-        <${Counts} statistics=${frame.statistics} path=${told.selected} /></div>
+      <${Part} name="the timeline"><${Timeline} scene=${scene} frame=${frame} history=${told.history} selected=${told.selected} view=${told.view} extent=${extent()}
+        setView=${(view) => { told.view = view; schedule(); }} go=${isRecord() ? go : null} scheme=${told.scheme} /><//>
+      <div class="column"><${Part} name="the tree of ensembles"><${Tree} scene=${scene} frame=${frame} selected=${told.selected} choose=${choose} /><//>
+        <${Part} name="the faults"><${Faults} faults=${told.history.faults} frame=${frame} go=${isRecord() ? go : null} /><//></div>
+      <div class="column"><${Part} name="the ensemble"><${Detail} scene=${scene} frame=${frame} path=${told.selected} why=${told.why} ask=${why} control=${scene.control} command=${command} /><//>
+        <${Part} name="the course of the belief"><${Plots} seen=${told.seen} path=${told.selected} scheme=${told.scheme} /><//></div>
+      <div class="column third">${scene.floors?.length > 0 && html`<${Part} name="the floor"><${Floor} floors=${scene.floors} frame=${frame} scheme=${told.scheme} /><//>`}
+        <${Part} name="the team"><${Team} team=${frame.team} /><//>
+        <${Part} name="the predicates"><${Predicates} scene=${scene} frame=${frame} path=${told.selected} control=${scene.control} sense=${sense} /><//>
+        <${Part} name="latency and counts"><${Counts} statistics=${frame.statistics} path=${told.selected} /><//></div>
     </main><${Controls} />`;
 }
 
 const root = document.getElementById("page");
-function redraw() { render(html`<${Page} />`, root); }
+function redraw() { render(html`<${Part} name="the page"><${Page} /><//>`, root); }
 globalThis.mdmPage = told;   // for tests and for the curious
 schedule();

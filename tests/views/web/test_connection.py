@@ -1,0 +1,142 @@
+"""The page in a real browser, where what it shows breaks, ends and begins anew."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import asynccontextmanager
+
+import browsers
+import msgspec
+from served import TOKEN
+from transports import free_port
+
+from mdm.snapshots import EnsembleFrame, Frame, Ring, Scene
+from mdm.snapshots.scene import EnsembleScene, PredicateScene
+from mdm.version import __version__
+from mdm.views.web import PageServer
+
+browsers.needed()
+
+DECIDES = EnsembleFrame("deciding", 1.0, epoch=3, action="go", decisions=4)
+
+
+class Told:
+    """A running system that a test tells of: its scene, and how its ensembles are."""
+
+    def __init__(self, ensembles=("ada/patrol", "bob/patrol"), *, began=1, control=False):
+        self.ring = Ring()
+        self.generation = 0
+        self.commands = []
+        self._began, self._control = began, control
+        self.turn(ensembles)
+
+    def turn(self, ensembles, frames=None):
+        """Have other ensembles, each deciding unless their frames are given."""
+        self._ensembles = ensembles
+        self._frames = tuple([DECIDES] * len(ensembles)) if frames is None else frames
+        self.generation += 1
+
+    def scene(self):
+        ensembles = tuple(EnsembleScene(path, -1, "", "an MDP") for path in self._ensembles)
+        predicates = tuple(PredicateScene(f"{agent}: Near", "set by code", True) for agent in ("ada", "bob"))
+        what = (__version__, "live", "a team", self._began, 0.0, 0.0, ensembles, predicates)
+        return Scene(*what, control=self._control)
+
+    def frame(self, close=()):
+        return Frame(12.0, self._frames, (True, None), (0.0, 0.0))
+
+    def encoded(self, close=()):
+        return msgspec.json.encode(self.frame(close))
+
+    def command(self, command, ensemble):
+        self.commands.append((command, ensemble))
+
+    async def explain(self, ensemble, time=None):
+        return None
+
+
+@asynccontextmanager
+async def served(told, port=0, *, control=False):
+    """Serve a page of it; yield its address."""
+    server = PageServer(told, port=port, live=True, token=TOKEN, control=control)
+    await server.open()
+    try:
+        yield server.address
+    finally:
+        await server.close()
+
+
+def in_a_browser(program, **options):
+    async def main():
+        async with browsers.browser(**options) as (look, wrong):
+            await program(look, wrong)
+
+    asyncio.run(main())
+
+
+async def count(page, selector):
+    return await page.locator(selector).count()
+
+
+async def parts(page):
+    """Return the parts of the page from top to bottom, by their tags."""
+    found = "document.querySelectorAll('#page header, #page .headline, #page main, #page section:not(main *)')"
+    return await page.evaluate(f"[...{found}].map((each) => each.tagName)")
+
+
+WHOLE = ["HEADER", "SECTION", "MAIN"]
+
+
+def test_a_team_that_ends_leaves_its_last_picture_and_one_that_begins_anew_makes_one_page():
+    port = free_port()
+    told = Told()
+
+    async def program(look, wrong):
+        async with served(told, port) as address:
+            page = await look(address)
+            await page.wait_for_selector("[role=option]")
+            told.turn(("bob/patrol",))  # as agents end, one after the other
+            await page.wait_for_function("() => mdmPage.selected === 'bob/patrol'")
+            told.turn(())
+            await page.wait_for_function("() => mdmPage.scene.ensembles.length === 0")
+            await page.wait_for_function("() => document.querySelectorAll('[role=option]').length === 0")
+            assert await parts(page) == WHOLE
+        await page.wait_for_function("() => document.querySelector('header').innerText.includes('not connected')")
+        await page.wait_for_function("() => document.querySelectorAll('[role=option]').length === 2")
+        assert await parts(page) == WHOLE
+        async with served(Told(began=2), port):
+            await page.wait_for_function("() => document.querySelector('header').innerText.includes('● live')")
+            await page.wait_for_function("() => mdmPage.scene.began === 2")
+            assert await parts(page) == WHOLE
+            assert await count(page, "[role=option]") == 2
+        assert [each for each in wrong if not each.startswith("failed: ws")] == []
+
+    in_a_browser(program)
+
+
+def test_a_part_that_cannot_be_drawn_is_said_to_be_and_leaves_the_others():
+    async def program(look, wrong):
+        async with served(Told()) as address:
+            page = await look(address)
+            await page.wait_for_selector("[aria-label=Predicates]")
+            await page.evaluate("mdmPage.whole = mdmPage.scene.predicates; mdmPage.scene.predicates = null")
+            await page.wait_for_function("() => document.body.innerText.includes('the predicates cannot be drawn')")
+            assert await parts(page) == WHOLE
+            assert await count(page, "[role=option]") == 2
+            assert await count(page, "[aria-label=Predicates]") == 0
+            await page.evaluate("mdmPage.scene.predicates = mdmPage.whole")
+            await page.wait_for_selector("[aria-label=Predicates]")
+            await page.wait_for_selector("[aria-label=Timeline]")
+            assert await parts(page) == WHOLE
+            assert await count(page, "[aria-label=Predicates]") == 1 + 1  # the part, and its list
+            assert len(wrong) == 1  # told in the console, once
+            title = "Object.defineProperty(mdmPage.scene, 'title', {configurable: true, %s})"
+            await page.evaluate(title % "get() { throw Error('torn'); }")
+            await page.wait_for_function("() => document.body.innerText.includes('the page cannot be drawn: torn')")
+            assert await parts(page) == ["SECTION"]
+            await page.evaluate(title % "value: 'mended'")
+            await page.wait_for_function("() => document.querySelectorAll('[role=option]').length === 2")
+            await page.wait_for_selector("[aria-label=Timeline]")
+            assert await parts(page) == WHOLE
+
+    in_a_browser(program)

@@ -130,7 +130,7 @@ def test_commands_are_asked_twice_and_carried_out():
         await button.click()
         assert robot.mode == "deciding"
         await page.get_by_role("button", name="No").click()
-        assert await page.query_selector(".ask") is None
+        await page.wait_for_function("() => !document.querySelector('.ask')")
         await button.click()
         await page.get_by_role("button", name="Yes, stop").click()
         await page.wait_for_function("() => document.body.innerText.includes('done: stop robot')")

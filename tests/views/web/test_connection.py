@@ -140,3 +140,34 @@ def test_a_part_that_cannot_be_drawn_is_said_to_be_and_leaves_the_others():
             assert await parts(page) == WHOLE
 
     in_a_browser(program)
+
+
+def test_a_question_is_in_sight_takes_the_focus_and_gives_it_back():
+    told = Told(control=True)
+
+    async def program(look, wrong):
+        async with served(told, control=True) as address:
+            page = await look(address)
+            button = page.get_by_role("button", name="set false")
+            await button.wait_for()
+            await page.evaluate("document.querySelector('main').style.paddingTop = '3000px'")
+            await button.scroll_into_view_if_needed()
+            await button.focus()
+            scrolled = await page.evaluate("scrollY")
+            assert scrolled > 1000
+            for leave in ("Escape", "Enter"):  # by which No is pressed, which has the focus
+                await page.keyboard.press("Enter")
+                box = await page.locator("dialog.ask").bounding_box()
+                assert 0 <= box["y"] <= 900 - box["height"]
+                assert await page.evaluate("document.activeElement.innerText") == "No"
+                assert await browsers.barriers(page) == []
+                await page.keyboard.press("ArrowDown")  # which chooses no ensemble meanwhile
+                await page.keyboard.press(leave)
+                await page.wait_for_function("() => !document.querySelector('dialog')")
+                assert await page.evaluate("document.activeElement.innerText") == "set false"
+                assert await page.evaluate("scrollY") == scrolled
+            assert await page.evaluate("mdmPage.selected") == "ada/patrol"
+            assert told.commands == []
+            assert wrong == []
+
+    in_a_browser(program, viewport={"width": 1300, "height": 900})

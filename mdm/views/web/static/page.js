@@ -6,6 +6,7 @@ import { Counts, Faults, Predicates, Team } from "./facts.js";
 import { Floor } from "./floor.js";
 import { Part } from "./part.js";
 import { Plots, Seen } from "./plots.js";
+import { Question } from "./question.js";
 import { History, Timeline } from "./timeline.js";
 import { clock } from "./words.js";
 
@@ -208,7 +209,8 @@ const extent = () => (isRecord() ? [told.scene.first, told.scene.last] : [0, tol
 
 addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || /^(input|select|textarea)$/i.test(event.target.tagName)) return;
-  if (event.key === "Escape" && (told.help || told.asked)) { told.help = false; told.asked = null; schedule(); return; }
+  if (told.asked) return;   // The question hears the keys.
+  if (event.key === "Escape" && told.help) { told.help = false; schedule(); return; }
   if (event.key === " " && event.target.tagName === "BUTTON") return;
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
   const found = KEYS[key] ?? KEYS[event.key];
@@ -261,8 +263,6 @@ function Page() {
     <${Part} name="the headline"><${Headline} scene=${scene} frame=${frame} /><//>
     <main id="main">
       ${told.help && html`<${Help} />`}
-      ${told.asked && html`<div class="ask wide" role="alertdialog" aria-label="Are you sure?"><b>${told.asked.text}</b>
-        <button class="danger" onClick=${() => answer(true)}>${told.asked.yes}</button><button onClick=${() => answer(false)} ref=${(button) => { if (button && !button.dataset.met) { button.dataset.met = "1"; button.focus(); } }}>No</button></div>`}
       ${told.said && html`<p class=${`said wide ${told.said.refused ? "refused" : ""}`} role="status">${told.said.refused ? `✕ refused: ${told.said.refused}` : `✓ done: ${told.said.done}`}</p>`}
       ${(scene.remarks ?? []).map((text) => html`<p class="said wide" key=${text}>ⓘ ${text}</p>`)}
       <${Part} name="the timeline"><${Timeline} scene=${scene} frame=${frame} history=${told.history} selected=${told.selected} view=${told.view} extent=${extent()}
@@ -275,7 +275,8 @@ function Page() {
         <${Part} name="the team"><${Team} team=${frame.team} /><//>
         <${Part} name="the predicates"><${Predicates} scene=${scene} frame=${frame} path=${told.selected} control=${scene.control} sense=${sense} /><//>
         <${Part} name="latency and counts"><${Counts} statistics=${frame.statistics} path=${told.selected} /><//></div>
-    </main><${Controls} />`;
+    </main><${Controls} />
+    ${told.asked && html`<${Part} name="the question"><${Question} key=${told.asked.text} text=${told.asked.text} yes=${told.asked.yes} answer=${answer} /><//>`}`;
 }
 
 const root = document.getElementById("page");

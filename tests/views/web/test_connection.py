@@ -171,3 +171,29 @@ def test_a_question_is_in_sight_takes_the_focus_and_gives_it_back():
             assert wrong == []
 
     in_a_browser(program, viewport={"width": 1300, "height": 900})
+
+
+def test_where_the_program_has_ended_nothing_looks_alive_and_no_command_is_offered():
+    told = Told(control=True)
+
+    async def program(look, wrong):
+        async with served(told, control=True) as address:
+            page = await look(address)
+            await page.wait_for_selector(".headline.calm")
+            assert await count(page, "main button:disabled") == 0
+            await page.get_by_role("button", name="stop", exact=True).click()
+            await page.wait_for_selector("dialog")
+        await page.wait_for_selector(".headline.cut")
+        banner = await page.inner_text(".headline")
+        assert "✕ not connected" in banner
+        assert "decide" not in banner
+        await page.wait_for_function("() => !document.querySelector('dialog')")
+        assert "grayscale" in await page.evaluate("getComputedStyle(document.querySelector('main')).filter")
+        for name in ("start", "stop", "reset", "release", "set false", "Why this action?", "freeze"):
+            assert await page.get_by_role("button", name=name, exact=True).first.is_disabled()
+        assert await page.evaluate("document.documentElement.scrollWidth") <= 390
+        badge = await page.locator("header .badge").bounding_box()
+        assert badge["x"] + badge["width"] <= 390
+        assert await browsers.barriers(page) == []
+
+    in_a_browser(program, viewport={"width": 390, "height": 844})

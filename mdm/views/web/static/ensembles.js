@@ -5,7 +5,11 @@ import { called, clock, number, percent, seconds, SIGNS, since, standing } from 
 
 const PAUSE = 2;   // Seconds without anything to do that nobody need be told of.
 
-export function Headline({ scene, frame }) {
+export function Headline({ scene, frame, lost }) {
+  if (lost) {
+    return html`<section class="headline cut" aria-label="What matters most" aria-live="polite"><div class="line">
+      <strong class="lost">✕ not connected</strong><span>The program has ended, or runs with another address. Below is what it told last, at ${clock(frame.time)}; it may be otherwise now.</span></div></section>`;
+  }
   const told = frame.ensembles.map((each, place) => ({ each, path: scene.ensembles[place]?.path ?? "", how: standing(each) }));
   const safe = told.filter(({ how }) => how === "safe");
   const pauses = ({ each, how }) => how === "idle" && frame.time - each.idle < PAUSE;   // between two decisions
@@ -80,7 +84,7 @@ export function Tree({ scene, frame, selected, choose }) {
   </section>`;
 }
 
-export function Detail({ scene, frame, path, why, ask, control, command }) {
+export function Detail({ scene, frame, path, why, ask, lost, control, command }) {
   const place = scene.ensembles.findIndex((each) => each.path === path);
   const of = scene.ensembles[place];
   const each = frame.ensembles[place];
@@ -105,8 +109,8 @@ export function Detail({ scene, frame, path, why, ask, control, command }) {
     </dl>
     ${detail.belief && html`<${Belief} belief=${detail.belief} />`}
     ${detail.observations?.length > 0 && html`<div><h3>the last observations</h3><ol class="heard number">${[...detail.observations].reverse().map(([time, name]) => html`<li key=${time}><span class="soft">${clock(time)}</span> ${name}</li>`)}</ol></div>`}
-    <div class="commands"><button onClick=${ask} title="w">Why this action?</button>
-      ${control && ["start", "stop", "reset", "release"].map((word) => html`<button key=${word} onClick=${() => command(word, path)}>${word}</button>`)}</div>
+    <div class="commands"><button disabled=${lost} onClick=${ask} title="w">Why this action?</button>
+      ${control && ["start", "stop", "reset", "release"].map((word) => html`<button key=${word} disabled=${lost} onClick=${() => command(word, path)}>${word}</button>`)}</div>
     ${why && why.ensemble === path && html`${why.decided !== detail.decided && html`<p class="said">This is of an earlier decision: ask again.</p>`}<${Why} told=${why.why} />`}
   </section>`;
 }

@@ -23,7 +23,7 @@ let isAnew = false;    // The connection is new, and nothing has come through it
 let fuller = null;     // The picture before ensembles went, and when they went.
 const link = new Connection((message) => { try { receive(message); } finally { schedule(); } }, (state, reason) => {
   told.link = state; told.reason = reason; waiting = false; coming = null;
-  if (state === "open") { told.cursor = 0; isAnew = true; } else keep();
+  if (state === "open") { told.cursor = 0; isAnew = true; } else { told.asked = null; told.playing = false; keep(); }
   schedule();
 });
 
@@ -32,6 +32,7 @@ const place = () => told.scene.ensembles.findIndex((each) => each.path === told.
 const decided = () => told.frame?.details?.[told.selected]?.decided;
 const isRecord = () => told.scene?.source === "record";
 const SHUTS = 10_000;   // Milliseconds before the end of a program in which it takes its ensembles down.
+const isOpen = () => told.link === "open";
 const close = () => (told.selected ? [told.selected] : []);
 
 function receive(message) {
@@ -86,7 +87,7 @@ function ask(time) {
 }
 
 function step(kind, back) {
-  if (!isRecord() || waiting) return;
+  if (!isRecord() || waiting || !isOpen()) return;
   told.playing = false;
   waiting = true;
   link.say({ say: "step", kind, time: told.frame.time, back, cursor: told.cursor, close: close() });
@@ -134,6 +135,7 @@ function choose(path) {
 }
 
 function why() {
+  if (!isOpen()) return;
   asked = decided();
   if (told.selected) link.say({ say: "why", ensemble: told.selected, time: isRecord() ? told.frame.time : null });
 }
@@ -171,6 +173,7 @@ function paint() {
 }
 
 function freeze() {
+  if (!isOpen()) return;
   if (isRecord()) { told.playing = !told.playing && told.frame.time < told.scene.last; clocked = null; }
   else told.frozen = !told.frozen;
   schedule();
@@ -224,15 +227,15 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { to
 
 function Header() {
   const { scene, frame } = told;
-  const lost = told.link !== "open";
-  const state = told.link === "refused" ? ["lost", `✕ refused: ${told.reason}`] : lost ? ["lost", "✕ not connected: the program has ended, or runs with another address"]
+  const lost = !isOpen();
+  const state = told.link === "refused" ? ["lost", `✕ refused: ${told.reason}`] : lost ? ["lost", "✕ not connected"]
     : isRecord() ? ["record", told.playing ? "▶ record, playing" : "❚❚ record"] : told.frozen ? ["frozen", "❚❚ frozen"] : ["live", "● live"];
   return html`<header>
     <h1>${scene?.title || "mdm"}</h1>
     <span class=${`badge ${state[0]}`} role="status">${state[1]}</span>
     <span class="number">${frame ? clock(frame.time) : ""}${isRecord() && frame ? ` of ${clock(scene.last)}` : ""}</span>
     ${scene?.began > 0 && frame && html`<span class="soft number">${new Date(scene.began / 1e6 + 1000 * frame.time).toLocaleString("sv")}</span>`}
-    <span class="right">${!isRecord() && html`<button aria-pressed=${told.frozen} onClick=${freeze}>${told.frozen ? "go on" : "freeze"}</button>`}
+    <span class="right">${!isRecord() && html`<button aria-pressed=${told.frozen} disabled=${lost} onClick=${freeze}>${told.frozen ? "go on" : "freeze"}</button>`}
       <button onClick=${paint}>light or dark</button><button aria-expanded=${told.help} onClick=${() => { told.help = !told.help; schedule(); }}>keys</button></span>
   </header>`;
 }
@@ -245,12 +248,13 @@ function Help() {
 function Controls() {
   if (!isRecord() || !told.frame) return null;
   const { scene, frame } = told;
+  const lost = !isOpen();
   return html`<div class="controls" role="toolbar" aria-label="Time of the record">
-    <button onClick=${freeze} aria-label=${told.playing ? "Pause" : "Play"}>${told.playing ? "❚❚" : "▶"}</button>
+    <button disabled=${lost} onClick=${freeze} aria-label=${told.playing ? "Pause" : "Play"}>${told.playing ? "❚❚" : "▶"}</button>
     <select aria-label="Speed" value=${told.speed} onChange=${(event) => { told.speed = Number(event.currentTarget.value); schedule(); }}>${[0.1, 0.5, 1, 2, 5, 10, 60].map((each) => html`<option value=${each} selected=${each === told.speed}>${each}×</option>`)}</select>
-    <input type="range" aria-label="Time" min=${scene.first} max=${scene.last} step="0.001" value=${frame.time} aria-valuetext=${clock(frame.time)} onInput=${(event) => go(Number(event.currentTarget.value))} />
+    <input type="range" aria-label="Time" disabled=${lost} min=${scene.first} max=${scene.last} step="0.001" value=${frame.time} aria-valuetext=${clock(frame.time)} onInput=${(event) => go(Number(event.currentTarget.value))} />
     <span class="number">${clock(frame.time)}</span>
-    ${[["decision", "d"], ["change", "n", "other action"], ["fault", "f"], ["mode", "m"]].map(([kind, key, word = kind]) => html`<span key=${kind}><button aria-label=${`${word} before`} title=${`shift ${key}`} onClick=${() => step(kind, true)}>◀</button> <button title=${key} onClick=${() => step(kind, false)}>${word} ▶</button></span>`)}
+    ${[["decision", "d"], ["change", "n", "other action"], ["fault", "f"], ["mode", "m"]].map(([kind, key, word = kind]) => html`<span key=${kind}><button disabled=${lost} aria-label=${`${word} before`} title=${`shift ${key}`} onClick=${() => step(kind, true)}>◀</button> <button disabled=${lost} title=${key} onClick=${() => step(kind, false)}>${word} ▶</button></span>`)}
   </div>`;
 }
 
@@ -260,8 +264,8 @@ function Page() {
     return html`<${Header} /><main><section class="panel wide"><p class="empty">${told.link === "open" ? "Waiting for the first frame." : "Not connected. Open the address that the program has printed; this page goes on trying."}</p></section></main>`;
   }
   return html`<a class="skip" href="#main">To the ensembles</a><${Header} />
-    <${Part} name="the headline"><${Headline} scene=${scene} frame=${frame} /><//>
-    <main id="main">
+    <${Part} name="the headline"><${Headline} scene=${scene} frame=${frame} lost=${!isOpen()} /><//>
+    <main id="main" class=${isOpen() ? "" : "past"}>
       ${told.help && html`<${Help} />`}
       ${told.said && html`<p class=${`said wide ${told.said.refused ? "refused" : ""}`} role="status">${told.said.refused ? `✕ refused: ${told.said.refused}` : `✓ done: ${told.said.done}`}</p>`}
       ${(scene.remarks ?? []).map((text) => html`<p class="said wide" key=${text}>ⓘ ${text}</p>`)}
@@ -269,11 +273,11 @@ function Page() {
         setView=${(view) => { told.view = view; schedule(); }} go=${isRecord() ? go : null} scheme=${told.scheme} /><//>
       <div class="column"><${Part} name="the tree of ensembles"><${Tree} scene=${scene} frame=${frame} selected=${told.selected} choose=${choose} /><//>
         <${Part} name="the faults"><${Faults} faults=${told.history.faults} frame=${frame} go=${isRecord() ? go : null} /><//></div>
-      <div class="column"><${Part} name="the ensemble"><${Detail} scene=${scene} frame=${frame} path=${told.selected} why=${told.why} ask=${why} control=${scene.control} command=${command} /><//>
+      <div class="column"><${Part} name="the ensemble"><${Detail} scene=${scene} frame=${frame} path=${told.selected} why=${told.why} ask=${why} lost=${!isOpen()} control=${scene.control} command=${command} /><//>
         <${Part} name="the course of the belief"><${Plots} seen=${told.seen} path=${told.selected} scheme=${told.scheme} /><//></div>
       <div class="column third">${scene.floors?.length > 0 && html`<${Part} name="the floor"><${Floor} floors=${scene.floors} frame=${frame} scheme=${told.scheme} /><//>`}
         <${Part} name="the team"><${Team} team=${frame.team} /><//>
-        <${Part} name="the predicates"><${Predicates} scene=${scene} frame=${frame} path=${told.selected} control=${scene.control} sense=${sense} /><//>
+        <${Part} name="the predicates"><${Predicates} scene=${scene} frame=${frame} path=${told.selected} lost=${!isOpen()} control=${scene.control} sense=${sense} /><//>
         <${Part} name="latency and counts"><${Counts} statistics=${frame.statistics} path=${told.selected} /><//></div>
     </main><${Controls} />
     ${told.asked && html`<${Part} name="the question"><${Question} key=${told.asked.text} text=${told.asked.text} yes=${told.asked.yes} answer=${answer} /><//>`}`;

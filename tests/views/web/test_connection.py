@@ -197,3 +197,31 @@ def test_where_the_program_has_ended_nothing_looks_alive_and_no_command_is_offer
         assert await browsers.barriers(page) == []
 
     in_a_browser(program, viewport={"width": 390, "height": 844})
+
+
+def test_the_headline_has_the_sign_and_the_colour_of_that_which_it_says():
+    stopped, idle = EnsembleFrame("stopped", 1.0), EnsembleFrame("deciding", 1.0, idle=2.0)
+    odd = EnsembleFrame("deciding", 1.0, odd=("it repeats itself",))
+    two = ("ada/patrol", "bob/patrol")
+    told = Told()
+
+    async def program(look, wrong):
+        async with served(told) as address:
+            page = await look(address)
+            for frames, kind, words in (
+                ((DECIDES, DECIDES), "calm", "▶ all 2 ensembles decide"),
+                ((stopped, stopped), "rests", "○ every ensemble is stopped"),
+                ((stopped, DECIDES), "calm", "▶ 1 of 2 ensembles decide"),
+                ((idle, idle), "waits", "– ada/patrol has nothing to do"),
+                ((odd, DECIDES), "calm", "▶ all 2 ensembles decide"),
+            ):
+                told.turn(two, frames)
+                await page.wait_for_function(
+                    f"() => document.querySelector('.headline.{kind} strong')?.innerText.trim() === '{words}'"
+                )
+                assert await browsers.barriers(page) == []
+            painted = "getComputedStyle(document.querySelector('%s')).backgroundColor"
+            assert await page.evaluate(painted % ".headline") != await page.evaluate(painted % ".headline .odd")
+            assert wrong == []
+
+    in_a_browser(program)

@@ -16,15 +16,16 @@ export function Headline({ scene, frame, lost }) {
   const waits = told.filter((one) => (one.how === "waiting" || one.how === "idle") && !pauses(one));
   const decide = told.filter((one) => one.how === "deciding" || pauses(one));
   const odd = told.flatMap(({ each, path }) => (each.odd ?? []).map((text) => ({ path, text })));
-  const kind = safe.length ? "alarm" : waits.length || odd.length ? "waits" : "calm";
+  const rests = told.length > 0 && told.every(({ how }) => how === "stopped");
+  const kind = safe.length ? "alarm" : waits.length ? "waits" : rests || !told.length ? "rests" : "calm";
   const most = 4;
   const lines = safe.length ? safe : waits;
   return html`<section class=${`headline ${kind}`} aria-label="What matters most" aria-live="polite">
     ${!told.length && html`<div class="line">No ensemble has started yet.</div>`}
-    ${!lines.length && told.length > 0 && html`<div class="line"><strong class="deciding">${SIGNS.deciding} ${
+    ${!lines.length && told.length > 0 && html`<div class="line"><strong class=${rests ? "stopped" : "deciding"}>${rests ? SIGNS.stopped : SIGNS.deciding} ${
       decide.length === told.length ? (told.length === 1 ? `${told[0].path} decides` : `all ${told.length} ensembles decide`)
-        : decide.length ? `${decide.length} of ${told.length} ensembles decide` : "every ensemble is stopped"}</strong>
-      <span>${doing(scene, frame)}</span></div>`}
+        : decide.length ? `${decide.length} of ${told.length} ensembles decide` : told.length === 1 ? `${told[0].path} is stopped` : "every ensemble is stopped"}</strong>
+      <span>${rests ? "" : doing(scene, frame)}</span></div>`}
     ${lines.slice(0, most).map(({ each, path, how }) => html`<div class="line" key=${path}>
       <strong class=${how}>${SIGNS[how]} ${path} ${how === "safe" ? "is safe" : how === "idle" ? "has nothing to do" : "waits"}</strong>
       <span class="number">since ${seconds(frame.time - since(each))}</span>

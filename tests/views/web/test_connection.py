@@ -3,67 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from contextlib import asynccontextmanager
 
 import browsers
-import msgspec
-from served import TOKEN
+from told import DECIDES, Told, served
 from transports import free_port
 
-from mdm.snapshots import EnsembleFrame, Frame, Ring, Scene
-from mdm.snapshots.scene import EnsembleScene, PredicateScene
-from mdm.version import __version__
-from mdm.views.web import PageServer
+from mdm.snapshots import EnsembleFrame
 
 browsers.needed()
-
-DECIDES = EnsembleFrame("deciding", 1.0, epoch=3, action="go", decisions=4)
-
-
-class Told:
-    """A running system that a test tells of: its scene, and how its ensembles are."""
-
-    def __init__(self, ensembles=("ada/patrol", "bob/patrol"), *, began=1, control=False):
-        self.ring = Ring()
-        self.generation = 0
-        self.commands = []
-        self._began, self._control = began, control
-        self.turn(ensembles)
-
-    def turn(self, ensembles, frames=None):
-        """Have other ensembles, each deciding unless their frames are given."""
-        self._ensembles = ensembles
-        self._frames = tuple([DECIDES] * len(ensembles)) if frames is None else frames
-        self.generation += 1
-
-    def scene(self):
-        ensembles = tuple(EnsembleScene(path, -1, "", "an MDP") for path in self._ensembles)
-        predicates = tuple(PredicateScene(f"{agent}: Near", "set by code", True) for agent in ("ada", "bob"))
-        what = (__version__, "live", "a team", self._began, 0.0, 0.0, ensembles, predicates)
-        return Scene(*what, control=self._control)
-
-    def frame(self, close=()):
-        return Frame(12.0, self._frames, (True, None), (0.0, 0.0))
-
-    def encoded(self, close=()):
-        return msgspec.json.encode(self.frame(close))
-
-    def command(self, command, ensemble):
-        self.commands.append((command, ensemble))
-
-    async def explain(self, ensemble, time=None):
-        return None
-
-
-@asynccontextmanager
-async def served(told, port=0, *, control=False):
-    """Serve a page of it; yield its address."""
-    server = PageServer(told, port=port, live=True, token=TOKEN, control=control)
-    await server.open()
-    try:
-        yield server.address
-    finally:
-        await server.close()
 
 
 def in_a_browser(program, **options):
@@ -212,7 +159,7 @@ def test_the_headline_has_the_sign_and_the_colour_of_that_which_it_says():
                 ((DECIDES, DECIDES), "calm", "▶ all 2 ensembles decide"),
                 ((stopped, stopped), "rests", "○ every ensemble is stopped"),
                 ((stopped, DECIDES), "calm", "▶ 1 of 2 ensembles decide"),
-                ((idle, idle), "waits", "– ada/patrol has nothing to do"),
+                ((idle, idle), "waits", "\N{EN DASH} ada/patrol has nothing to do"),
                 ((odd, DECIDES), "calm", "▶ all 2 ensembles decide"),
             ):
                 told.turn(two, frames)
@@ -223,5 +170,33 @@ def test_the_headline_has_the_sign_and_the_colour_of_that_which_it_says():
             painted = "getComputedStyle(document.querySelector('%s')).backgroundColor"
             assert await page.evaluate(painted % ".headline") != await page.evaluate(painted % ".headline .odd")
             assert wrong == []
+
+    in_a_browser(program)
+
+
+def test_what_was_said_of_a_run_goes_with_it_and_that_a_command_is_done_after_some_seconds():
+    port = free_port()
+    told = Told(control=True)
+
+    async def stop(page):
+        await page.get_by_role("button", name="stop", exact=True).click()
+        await page.get_by_role("button", name="Yes, stop").click()
+        await page.wait_for_selector("text=✓ done: stop ada/patrol")
+
+    async def program(look, wrong):
+        async with served(told, port, control=True) as address:
+            page = await look(address)
+            await page.wait_for_selector("[role=option]")
+            await stop(page)
+            await page.wait_for_function("() => !document.body.innerText.includes('✓ done')")
+            await page.get_by_role("button", name="Why this action?").click()
+            await page.wait_for_function("() => mdmPage.why")
+            await stop(page)
+        await page.wait_for_selector(".headline.cut")
+        assert await page.evaluate("Boolean(mdmPage.said && mdmPage.why)")
+        async with served(Told(began=2, control=True), port, control=True):
+            await page.wait_for_function("() => mdmPage.scene.began === 2")
+            assert await page.evaluate("[mdmPage.said, mdmPage.why]") == [None, None]
+            await page.wait_for_function("() => !document.body.innerText.includes('Nothing tells why')")
 
     in_a_browser(program)

@@ -31,6 +31,7 @@ let asked = null;      // When the decision was made of which it is told why.
 const place = () => told.scene.ensembles.findIndex((each) => each.path === told.selected);
 const decided = () => told.frame?.details?.[told.selected]?.decided;
 const isRecord = () => told.scene?.source === "record";
+const DONE = 6_000;    // Milliseconds for which it is told that a command is carried out; a refusal stays.
 const SHUTS = 10_000;   // Milliseconds before the end of a program in which it takes its ensembles down.
 const isOpen = () => told.link === "open";
 const close = () => (told.selected ? [told.selected] : []);
@@ -55,6 +56,7 @@ function receive(message) {
     if (isRecord() && more && wanted == null) wanted = told.frame.time;   // until all events are here
   } else if (message.refused || message.done) {
     told.said = message;
+    if (message.done) setTimeout(() => { if (told.said === message) { told.said = null; schedule(); } }, DONE);
   } else if ("why" in message && message.ensemble === told.selected) {
     told.why = { ...message, decided: asked };
   }
@@ -64,6 +66,7 @@ function enter(scene) {
   if (told.frame && scene.began === told.scene.began && scene.ensembles.length < told.scene.ensembles.length && !isShutting()) {
     fuller = { scene: told.scene, frame: told.frame, selected: told.selected, since: performance.now() };
   }
+  if (told.scene && scene.began !== told.scene.began) Object.assign(told, { said: null, why: null, asked: null });   // of the run before
   told.scene = scene;
   told.scenes += 1;
   if (!scene.ensembles.some((each) => each.path === told.selected)) told.selected = scene.ensembles[0]?.path ?? null;

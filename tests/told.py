@@ -50,10 +50,28 @@ class Told:
         return None
 
 
+class Kept(Told):
+    """A record of a minute, in which something happens each two seconds."""
+
+    def scene(self):
+        return msgspec.structs.replace(super().scene(), source="record", title="a record", last=60.0)
+
+    def frame(self, seconds=0.0, close=()):
+        return msgspec.structs.replace(super().frame(), time=min(max(seconds, 0.0), 60.0))
+
+    def step(self, kind, seconds, *, back=False):
+        self.commands.append((kind, back))
+        return min(max(seconds + (-2.0 if back else 2.0), 0.0), 60.0)
+
+    def after(self, cursor, most):
+        return self.ring.after(cursor, most)
+
+
 @asynccontextmanager
 async def served(told, port=0, *, control=False):
     """Serve a page of it; yield its address."""
-    server = PageServer(told, port=port, live=True, token=TOKEN, control=control)
+    live = not isinstance(told, Kept)
+    server = PageServer(told, port=port, live=live, token=TOKEN, control=control)
     await server.open()
     try:
         yield server.address

@@ -213,15 +213,20 @@ function zoom(factor) {
 
 const extent = () => (isRecord() ? [told.scene.first, told.scene.last] : [0, told.frame?.time ?? 1]);
 
+// Where one writes, all keys are text. A list of choices keeps those by which it chooses, which are no letters.
+const takes = ({ target, key }) => (target.tagName === "SELECT" ? !/^[a-z+?-]$/i.test(key) : target.matches("input:not([type=range]), textarea"));
+// What can be scrolled up or down, or chooses by these keys itself.
+const scrolls = (box) => box && (box.role === "listbox" || box.scrollHeight > box.clientHeight);
+
 addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || /^(input|select|textarea)$/i.test(event.target.tagName)) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || takes(event)) return;
   if (told.asked) return;   // The question hears the keys.
   if (event.key === "Escape" && told.help) { told.help = false; schedule(); return; }
   if (event.key === " " && event.target.tagName === "BUTTON") return;
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
   const found = KEYS[key] ?? KEYS[event.key];
   if (!found || !told.frame) return;
-  if (/^Arrow(Up|Down)$/.test(key) && event.target.closest(".scrolls, .list")) return;   // which scroll, or choose, themselves
+  if (/^Arrow(Up|Down)$/.test(key) && scrolls(event.target.closest(".scrolls, .list"))) return;   // which scroll, or choose, themselves
   event.preventDefault();
   found[1](event.shiftKey && event.key !== "?");
 });

@@ -1,0 +1,63 @@
+"""The keys of the page, in a real browser, wherever the focus is."""
+
+from __future__ import annotations
+
+import asyncio
+
+import browsers
+import pytest
+from told import Kept, served
+
+browsers.needed()
+
+
+def in_a_browser(program, **options):
+    async def main():
+        async with browsers.browser(**options) as (look, wrong):
+            await program(look, wrong)
+            assert wrong == []
+
+    asyncio.run(main())
+
+
+async def at(page, second):
+    await page.wait_for_function(f"() => Math.abs(mdmPage.frame.time - {second}) < 1e-6")
+
+
+@pytest.mark.parametrize("of", ["Time", "Speed"])
+def test_the_keys_of_a_record_work_at_its_own_controls(of):
+    kept = Kept()
+
+    async def program(look, _):
+        async with served(kept) as address:
+            page = await look(address)
+            await page.wait_for_selector("[role=option]")
+            await page.get_by_label(of, exact=True).focus()
+            for key, second in (("d", 2), ("n", 4), ("f", 6), ("m", 8), ("Shift+d", 6)):
+                await page.keyboard.press(key)
+                await at(page, second)
+            assert kept.commands == [
+                *((kind, False) for kind in ("decision", "change", "fault", "mode")),
+                ("decision", True),
+            ]
+            await page.keyboard.press("w")
+            await page.wait_for_function("() => mdmPage.why")
+            if of == "Speed":  # which keeps the keys by which it chooses
+                await page.keyboard.press("ArrowDown")
+                await page.wait_for_function("() => mdmPage.speed === 2")
+                return
+            await page.keyboard.press("ArrowRight")
+            await at(page, 7)
+            await page.keyboard.press("ArrowLeft")
+            await page.keyboard.press("ArrowLeft")
+            await at(page, 5)
+            await page.keyboard.press("ArrowDown")
+            await page.wait_for_function("() => mdmPage.selected === 'bob/patrol'")
+            await page.keyboard.press("ArrowUp")
+            await page.wait_for_function("() => mdmPage.selected === 'ada/patrol'")
+            await page.keyboard.press("Space")
+            await page.wait_for_function("() => mdmPage.playing && mdmPage.frame.time > 5.2")
+            await page.keyboard.press("Space")
+            await page.wait_for_function("() => !mdmPage.playing")
+
+    in_a_browser(program)

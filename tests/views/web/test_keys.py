@@ -61,3 +61,22 @@ def test_the_keys_of_a_record_work_at_its_own_controls(of):
             await page.wait_for_function("() => !mdmPage.playing")
 
     in_a_browser(program)
+
+
+def test_a_click_on_the_name_of_a_lane_chooses_its_ensemble_and_leaves_the_time():
+    async def program(look, _):
+        async with served(Kept()) as address:
+            page = await look(address)
+            await page.wait_for_selector("[role=option]")
+            await page.keyboard.press("d")
+            await at(page, 2)
+            canvas = page.locator(".timeline canvas")
+            await canvas.click(position={"x": 20, "y": 24 + 46 + 12})
+            await page.wait_for_function("() => mdmPage.selected === 'bob/patrol'")
+            await canvas.click(position={"x": 20, "y": 8})  # beside the names
+            await at(page, 2)
+            await canvas.click(position={"x": 400, "y": 24 + 12})
+            await page.wait_for_function("() => mdmPage.frame.time > 5")
+            assert await page.evaluate("mdmPage.selected") == "bob/patrol"
+
+    in_a_browser(program)

@@ -278,7 +278,7 @@ function Page() {
       ${told.said && html`<p class=${`said wide ${told.said.refused ? "refused" : ""}`} role="status">${told.said.refused ? `✕ refused: ${told.said.refused}` : `✓ done: ${told.said.done}`}</p>`}
       ${(scene.remarks ?? []).map((text) => html`<p class="said wide" key=${text}>ⓘ ${text}</p>`)}
       <${Part} name="the timeline"><${Timeline} scene=${scene} frame=${frame} history=${told.history} selected=${told.selected} view=${told.view} extent=${extent()}
-        setView=${(view) => { told.view = view; schedule(); }} go=${isRecord() ? go : null} scheme=${told.scheme} /><//>
+        setView=${(view) => { told.view = view; schedule(); }} choose=${choose} go=${isRecord() ? go : null} scheme=${told.scheme} /><//>
       <div class="column"><${Part} name="the tree of ensembles"><${Tree} scene=${scene} frame=${frame} selected=${told.selected} choose=${choose} /><//>
         <${Part} name="the faults"><${Faults} faults=${told.history.faults} frame=${frame} go=${isRecord() ? go : null} /><//></div>
       <div class="column"><${Part} name="the ensemble"><${Detail} scene=${scene} frame=${frame} path=${told.selected} why=${told.why} ask=${why} lost=${!isOpen()} control=${scene.control} command=${command} /><//>

@@ -80,3 +80,30 @@ def test_a_click_on_the_name_of_a_lane_chooses_its_ensemble_and_leaves_the_time(
             assert await page.evaluate("mdmPage.selected") == "bob/patrol"
 
     in_a_browser(program)
+
+
+def test_the_focus_and_the_answer_to_why_come_into_sight_above_the_bar_of_a_record():
+    async def program(look, _):
+        async with served(Kept(tuple(f"robot{number:02}" for number in range(14)))) as address:
+            page = await look(address)
+            await page.wait_for_selector("[role=option]")
+            bar = "document.querySelector('.controls').getBoundingClientRect().top"
+
+            async def is_in_sight(selector):
+                box = f"document.querySelector('{selector}').getBoundingClientRect()"
+                await page.wait_for_function(f"() => {box}.top >= 0 && {box}.bottom <= {bar}")
+
+            await page.locator("[aria-label='Zoom in']").focus()
+            for _ in range(30):
+                await page.keyboard.press("Tab")
+                if await page.evaluate("!document.activeElement.closest('main')"):
+                    break
+                assert await page.evaluate(f"document.activeElement.getBoundingClientRect().top < {bar}")
+                if await page.evaluate("document.activeElement.matches('input, button')"):
+                    assert await page.evaluate(f"document.activeElement.getBoundingClientRect().bottom <= {bar}")
+            await page.evaluate("scrollTo(0, 0)")
+            await page.keyboard.press("w")
+            await page.wait_for_function("() => document.body.innerText.includes('Nothing tells why')")
+            await is_in_sight("[aria-label^=Ensemble\\\\ ] > .empty")
+
+    in_a_browser(program, viewport={"width": 390, "height": 500})

@@ -1,5 +1,5 @@
 // The headline, the tree of ensembles, and one of them at close range.
-import { html, useState } from "./vendor/htm-preact.js";
+import { html, useEffect, useRef, useState } from "./vendor/htm-preact.js";
 import { VirtualList } from "./list.js";
 import { called, clock, number, percent, seconds, SIGNS, since, standing } from "./words.js";
 
@@ -112,19 +112,21 @@ export function Detail({ scene, frame, path, why, ask, lost, control, command })
     ${detail.observations?.length > 0 && html`<div><h3>the last observations</h3><ol class="heard number">${[...detail.observations].reverse().map(([time, name]) => html`<li key=${time}><span class="soft">${clock(time)}</span> ${name}</li>`)}</ol></div>`}
     <div class="commands"><button disabled=${lost} onClick=${ask} title="w">Why this action?</button>
       ${control && ["start", "stop", "reset", "release"].map((word) => html`<button key=${word} disabled=${lost} onClick=${() => command(word, path)}>${word}</button>`)}</div>
-    ${why && why.ensemble === path && html`${why.decided !== detail.decided && html`<p class="said">This is of an earlier decision: ask again.</p>`}<${Why} told=${why.why} />`}
+    ${why && why.ensemble === path && html`${why.decided !== detail.decided && html`<p class="said">This is of an earlier decision: ask again.</p>`}<${Why} told=${why.why} question=${why.question} />`}
   </section>`;
 }
 
 // The predicates that tell a factor of the state.
 const sources = (of, factor) => of.factors?.find((each) => each.name === factor)?.told_by ?? [];
 
-function Why({ told }) {
-  if (!told) return html`<p class="empty">Nothing tells why: this version explains no decisions of this kind.</p>`;
+function Why({ told, question }) {
+  const box = useRef(null);
+  useEffect(() => box.current.scrollIntoView({ block: "nearest" }), [question]);
+  if (!told) return html`<p class="empty" ref=${box}>Nothing tells why: this version explains no decisions of this kind.</p>`;
   const values = (told.values ?? []).filter(([, value]) => value != null);
   const least = Math.min(...values.map(([, value]) => value));
   const span = Math.max(...values.map(([, value]) => value)) - least || 1;
-  return html`<div><pre class="why">${told.text}</pre>
+  return html`<div ref=${box}><pre class="why">${told.text}</pre>
     ${values.length > 1 && html`<h3>values of the actions</h3>${values.slice(0, 12).map(([action, value]) => html`<${Bar} key=${action} label=${action} share=${0.04 + (0.96 * (value - least)) / span} text=${number(value)} />`)}`}</div>`;
 }
 

@@ -27,6 +27,7 @@ const link = new Connection((message) => { try { receive(message); } finally { s
   schedule();
 });
 
+let questions = 0;     // How often somebody has asked why.
 let asked = null;      // When the decision was made of which it is told why.
 const place = () => told.scene.ensembles.findIndex((each) => each.path === told.selected);
 const decided = () => told.frame?.details?.[told.selected]?.decided;
@@ -58,7 +59,7 @@ function receive(message) {
     told.said = message;
     if (message.done) setTimeout(() => { if (told.said === message) { told.said = null; schedule(); } }, DONE);
   } else if ("why" in message && message.ensemble === told.selected) {
-    told.why = { ...message, decided: asked };
+    told.why = { ...message, decided: asked, question: questions };
   }
 }
 
@@ -143,6 +144,11 @@ function why() {
   if (told.selected) link.say({ say: "why", ensemble: told.selected, time: isRecord() ? told.frame.time : null });
 }
 
+function ponder() {
+  questions += 1;
+  why();
+}
+
 const MOVES = {
   start: "begins to decide, and the robot may move",
   stop: "ends its action and decides nothing more",
@@ -200,7 +206,7 @@ const KEYS = {
   "+": ["zoom in", () => zoom(0.5)],
   "-": ["zoom out", () => zoom(2)],
   0: ["all of the time", () => { told.view = { follow: false, span: Math.max(1, extent()[1] - extent()[0]), end: extent()[1] }; schedule(); }],
-  w: ["why this action", why],
+  w: ["why this action", ponder],
   l: ["light or dark", paint],
   "?": ["these keys", () => { told.help = !told.help; schedule(); }],
 };
@@ -257,7 +263,9 @@ function Controls() {
   if (!isRecord() || !told.frame) return null;
   const { scene, frame } = told;
   const lost = !isOpen();
-  return html`<div class="controls" role="toolbar" aria-label="Time of the record">
+  // What has the focus scrolls into sight above this bar.
+  const bar = (box) => { document.documentElement.style.scrollPaddingBottom = box ? `${box.offsetHeight + 8}px` : ""; };
+  return html`<div class="controls" ref=${bar} role="toolbar" aria-label="Time of the record">
     <button disabled=${lost} onClick=${freeze} aria-label=${told.playing ? "Pause" : "Play"}>${told.playing ? "❚❚" : "▶"}</button>
     <select aria-label="Speed" value=${told.speed} onChange=${(event) => { told.speed = Number(event.currentTarget.value); schedule(); }}>${[0.1, 0.5, 1, 2, 5, 10, 60].map((each) => html`<option value=${each} selected=${each === told.speed}>${each}×</option>`)}</select>
     <input type="range" aria-label="Time" disabled=${lost} min=${scene.first} max=${scene.last} step="0.001" value=${frame.time} aria-valuetext=${clock(frame.time)} onInput=${(event) => go(Number(event.currentTarget.value))} />
@@ -281,7 +289,7 @@ function Page() {
         setView=${(view) => { told.view = view; schedule(); }} choose=${choose} go=${isRecord() ? go : null} scheme=${told.scheme} /><//>
       <div class="column"><${Part} name="the tree of ensembles"><${Tree} scene=${scene} frame=${frame} selected=${told.selected} choose=${choose} /><//>
         <${Part} name="the faults"><${Faults} faults=${told.history.faults} frame=${frame} go=${isRecord() ? go : null} /><//></div>
-      <div class="column"><${Part} name="the ensemble"><${Detail} scene=${scene} frame=${frame} path=${told.selected} why=${told.why} ask=${why} lost=${!isOpen()} control=${scene.control} command=${command} /><//>
+      <div class="column"><${Part} name="the ensemble"><${Detail} scene=${scene} frame=${frame} path=${told.selected} why=${told.why} ask=${ponder} lost=${!isOpen()} control=${scene.control} command=${command} /><//>
         <${Part} name="the course of the belief"><${Plots} seen=${told.seen} path=${told.selected} scheme=${told.scheme} /><//></div>
       <div class="column third">${scene.floors?.length > 0 && html`<${Part} name="the floor"><${Floor} floors=${scene.floors} frame=${frame} scheme=${told.scheme} /><//>`}
         <${Part} name="the team"><${Team} team=${frame.team} /><//>

@@ -6,7 +6,7 @@ import asyncio
 
 import browsers
 import pytest
-from told import Kept, served
+from told import Kept, Told, served
 
 browsers.needed()
 
@@ -107,3 +107,32 @@ def test_the_focus_and_the_answer_to_why_come_into_sight_above_the_bar_of_a_reco
             await is_in_sight("[aria-label^=Ensemble\\\\ ] > .empty")
 
     in_a_browser(program, viewport={"width": 390, "height": 500})
+
+
+def test_the_list_of_keys_has_those_that_do_something_and_a_step_says_where_there_is_none():
+    async def keys(page):
+        await page.wait_for_selector("[role=option]")
+        await page.keyboard.press("?")
+        await page.wait_for_selector("[aria-label=Keys]")
+        return (await page.locator("[aria-label=Keys] dt").all_inner_texts()), await page.inner_text(
+            "[aria-label=Keys]"
+        )
+
+    async def program(look, _):
+        async with served(Told()) as address:
+            listed, words = await keys(await look(address))
+            assert listed == ["space", "↑", "↓", "+", "-", "w", "l", "?", "0"]
+            assert "freeze" in words
+            assert "shift" not in words
+        async with served(Kept()) as address:
+            page = await look(address)
+            listed, words = await keys(page)
+            assert listed[:4] == ["d", "n", "f", "m"]
+            assert "With shift, d, n, f and m" in words
+            assert "freeze" not in words
+            for key, words in (("Shift+d", "no earlier decision"), ("Shift+m", "no earlier change of a mode")):
+                await page.keyboard.press(key)
+                await page.wait_for_function(f"() => document.querySelector('.ended').innerText === '{words}'")
+            await page.wait_for_function("() => document.querySelector('.ended').innerText === ''")
+
+    in_a_browser(program)

@@ -11,27 +11,31 @@ import { History, Timeline } from "./timeline.js";
 import { clock } from "./words.js";
 
 const told = {
-  scene: null, frame: null, cursor: 0, link: "lost", reason: "", selected: null, frozen: false, playing: false, speed: 1,
+  scene: null, frame: null, cursor: 0, link: "lost", reason: "", ended: null, selected: null, frozen: false, playing: false, speed: 1,
   why: null, asked: null, said: null, help: false, history: new History(), seen: new Seen(),
   view: { follow: true, span: 30, end: 0 }, scheme: document.documentElement.dataset.scheme ?? "", scenes: 0,
 };
 let waiting = false;   // A frame is asked for and has not come.
 let wanted = null;     // Of a record, the time that is wanted next.
+let asking = null;     // Of a record, the time that is asked for.
 let clocked = null;
 let coming = null;     // A scene, until the first frame of it has come: a frame is drawn with its own scene.
 let isAnew = false;    // The connection is new, and nothing has come through it.
 let fuller = null;     // The picture before ensembles went, and when they went.
 const link = new Connection((message) => { try { receive(message); } finally { schedule(); } }, (state, reason) => {
-  told.link = state; told.reason = reason; waiting = false; coming = null;
+  told.link = state; told.reason = reason; waiting = false; coming = null; stepped = later = null;
   if (state === "open") { told.cursor = 0; isAnew = true; } else { told.asked = null; told.playing = false; keep(); }
   schedule();
 });
 
+let later = null;      // A step that waits for the frame that is asked for.
+let stepped = null;    // The step that is asked for, and from where.
 let questions = 0;     // How often somebody has asked why.
 let asked = null;      // When the decision was made of which it is told why.
 const place = () => told.scene.ensembles.findIndex((each) => each.path === told.selected);
 const decided = () => told.frame?.details?.[told.selected]?.decided;
 const isRecord = () => told.scene?.source === "record";
+const BRIEF = 2_500;   // Milliseconds for which it is told that there is no further step.
 const DONE = 6_000;    // Milliseconds for which it is told that a command is carried out; a refusal stays.
 const SHUTS = 10_000;   // Milliseconds before the end of a program in which it takes its ensembles down.
 const isOpen = () => told.link === "open";
@@ -49,6 +53,8 @@ function receive(message) {
     if (coming) enter(coming);
     coming = null;
     told.frame = message.frame;
+    if (stepped?.time === message.frame.time) stay(stepped);
+    stepped = null;
     for (const event of message.events) told.history.add(event);
     const more = message.cursor > told.cursor;
     told.cursor = message.cursor;
@@ -86,14 +92,27 @@ function keep() {
 function ask(time) {
   if (!told.scene || waiting) { if (time != null) wanted = time; return; }
   waiting = true;
-  if (isRecord()) link.say({ say: "at", time: time ?? told.frame?.time ?? 0, cursor: told.cursor, close: close() });
+  asking = time ?? told.frame?.time ?? 0;
+  if (isRecord()) link.say({ say: "at", time: asking, cursor: told.cursor, close: close() });
   else link.say({ say: "drawn", cursor: told.cursor, close: close() });
 }
 
+// Where there is no further step, that is said for a moment.
+function stay({ kind, back }) {
+  const text = `no ${back ? "earlier" : "further"} ${{ change: "decision for another action", mode: "change of a mode" }[kind] ?? kind}`;
+  told.ended = text;
+  setTimeout(() => { if (told.ended === text) { told.ended = null; schedule(); } }, BRIEF);
+}
+
 function step(kind, back) {
-  if (!isRecord() || waiting || !isOpen()) return;
+  if (!isRecord() || !isOpen()) return;
   told.playing = false;
+  if (waiting) { later = { kind, back }; return; }
+  wanted = null;   // else the time of before were asked for behind the step
+  told.ended = null;
   waiting = true;
+  asking = null;
+  stepped = { kind, back, time: told.frame.time };
   link.say({ say: "step", kind, time: told.frame.time, back, cursor: told.cursor, close: close() });
 }
 
@@ -112,6 +131,7 @@ function schedule() {
 function afterwards() {
   if (!told.scene || told.link !== "open") return;
   if (!isRecord()) { if (!waiting && !told.frozen) ask(null); return; }
+  if (later && !waiting) { const { kind, back } = later; later = null; step(kind, back); return; }
   const now = performance.now();
   if (told.playing && told.frame) {
     const by = clocked == null ? 0 : ((now - clocked) / 1000) * told.speed;
@@ -193,16 +213,17 @@ function neighbour(by) {
   if (ensembles.length) choose(ensembles[Math.max(0, Math.min(ensembles.length - 1, place() + by))].path);
 }
 
+// A key's words, what it does, and where: at a "record", of a "live" run, or at both.
 const KEYS = {
+  d: ["to the next decision", (back) => step("decision", back), "record"],
+  n: ["to the next decision for another action, past those that are the same", (back) => step("change", back), "record"],
+  f: ["to the next fault", (back) => step("fault", back), "record"],
+  m: ["to the next change of a mode", (back) => step("mode", back), "record"],
+  ArrowLeft: ["a second back", () => go(heading() - 1), "record"],
+  ArrowRight: ["a second on", () => go(heading() + 1), "record"],
+  " ": [{ record: "play or pause", live: "freeze the picture, or go on" }, freeze],
   ArrowUp: ["choose the ensemble above", () => neighbour(-1)],
   ArrowDown: ["choose the ensemble below", () => neighbour(1)],
-  " ": ["play or pause; of a running system, freeze the picture", freeze],
-  d: ["to the next decision, with shift the one before", (back) => step("decision", back)],
-  n: ["to the next decision for another action, past those that are the same", (back) => step("change", back)],
-  f: ["to the next fault", (back) => step("fault", back)],
-  m: ["to the next change of a mode", (back) => step("mode", back)],
-  ArrowLeft: ["a second back", () => isRecord() && go(told.frame.time - 1)],
-  ArrowRight: ["a second on", () => isRecord() && go(told.frame.time + 1)],
   "+": ["zoom in", () => zoom(0.5)],
   "-": ["zoom out", () => zoom(2)],
   0: ["all of the time", () => { told.view = { follow: false, span: Math.max(1, extent()[1] - extent()[0]), end: extent()[1] }; schedule(); }],
@@ -210,6 +231,8 @@ const KEYS = {
   l: ["light or dark", paint],
   "?": ["these keys", () => { told.help = !told.help; schedule(); }],
 };
+const heading = () => wanted ?? (waiting && asking != null ? asking : told.frame.time);   // arrows that come fast add up
+const works = ([, , where]) => !where || where === told.scene?.source;
 
 function zoom(factor) {
   const wide = told.view.span * factor;
@@ -231,7 +254,7 @@ addEventListener("keydown", (event) => {
   if (event.key === " " && event.target.tagName === "BUTTON") return;
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
   const found = KEYS[key] ?? KEYS[event.key];
-  if (!found || !told.frame) return;
+  if (!found || !told.frame || !works(found)) return;
   if (/^Arrow(Up|Down)$/.test(key) && scrolls(event.target.closest(".scrolls, .list"))) return;   // which scroll, or choose, themselves
   event.preventDefault();
   found[1](event.shiftKey && event.key !== "?");
@@ -255,8 +278,11 @@ function Header() {
 }
 
 function Help() {
+  const keys = Object.entries(KEYS).filter(([, each]) => works(each));
+  keys.sort(([one], [two]) => (one === "0") - (two === "0"));   // a number comes first in any object
   return html`<section class="panel wide" aria-label="Keys"><div class="head"><h2>Keys</h2></div><dl>
-    ${Object.entries(KEYS).map(([key, [text]]) => html`<dt key=${key}><kbd>${{ " ": "space", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" }[key] ?? key}</kbd></dt><dd>${text}</dd>`)}</dl></section>`;
+    ${keys.map(([key, [text]]) => html`<dt key=${key}><kbd>${{ " ": "space", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" }[key] ?? key}</kbd></dt><dd>${text[told.scene?.source] ?? text}</dd>`)}</dl>
+    ${isRecord() && html`<p class="soft">With shift, <kbd>d</kbd>, <kbd>n</kbd>, <kbd>f</kbd> and <kbd>m</kbd> go to the one before.</p>`}</section>`;
 }
 
 function Controls() {
@@ -271,6 +297,7 @@ function Controls() {
     <input type="range" aria-label="Time" disabled=${lost} min=${scene.first} max=${scene.last} step="0.001" value=${frame.time} aria-valuetext=${clock(frame.time)} onInput=${(event) => go(Number(event.currentTarget.value))} />
     <span class="number">${clock(frame.time)}</span>
     ${[["decision", "d"], ["change", "n", "other action"], ["fault", "f"], ["mode", "m"]].map(([kind, key, word = kind]) => html`<span key=${kind}><button disabled=${lost} aria-label=${`${word} before`} title=${`shift ${key}`} onClick=${() => step(kind, true)}>◀</button> <button disabled=${lost} title=${key} onClick=${() => step(kind, false)}>${word} ▶</button></span>`)}
+    <span class="ended" role="status">${told.ended}</span>
   </div>`;
 }
 

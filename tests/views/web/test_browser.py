@@ -156,11 +156,6 @@ def test_commands_of_a_team_are_said_to_concern_all_of_it_and_reach_all_of_it(tm
             page = await look(address)
             await page.wait_for_function(f"() => {modes} === 'deciding,deciding'")
             await page.get_by_role("option").filter(has_text="b/joint").click()
-            await page.get_by_role("button", name="release", exact=True).click()
-            assert await text(page, ".ask b") == (
-                "release b/joint? It leaves its safe mode: you answer for its causes, and the robot may move."
-            )
-            await page.get_by_role("button", name="No").click()
             await page.get_by_role("button", name="stop", exact=True).click()
             assert await text(page, ".ask b") == (
                 "stop b/joint? It ends its action and decides nothing more. So do all agents of its team."

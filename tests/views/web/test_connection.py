@@ -9,6 +9,7 @@ from told import DECIDES, Told, served
 from transports import free_port
 
 from mdm.snapshots import EnsembleFrame
+from mdm.snapshots.frame import CauseFrame
 
 browsers.needed()
 
@@ -127,7 +128,7 @@ def test_where_the_program_has_ended_nothing_looks_alive_and_no_command_is_offer
         async with served(told, control=True) as address:
             page = await look(address)
             await page.wait_for_selector(".headline.calm")
-            assert await count(page, "main button:disabled") == 0
+            assert await page.get_by_role("button", name="set false").is_enabled()
             await page.get_by_role("button", name="stop", exact=True).click()
             await page.wait_for_selector("dialog")
         await page.wait_for_selector(".headline.cut")
@@ -198,5 +199,34 @@ def test_what_was_said_of_a_run_goes_with_it_and_that_a_command_is_done_after_so
             await page.wait_for_function("() => mdmPage.scene.began === 2")
             assert await page.evaluate("[mdmPage.said, mdmPage.why]") == [None, None]
             await page.wait_for_function("() => !document.body.innerText.includes('Nothing tells why')")
+
+    in_a_browser(program)
+
+
+def test_the_commands_that_would_do_nothing_now_are_not_offered_and_say_why():
+    stopped = EnsembleFrame("stopped", 1.0)
+    safe = EnsembleFrame("safe", 1.0, causes=(CauseFrame("policy", "it is torn", 1.0),))
+    told = Told(("ada/patrol",), control=True)
+
+    async def program(look, wrong):
+        async with served(told, control=True) as address:
+            page = await look(address)
+            for frame, sign, offered in (
+                (DECIDES, "▶", {"stop", "reset"}),
+                (stopped, "○", {"start"}),
+                (safe, "■", {"start", "stop", "reset", "release"}),
+            ):
+                told.turn(("ada/patrol",), (frame,))
+                badge = page.get_by_label("Ensemble ada/patrol").locator(".badge", has_text=sign)
+                await badge.wait_for()
+                for word in ("start", "stop", "reset", "release"):
+                    button = page.get_by_role("button", name=word, exact=True)
+                    assert await button.is_enabled() == (word in offered), (sign, word)
+                    assert bool(await button.get_attribute("title")) == (word not in offered)
+            await page.get_by_role("button", name="release", exact=True).click()
+            assert await page.inner_text(".ask b") == (
+                "release ada/patrol? It leaves its safe mode: you answer for its causes, and the robot may move."
+            )
+            assert wrong == []
 
     in_a_browser(program)

@@ -111,9 +111,16 @@ export function Detail({ scene, frame, path, why, ask, lost, control, command })
     ${detail.belief && html`<${Belief} belief=${detail.belief} />`}
     ${detail.observations?.length > 0 && html`<div><h3>the last observations</h3><ol class="heard number">${[...detail.observations].reverse().map(([time, name]) => html`<li key=${time}><span class="soft">${clock(time)}</span> ${name}</li>`)}</ol></div>`}
     <div class="commands"><button disabled=${lost} onClick=${ask} title="w">Why this action?</button>
-      ${control && ["start", "stop", "reset", "release"].map((word) => html`<button key=${word} disabled=${lost} onClick=${() => command(word, path)}>${word}</button>`)}</div>
+      ${control && ["start", "stop", "reset", "release"].map((word) => html`<button key=${word} disabled=${lost || hinders(word, each)} title=${hinders(word, each)} onClick=${() => command(word, path)}>${word}</button>`)}</div>
     ${why && why.ensemble === path && html`${why.decided !== detail.decided && html`<p class="said">This is of an earlier decision: ask again.</p>`}<${Why} told=${why.why} question=${why.question} />`}
   </section>`;
+}
+
+// Why a command would do nothing now; null where it does something.
+function hinders(word, { mode }) {
+  if (word === "start" && mode === "deciding") return "it decides already";
+  if (word !== "start" && word !== "release" && mode === "stopped") return word === "stop" ? "it is stopped already" : "it is stopped: a start begins a new episode";
+  return word === "release" && mode !== "safe" ? "it is not safe: there is nothing to release it from" : null;
 }
 
 // The predicates that tell a factor of the state.

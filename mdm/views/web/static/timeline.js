@@ -233,8 +233,8 @@ function draw(canvas, { scene, frame, history, lanes, predicates, selected, begi
       context.fillRect(left, top + 2, right - left, 7);
       if (name === "safe") hatch(context, left, top + 2, right - left, 7, tint.paper);
       if (name === "stopped") { context.fillStyle = tint.paper; context.fillRect(left, top + 4, right - left, 3); }
-      context.font = font(9);
-      if (right - left > 16) { context.fillStyle = tint.paper; context.fillText(SIGNS[name] ?? "", left + 3, top + 6); }
+      context.font = font(9, name === "stopped" ? 700 : 400);
+      if (right - left > 16) { context.fillStyle = name === "stopped" ? tint.ink : tint.paper; context.fillText(SIGNS[name] ?? "", left + 3, top + 6); }
     }
     context.font = font(11);
     const first = Math.max(0, from(lane.lives, begin, (each) => each.to ?? Infinity));

@@ -146,7 +146,7 @@ export function Bar({ label, share, text, rest }) {
 function Belief({ belief }) {
   const states = belief.top.filter(([, chance]) => chance >= 0.0005);
   return html`<div>
-    <h3>belief over ${belief.states.toLocaleString("en")} states <span class="soft number">entropy ${number(belief.entropy ?? 0)} bits</span></h3>
+    <h3>belief over ${belief.states.toLocaleString("en")} states <span class="soft number">entropy ${belief.entropy > 0 && belief.entropy < 0.001 ? "< 0.001" : number(belief.entropy ?? 0)} bits</span></h3>
     ${(belief.marginals ?? []).length === 0 || belief.states <= 12
       ? states.map(([state, chance]) => html`<${Bar} key=${state} label=${state} share=${chance} text=${percent(chance)} />`) : null}
     ${(belief.marginals ?? []).length === 0 && belief.rest > 0.0005 && html`<${Bar} rest label=${`${(belief.states - belief.top.length).toLocaleString("en")} others`} share=${belief.rest} text=${percent(belief.rest)} />`}

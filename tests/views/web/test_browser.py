@@ -438,3 +438,20 @@ def test_a_record_in_the_dark_keeps_nobody_out(tmp_path):
         await server.close()
 
     asyncio.run(program())
+
+
+def test_why_is_told_with_the_decision_that_it_is_of():
+    robot = ensemble()
+
+    async def look_at(page, *_):
+        robot.publish_observation("hear-left")
+        await page.wait_for_function("() => mdmPage.frame.ensembles[0].epoch === 1")
+        await page.keyboard.press("w")
+        why = page.get_by_label("Ensemble robot").locator("h3", has_text="Why decision 1 at 00:")
+        await why.wait_for()
+        assert "since then" not in await why.inner_text()
+        robot.publish_observation("hear-left")
+        await page.wait_for_function("() => mdmPage.frame.ensembles[0].epoch === 2")
+        await why.filter(has_text="since then it has decided anew").wait_for()
+
+    seen(look_at, robot)

@@ -92,6 +92,7 @@ export function Detail({ scene, frame, path, why, ask, lost, control, command })
   if (!of || !each) return html`<section class="panel"><h2>Ensemble</h2><p class="empty">None is chosen.</p></section>`;
   const detail = frame.details?.[path] ?? {};
   const how = standing(each);
+  const isEarlier = scene.source === "live" && why?.why?.epoch >= 0 ? why.why.epoch !== each.epoch : why?.decided !== detail.decided;
   const ended = Object.entries(frame.statistics?.ended?.[path] ?? {});
   return html`<section class="panel" aria-label=${`Ensemble ${path}`}>
     <div class="head"><h2>${path}</h2><span class=${`badge ${how}`}>${SIGNS[how]} ${how} ${seconds(frame.time - since(each))}</span></div>
@@ -112,7 +113,7 @@ export function Detail({ scene, frame, path, why, ask, lost, control, command })
     ${detail.observations?.length > 0 && html`<div><h3>the last observations</h3><ol class="heard number">${[...detail.observations].reverse().map(([time, name]) => html`<li key=${time}><span class="soft">${clock(time)}</span> ${name}</li>`)}</ol></div>`}
     <div class="commands"><button disabled=${lost} onClick=${ask} title="w">Why this action?</button>
       ${control && ["start", "stop", "reset", "release"].map((word) => html`<button key=${word} disabled=${lost || hinders(word, each)} title=${hinders(word, each)} onClick=${() => command(word, path)}>${word}</button>`)}</div>
-    ${why && why.ensemble === path && html`${why.decided !== detail.decided && html`<p class="said">This is of an earlier decision: ask again.</p>`}<${Why} told=${why.why} question=${why.question} />`}
+    ${why && why.ensemble === path && html`<h3>Why${why.why?.epoch >= 0 ? ` decision ${why.why.epoch}` : ""}${why.decided == null ? "" : ` at ${clock(why.decided)}`} ${isEarlier && html`<span class="soft">since then it has decided anew</span>`}</h3><${Why} told=${why.why} question=${why.question} />`}
   </section>`;
 }
 

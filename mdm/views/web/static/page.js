@@ -31,6 +31,7 @@ const link = new Connection((message) => { try { receive(message); } finally { s
 let later = null;      // A step that waits for the frame that is asked for.
 let stepped = null;    // The step that is asked for, and from where.
 let questions = 0;     // How often somebody has asked why.
+let askedOf = -1;      // The number of the decision when why was asked.
 let asked = null;      // When the decision was made of which it is told why.
 const place = () => told.scene.ensembles.findIndex((each) => each.path === told.selected);
 const decided = () => told.frame?.details?.[told.selected]?.decided;
@@ -65,7 +66,7 @@ function receive(message) {
     told.said = message;
     if (message.done) setTimeout(() => { if (told.said === message) { told.said = null; schedule(); } }, DONE);
   } else if ("why" in message && message.ensemble === told.selected) {
-    told.why = { ...message, decided: asked, question: questions };
+    told.why = { ...message, decided: decidedAt(message), question: questions };
   }
 }
 
@@ -161,7 +162,15 @@ function choose(path) {
 function why() {
   if (!isOpen()) return;
   asked = decided();
+  askedOf = told.frame?.ensembles[place()]?.epoch;
   if (told.selected) link.say({ say: "why", ensemble: told.selected, time: isRecord() ? told.frame.time : null });
+}
+
+// When the decision was made of which it is told why: of a running system perhaps a later one than that asked of.
+function decidedAt({ ensemble, why }) {
+  const epoch = why?.epoch ?? -1;
+  if (isRecord() || epoch < 0 || epoch === askedOf) return asked;
+  return told.history.lane(ensemble).decisions.findLast((each) => each.life === epoch)?.time;
 }
 
 function ponder() {

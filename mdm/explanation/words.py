@@ -91,6 +91,10 @@ def _value(value: float | None, upper: float | None) -> str:
     return f"{value:.4g}" + ("" if upper is None else f" (at most {upper:.4g})")
 
 
+def _chance(value: float, digits: int = 4) -> str:
+    return "< 0.001" if 0 < value < 0.001 else f"{value:.{digits}g}"
+
+
 def _margin(e: Explanation) -> Iterator[str]:
     if e.margin is None:
         return
@@ -131,12 +135,14 @@ def _otherwise(e: Explanation) -> str:
 
 def _change(change: BeliefChange | StateChange | ObservationChange) -> str:
     if isinstance(change, BeliefChange):
-        shown = ", ".join(f"{each.state} {each.after:.4g} instead of {each.before:.4g}" for each in change.moves[:4])
+        shown = ", ".join(
+            f"{each.state} {_chance(each.after)} instead of {_chance(each.before)}" for each in change.moves[:4]
+        )
         more = len(change.moves) - 4
         rest = f", and {more} more states" if more > 0 else ""
         if change.mass < _TIED:
             return f"next to none, for {change.action!r} counts as much"
-        return f"{change.mass:.4g} of the probability elsewhere ({shown}{rest}), then {change.action!r}"
+        return f"{_chance(change.mass)} of the probability elsewhere ({shown}{rest}), then {change.action!r}"
     if isinstance(change, StateChange):
         told = " and ".join(f"{each.factor} {each.after} instead of {each.before}" for each in change.factors)
     else:
@@ -148,4 +154,4 @@ def _change(change: BeliefChange | StateChange | ObservationChange) -> str:
 
 
 def _chances(chances: Sequence[Chance]) -> str:
-    return ", ".join(f"{each.name} ({each.probability:.3g})" for each in chances)
+    return ", ".join(f"{each.name} ({_chance(each.probability, 3)})" for each in chances)

@@ -67,6 +67,15 @@ def test_a_few_words():
     assert brief(Explanation(0, 0, "go", "a table")) == {}
 
 
+def test_probabilities_that_are_next_to_nothing():
+    moved = BeliefChange(0.5, (Move("left", 6.748e-54, 0.5), Move("right", 1.0, 0.001)), "listen")
+    believed = (Chance("right", 1.0), Chance("left", 1.22e-24), Chance("none", 0.0))
+    text = in_words(but(belief=believed, otherwise=(moved,)))
+    assert "were right (1), left (< 0.001), none (0)." in text
+    assert "left 0.5 instead of < 0.001, right 0.001 instead of 1)" in text
+    assert "e-" not in text
+
+
 def test_margins():
     assert "'listen' counts as much; of equal ones the first action is chosen." in in_words(but(margin=0.0))
     assert "'listen' counts 2 more: it was not this comparison that chose." in in_words(but(margin=-2.0))

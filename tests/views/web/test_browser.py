@@ -130,7 +130,7 @@ def test_commands_are_asked_twice_and_carried_out():
         await button.click()
         assert robot.mode == "deciding"
         await page.get_by_role("button", name="No").click()
-        assert await page.query_selector(".ask") is None
+        await page.wait_for_function("() => !document.querySelector('.ask')")
         await button.click()
         await page.get_by_role("button", name="Yes, stop").click()
         await page.wait_for_function("() => document.body.innerText.includes('done: stop robot')")
@@ -156,11 +156,6 @@ def test_commands_of_a_team_are_said_to_concern_all_of_it_and_reach_all_of_it(tm
             page = await look(address)
             await page.wait_for_function(f"() => {modes} === 'deciding,deciding'")
             await page.get_by_role("option").filter(has_text="b/joint").click()
-            await page.get_by_role("button", name="release", exact=True).click()
-            assert await text(page, ".ask b") == (
-                "release b/joint? It leaves its safe mode: you answer for its causes, and the robot may move."
-            )
-            await page.get_by_role("button", name="No").click()
             await page.get_by_role("button", name="stop", exact=True).click()
             assert await text(page, ".ask b") == (
                 "stop b/joint? It ends its action and decides nothing more. So do all agents of its team."
@@ -443,3 +438,20 @@ def test_a_record_in_the_dark_keeps_nobody_out(tmp_path):
         await server.close()
 
     asyncio.run(program())
+
+
+def test_why_is_told_with_the_decision_that_it_is_of():
+    robot = ensemble()
+
+    async def look_at(page, *_):
+        robot.publish_observation("hear-left")
+        await page.wait_for_function("() => mdmPage.frame.ensembles[0].epoch === 1")
+        await page.keyboard.press("w")
+        why = page.get_by_label("Ensemble robot").locator("h3", has_text="Why decision 1 at 00:")
+        await why.wait_for()
+        assert "since then" not in await why.inner_text()
+        robot.publish_observation("hear-left")
+        await page.wait_for_function("() => mdmPage.frame.ensembles[0].epoch === 2")
+        await why.filter(has_text="since then it has decided anew").wait_for()
+
+    seen(look_at, robot)

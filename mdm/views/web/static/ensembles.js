@@ -1,26 +1,31 @@
 // The headline, the tree of ensembles, and one of them at close range.
-import { html, useState } from "./vendor/htm-preact.js";
+import { html, useEffect, useRef, useState } from "./vendor/htm-preact.js";
 import { VirtualList } from "./list.js";
 import { called, clock, number, percent, seconds, SIGNS, since, standing } from "./words.js";
 
 const PAUSE = 2;   // Seconds without anything to do that nobody need be told of.
 
-export function Headline({ scene, frame }) {
+export function Headline({ scene, frame, lost }) {
+  if (lost) {
+    return html`<section class="headline cut" aria-label="What matters most" aria-live="polite"><div class="line">
+      <strong class="lost">✕ not connected</strong><span>The program has ended, or runs with another address. Below is what it told last, at ${clock(frame.time)}; it may be otherwise now.</span></div></section>`;
+  }
   const told = frame.ensembles.map((each, place) => ({ each, path: scene.ensembles[place]?.path ?? "", how: standing(each) }));
   const safe = told.filter(({ how }) => how === "safe");
   const pauses = ({ each, how }) => how === "idle" && frame.time - each.idle < PAUSE;   // between two decisions
   const waits = told.filter((one) => (one.how === "waiting" || one.how === "idle") && !pauses(one));
   const decide = told.filter((one) => one.how === "deciding" || pauses(one));
   const odd = told.flatMap(({ each, path }) => (each.odd ?? []).map((text) => ({ path, text })));
-  const kind = safe.length ? "alarm" : waits.length || odd.length ? "waits" : "calm";
+  const rests = told.length > 0 && told.every(({ how }) => how === "stopped");
+  const kind = safe.length ? "alarm" : waits.length ? "waits" : rests || !told.length ? "rests" : "calm";
   const most = 4;
   const lines = safe.length ? safe : waits;
   return html`<section class=${`headline ${kind}`} aria-label="What matters most" aria-live="polite">
     ${!told.length && html`<div class="line">No ensemble has started yet.</div>`}
-    ${!lines.length && told.length > 0 && html`<div class="line"><strong class="deciding">${SIGNS.deciding} ${
+    ${!lines.length && told.length > 0 && html`<div class="line"><strong class=${rests ? "stopped" : "deciding"}>${rests ? SIGNS.stopped : SIGNS.deciding} ${
       decide.length === told.length ? (told.length === 1 ? `${told[0].path} decides` : `all ${told.length} ensembles decide`)
-        : decide.length ? `${decide.length} of ${told.length} ensembles decide` : "every ensemble is stopped"}</strong>
-      <span>${doing(scene, frame)}</span></div>`}
+        : decide.length ? `${decide.length} of ${told.length} ensembles decide` : told.length === 1 ? `${told[0].path} is stopped` : "every ensemble is stopped"}</strong>
+      <span>${rests ? "" : doing(scene, frame)}</span></div>`}
     ${lines.slice(0, most).map(({ each, path, how }) => html`<div class="line" key=${path}>
       <strong class=${how}>${SIGNS[how]} ${path} ${how === "safe" ? "is safe" : how === "idle" ? "has nothing to do" : "waits"}</strong>
       <span class="number">since ${seconds(frame.time - since(each))}</span>
@@ -35,7 +40,7 @@ export function Headline({ scene, frame }) {
 }
 
 function doing(scene, frame) {
-  const acting = frame.ensembles.map((each, place) => [scene.ensembles[place], each]).filter(([, each]) => each.live?.length);
+  const acting = frame.ensembles.map((each, place) => [scene.ensembles[place], each]).filter(([of, each]) => of && each.live?.length);
   if (!acting.length) return frame.ensembles.length === 1 ? frame.ensembles[0].action : "";
   return acting.slice(0, 3).map(([of, each]) => `${called(of)}: ${each.live.map((life) => life.action).join(", ")}`).join(" › ");
 }
@@ -80,13 +85,14 @@ export function Tree({ scene, frame, selected, choose }) {
   </section>`;
 }
 
-export function Detail({ scene, frame, path, why, ask, control, command }) {
+export function Detail({ scene, frame, path, why, ask, lost, control, command }) {
   const place = scene.ensembles.findIndex((each) => each.path === path);
   const of = scene.ensembles[place];
   const each = frame.ensembles[place];
   if (!of || !each) return html`<section class="panel"><h2>Ensemble</h2><p class="empty">None is chosen.</p></section>`;
   const detail = frame.details?.[path] ?? {};
   const how = standing(each);
+  const isEarlier = scene.source === "live" && why?.why?.epoch >= 0 ? why.why.epoch !== each.epoch : why?.decided !== detail.decided;
   const ended = Object.entries(frame.statistics?.ended?.[path] ?? {});
   return html`<section class="panel" aria-label=${`Ensemble ${path}`}>
     <div class="head"><h2>${path}</h2><span class=${`badge ${how}`}>${SIGNS[how]} ${how} ${seconds(frame.time - since(each))}</span></div>
@@ -105,21 +111,30 @@ export function Detail({ scene, frame, path, why, ask, control, command }) {
     </dl>
     ${detail.belief && html`<${Belief} belief=${detail.belief} />`}
     ${detail.observations?.length > 0 && html`<div><h3>the last observations</h3><ol class="heard number">${[...detail.observations].reverse().map(([time, name]) => html`<li key=${time}><span class="soft">${clock(time)}</span> ${name}</li>`)}</ol></div>`}
-    <div class="commands"><button onClick=${ask} title="w">Why this action?</button>
-      ${control && ["start", "stop", "reset", "release"].map((word) => html`<button key=${word} onClick=${() => command(word, path)}>${word}</button>`)}</div>
-    ${why && why.ensemble === path && html`${why.decided !== detail.decided && html`<p class="said">This is of an earlier decision: ask again.</p>`}<${Why} told=${why.why} />`}
+    <div class="commands"><button disabled=${lost} onClick=${ask} title="w">Why this action?</button>
+      ${control && ["start", "stop", "reset", "release"].map((word) => html`<button key=${word} disabled=${lost || hinders(word, each)} title=${hinders(word, each)} onClick=${() => command(word, path)}>${word}</button>`)}</div>
+    ${why && why.ensemble === path && html`<h3>Why${why.why?.epoch >= 0 ? ` decision ${why.why.epoch}` : ""}${why.decided == null ? "" : ` at ${clock(why.decided)}`} ${isEarlier && html`<span class="soft">since then it has decided anew</span>`}</h3><${Why} told=${why.why} question=${why.question} />`}
   </section>`;
+}
+
+// Why a command would do nothing now; null where it does something.
+function hinders(word, { mode }) {
+  if (word === "start" && mode === "deciding") return "it decides already";
+  if (word !== "start" && word !== "release" && mode === "stopped") return word === "stop" ? "it is stopped already" : "it is stopped: a start begins a new episode";
+  return word === "release" && mode !== "safe" ? "it is not safe: there is nothing to release it from" : null;
 }
 
 // The predicates that tell a factor of the state.
 const sources = (of, factor) => of.factors?.find((each) => each.name === factor)?.told_by ?? [];
 
-function Why({ told }) {
-  if (!told) return html`<p class="empty">Nothing tells why: this version explains no decisions of this kind.</p>`;
+function Why({ told, question }) {
+  const box = useRef(null);
+  useEffect(() => box.current.scrollIntoView({ block: "nearest" }), [question]);
+  if (!told) return html`<p class="empty" ref=${box}>Nothing tells why: this version explains no decisions of this kind.</p>`;
   const values = (told.values ?? []).filter(([, value]) => value != null);
   const least = Math.min(...values.map(([, value]) => value));
   const span = Math.max(...values.map(([, value]) => value)) - least || 1;
-  return html`<div><pre class="why">${told.text}</pre>
+  return html`<div ref=${box}><pre class="why">${told.text}</pre>
     ${values.length > 1 && html`<h3>values of the actions</h3>${values.slice(0, 12).map(([action, value]) => html`<${Bar} key=${action} label=${action} share=${0.04 + (0.96 * (value - least)) / span} text=${number(value)} />`)}`}</div>`;
 }
 
@@ -132,7 +147,7 @@ export function Bar({ label, share, text, rest }) {
 function Belief({ belief }) {
   const states = belief.top.filter(([, chance]) => chance >= 0.0005);
   return html`<div>
-    <h3>belief over ${belief.states.toLocaleString("en")} states <span class="soft number">entropy ${number(belief.entropy ?? 0)} bits</span></h3>
+    <h3>belief over ${belief.states.toLocaleString("en")} states <span class="soft number">entropy ${belief.entropy > 0 && belief.entropy < 0.001 ? "< 0.001" : number(belief.entropy ?? 0)} bits</span></h3>
     ${(belief.marginals ?? []).length === 0 || belief.states <= 12
       ? states.map(([state, chance]) => html`<${Bar} key=${state} label=${state} share=${chance} text=${percent(chance)} />`) : null}
     ${(belief.marginals ?? []).length === 0 && belief.rest > 0.0005 && html`<${Bar} rest label=${`${(belief.states - belief.top.length).toLocaleString("en")} others`} share=${belief.rest} text=${percent(belief.rest)} />`}

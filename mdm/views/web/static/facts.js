@@ -9,7 +9,7 @@ const VALUES = new Map([[true, ["●", "true", "deciding"]], [false, ["○", "fa
 const DIVIDER = -1;
 
 // Those that the chosen ensemble decides on come first.
-export function Predicates({ scene, frame, path, control, sense }) {
+export function Predicates({ scene, frame, path, lost, control, sense }) {
   const [sought, seek] = useState("");
   const [only, show] = useState(false);
   const isShown = (place) => scene.predicates[place].name.toLowerCase().includes(sought.toLowerCase()) && (!only || frame.predicates[place] !== false);
@@ -25,7 +25,7 @@ export function Predicates({ scene, frame, path, control, sense }) {
     return html`<div class="row" role="listitem" key=${of.name} style=${style} title=${of.definition}>
       <span class=${`sign ${mark}`} aria-hidden="true">${sign}</span><span class="name">${of.name}</span><span class=${mark}>${word}</span>
       <span class="grow soft">${of.definition}</span>
-      ${control && of.settable && html`<button onClick=${() => sense(of.name, frame.predicates[place] !== true)}>set ${frame.predicates[place] === true ? "false" : "true"}</button>`}
+      ${control && of.settable && html`<button disabled=${lost} onClick=${() => sense(of.name, frame.predicates[place] !== true)}>set ${frame.predicates[place] === true ? "false" : "true"}</button>`}
       <span class="soft number">${seconds(frame.time - (frame.changed[place] ?? frame.time))}</span></div>`;
   };
   const count = (value) => frame.predicates.filter((each) => each === value).length;

@@ -4,42 +4,58 @@ import { Connection } from "./connection.js";
 import { Detail, Headline, Tree } from "./ensembles.js";
 import { Counts, Faults, Predicates, Team } from "./facts.js";
 import { Floor } from "./floor.js";
+import { Part } from "./part.js";
 import { Plots, Seen } from "./plots.js";
+import { Question } from "./question.js";
 import { History, Timeline } from "./timeline.js";
 import { clock } from "./words.js";
 
 const told = {
-  scene: null, frame: null, cursor: 0, link: "lost", reason: "", selected: null, frozen: false, playing: false, speed: 1,
+  scene: null, frame: null, cursor: 0, link: "lost", reason: "", ended: null, selected: null, frozen: false, playing: false, speed: 1,
   why: null, asked: null, said: null, help: false, history: new History(), seen: new Seen(),
   view: { follow: true, span: 30, end: 0 }, scheme: document.documentElement.dataset.scheme ?? "", scenes: 0,
 };
 let waiting = false;   // A frame is asked for and has not come.
 let wanted = null;     // Of a record, the time that is wanted next.
+let asking = null;     // Of a record, the time that is asked for.
 let clocked = null;
-const link = new Connection(receive, (state, reason) => {
-  told.link = state; told.reason = reason; waiting = false;
-  if (state === "open") { told.cursor = 0; told.history.clear(); }
+let coming = null;     // A scene, until the first frame of it has come: a frame is drawn with its own scene.
+let isAnew = false;    // The connection is new, and nothing has come through it.
+let fuller = null;     // The picture before ensembles went, and when they went.
+const link = new Connection((message) => { try { receive(message); } finally { schedule(); } }, (state, reason) => {
+  told.link = state; told.reason = reason; waiting = false; coming = null; stepped = later = null;
+  if (state === "open") { told.cursor = 0; isAnew = true; } else { told.asked = null; told.playing = false; keep(); }
   schedule();
 });
 
+let later = null;      // A step that waits for the frame that is asked for.
+let stepped = null;    // The step that is asked for, and from where.
+let questions = 0;     // How often somebody has asked why.
+let askedOf = -1;      // The number of the decision when why was asked.
 let asked = null;      // When the decision was made of which it is told why.
 const place = () => told.scene.ensembles.findIndex((each) => each.path === told.selected);
 const decided = () => told.frame?.details?.[told.selected]?.decided;
 const isRecord = () => told.scene?.source === "record";
+const BRIEF = 2_500;   // Milliseconds for which it is told that there is no further step.
+const DONE = 6_000;    // Milliseconds for which it is told that a command is carried out; a refusal stays.
+const SHUTS = 10_000;   // Milliseconds before the end of a program in which it takes its ensembles down.
+const isOpen = () => told.link === "open";
 const close = () => (told.selected ? [told.selected] : []);
 
 function receive(message) {
   if (message.scene) {
     if (told.scene && told.scene.version !== message.scene.version) { location.reload(); return; }
-    told.scene = message.scene;
-    told.scenes += 1;
-    if (!told.scene.ensembles.some((each) => each.path === told.selected)) told.selected = told.scene.ensembles[0]?.path ?? null;
-    document.title = `${message.scene.title || "robot"} - mdm`;
-    if (!waiting && told.scenes === 1 && isRecord()) { told.view.span = Math.max(1, message.scene.last - message.scene.first); told.view.end = message.scene.last; }
+    if (told.frame) coming = message.scene; else enter(message.scene);
     if (!waiting) ask(isRecord() ? (told.frame?.time ?? message.scene.first) : null);
   } else if (message.frame) {
     waiting = false;
+    if (isAnew) told.history.clear();
+    isAnew = false;
+    if (coming) enter(coming);
+    coming = null;
     told.frame = message.frame;
+    if (stepped?.time === message.frame.time) stay(stepped);
+    stepped = null;
     for (const event of message.events) told.history.add(event);
     const more = message.cursor > told.cursor;
     told.cursor = message.cursor;
@@ -48,23 +64,56 @@ function receive(message) {
     if (isRecord() && more && wanted == null) wanted = told.frame.time;   // until all events are here
   } else if (message.refused || message.done) {
     told.said = message;
+    if (message.done) setTimeout(() => { if (told.said === message) { told.said = null; schedule(); } }, DONE);
   } else if ("why" in message && message.ensemble === told.selected) {
-    told.why = { ...message, decided: asked };
+    told.why = { ...message, decided: decidedAt(message), question: questions };
   }
-  schedule();
+}
+
+function enter(scene) {
+  if (told.frame && scene.began === told.scene.began && scene.ensembles.length < told.scene.ensembles.length && !isShutting()) {
+    fuller = { scene: told.scene, frame: told.frame, selected: told.selected, since: performance.now() };
+  }
+  if (told.scene && scene.began !== told.scene.began) Object.assign(told, { said: null, why: null, asked: null });   // of the run before
+  told.scene = scene;
+  told.scenes += 1;
+  if (!scene.ensembles.some((each) => each.path === told.selected)) told.selected = scene.ensembles[0]?.path ?? null;
+  document.title = `${scene.title || "robot"} - mdm`;
+  if (told.scenes === 1 && isRecord()) { told.view.span = Math.max(1, scene.last - scene.first); told.view.end = scene.last; }
+}
+
+const isShutting = () => fuller && performance.now() - fuller.since < SHUTS;
+
+// At the end of a program its ensembles go before the connection does: what stays is the picture with them.
+function keep() {
+  if (isShutting()) { const { scene, frame, selected } = fuller; Object.assign(told, { scene, frame, selected }); }
+  fuller = null;
 }
 
 function ask(time) {
   if (!told.scene || waiting) { if (time != null) wanted = time; return; }
   waiting = true;
-  if (isRecord()) link.say({ say: "at", time: time ?? told.frame?.time ?? 0, cursor: told.cursor, close: close() });
+  asking = time ?? told.frame?.time ?? 0;
+  if (isRecord()) link.say({ say: "at", time: asking, cursor: told.cursor, close: close() });
   else link.say({ say: "drawn", cursor: told.cursor, close: close() });
 }
 
+// Where there is no further step, that is said for a moment.
+function stay({ kind, back }) {
+  const text = `no ${back ? "earlier" : "further"} ${{ change: "decision for another action", mode: "change of a mode" }[kind] ?? kind}`;
+  told.ended = text;
+  setTimeout(() => { if (told.ended === text) { told.ended = null; schedule(); } }, BRIEF);
+}
+
 function step(kind, back) {
-  if (!isRecord() || waiting) return;
+  if (!isRecord() || !isOpen()) return;
   told.playing = false;
+  if (waiting) { later = { kind, back }; return; }
+  wanted = null;   // else the time of before were asked for behind the step
+  told.ended = null;
   waiting = true;
+  asking = null;
+  stepped = { kind, back, time: told.frame.time };
   link.say({ say: "step", kind, time: told.frame.time, back, cursor: told.cursor, close: close() });
 }
 
@@ -83,6 +132,7 @@ function schedule() {
 function afterwards() {
   if (!told.scene || told.link !== "open") return;
   if (!isRecord()) { if (!waiting && !told.frozen) ask(null); return; }
+  if (later && !waiting) { const { kind, back } = later; later = null; step(kind, back); return; }
   const now = performance.now();
   if (told.playing && told.frame) {
     const by = clocked == null ? 0 : ((now - clocked) / 1000) * told.speed;
@@ -110,8 +160,22 @@ function choose(path) {
 }
 
 function why() {
+  if (!isOpen()) return;
   asked = decided();
+  askedOf = told.frame?.ensembles[place()]?.epoch;
   if (told.selected) link.say({ say: "why", ensemble: told.selected, time: isRecord() ? told.frame.time : null });
+}
+
+// When the decision was made of which it is told why: of a running system perhaps a later one than that asked of.
+function decidedAt({ ensemble, why }) {
+  const epoch = why?.epoch ?? -1;
+  if (isRecord() || epoch < 0 || epoch === askedOf) return asked;
+  return told.history.lane(ensemble).decisions.findLast((each) => each.life === epoch)?.time;
+}
+
+function ponder() {
+  questions += 1;
+  why();
 }
 
 const MOVES = {
@@ -147,6 +211,7 @@ function paint() {
 }
 
 function freeze() {
+  if (!isOpen()) return;
   if (isRecord()) { told.playing = !told.playing && told.frame.time < told.scene.last; clocked = null; }
   else told.frozen = !told.frozen;
   schedule();
@@ -157,23 +222,26 @@ function neighbour(by) {
   if (ensembles.length) choose(ensembles[Math.max(0, Math.min(ensembles.length - 1, place() + by))].path);
 }
 
+// A key's words, what it does, and where: at a "record", of a "live" run, or at both.
 const KEYS = {
+  d: ["to the next decision", (back) => step("decision", back), "record"],
+  n: ["to the next decision for another action, past those that are the same", (back) => step("change", back), "record"],
+  f: ["to the next fault", (back) => step("fault", back), "record"],
+  m: ["to the next change of a mode", (back) => step("mode", back), "record"],
+  ArrowLeft: ["a second back", () => go(heading() - 1), "record"],
+  ArrowRight: ["a second on", () => go(heading() + 1), "record"],
+  " ": [{ record: "play or pause", live: "freeze the picture, or go on" }, freeze],
   ArrowUp: ["choose the ensemble above", () => neighbour(-1)],
   ArrowDown: ["choose the ensemble below", () => neighbour(1)],
-  " ": ["play or pause; of a running system, freeze the picture", freeze],
-  d: ["to the next decision, with shift the one before", (back) => step("decision", back)],
-  n: ["to the next decision for another action, past those that are the same", (back) => step("change", back)],
-  f: ["to the next fault", (back) => step("fault", back)],
-  m: ["to the next change of a mode", (back) => step("mode", back)],
-  ArrowLeft: ["a second back", () => isRecord() && go(told.frame.time - 1)],
-  ArrowRight: ["a second on", () => isRecord() && go(told.frame.time + 1)],
   "+": ["zoom in", () => zoom(0.5)],
   "-": ["zoom out", () => zoom(2)],
   0: ["all of the time", () => { told.view = { follow: false, span: Math.max(1, extent()[1] - extent()[0]), end: extent()[1] }; schedule(); }],
-  w: ["why this action", why],
+  w: ["why this action", ponder],
   l: ["light or dark", paint],
   "?": ["these keys", () => { told.help = !told.help; schedule(); }],
 };
+const heading = () => wanted ?? (waiting && asking != null ? asking : told.frame.time);   // arrows that come fast add up
+const works = ([, , where]) => !where || where === told.scene?.source;
 
 function zoom(factor) {
   const wide = told.view.span * factor;
@@ -183,14 +251,20 @@ function zoom(factor) {
 
 const extent = () => (isRecord() ? [told.scene.first, told.scene.last] : [0, told.frame?.time ?? 1]);
 
+// Where one writes, all keys are text. A list of choices keeps those by which it chooses, which are no letters.
+const takes = ({ target, key }) => (target.tagName === "SELECT" ? !/^[a-z+?-]$/i.test(key) : target.matches("input:not([type=range]), textarea"));
+// What can be scrolled up or down, or chooses by these keys itself.
+const scrolls = (box) => box && (box.role === "listbox" || box.scrollHeight > box.clientHeight);
+
 addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || /^(input|select|textarea)$/i.test(event.target.tagName)) return;
-  if (event.key === "Escape" && (told.help || told.asked)) { told.help = false; told.asked = null; schedule(); return; }
+  if (event.ctrlKey || event.metaKey || event.altKey || takes(event)) return;
+  if (told.asked) return;   // The question hears the keys.
+  if (event.key === "Escape" && told.help) { told.help = false; schedule(); return; }
   if (event.key === " " && event.target.tagName === "BUTTON") return;
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
   const found = KEYS[key] ?? KEYS[event.key];
-  if (!found || !told.frame) return;
-  if (/^Arrow(Up|Down)$/.test(key) && event.target.closest(".scrolls, .list")) return;   // which scroll, or choose, themselves
+  if (!found || !told.frame || !works(found)) return;
+  if (/^Arrow(Up|Down)$/.test(key) && scrolls(event.target.closest(".scrolls, .list"))) return;   // which scroll, or choose, themselves
   event.preventDefault();
   found[1](event.shiftKey && event.key !== "?");
 });
@@ -199,33 +273,40 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { to
 
 function Header() {
   const { scene, frame } = told;
-  const lost = told.link !== "open";
-  const state = told.link === "refused" ? ["lost", `✕ refused: ${told.reason}`] : lost ? ["lost", "✕ not connected: the program has ended, or runs with another address"]
+  const lost = !isOpen();
+  const state = told.link === "refused" ? ["lost", `✕ refused: ${told.reason}`] : lost ? ["lost", "✕ not connected"]
     : isRecord() ? ["record", told.playing ? "▶ record, playing" : "❚❚ record"] : told.frozen ? ["frozen", "❚❚ frozen"] : ["live", "● live"];
   return html`<header>
     <h1>${scene?.title || "mdm"}</h1>
     <span class=${`badge ${state[0]}`} role="status">${state[1]}</span>
     <span class="number">${frame ? clock(frame.time) : ""}${isRecord() && frame ? ` of ${clock(scene.last)}` : ""}</span>
     ${scene?.began > 0 && frame && html`<span class="soft number">${new Date(scene.began / 1e6 + 1000 * frame.time).toLocaleString("sv")}</span>`}
-    <span class="right">${!isRecord() && html`<button aria-pressed=${told.frozen} onClick=${freeze}>${told.frozen ? "go on" : "freeze"}</button>`}
+    <span class="right">${!isRecord() && html`<button aria-pressed=${told.frozen} disabled=${lost} onClick=${freeze}>${told.frozen ? "go on" : "freeze"}</button>`}
       <button onClick=${paint}>light or dark</button><button aria-expanded=${told.help} onClick=${() => { told.help = !told.help; schedule(); }}>keys</button></span>
   </header>`;
 }
 
 function Help() {
+  const keys = Object.entries(KEYS).filter(([, each]) => works(each));
+  keys.sort(([one], [two]) => (one === "0") - (two === "0"));   // a number comes first in any object
   return html`<section class="panel wide" aria-label="Keys"><div class="head"><h2>Keys</h2></div><dl>
-    ${Object.entries(KEYS).map(([key, [text]]) => html`<dt key=${key}><kbd>${{ " ": "space", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" }[key] ?? key}</kbd></dt><dd>${text}</dd>`)}</dl></section>`;
+    ${keys.map(([key, [text]]) => html`<dt key=${key}><kbd>${{ " ": "space", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" }[key] ?? key}</kbd></dt><dd>${text[told.scene?.source] ?? text}</dd>`)}</dl>
+    ${isRecord() && html`<p class="soft">With shift, <kbd>d</kbd>, <kbd>n</kbd>, <kbd>f</kbd> and <kbd>m</kbd> go to the one before.</p>`}</section>`;
 }
 
 function Controls() {
   if (!isRecord() || !told.frame) return null;
   const { scene, frame } = told;
-  return html`<div class="controls" role="toolbar" aria-label="Time of the record">
-    <button onClick=${freeze} aria-label=${told.playing ? "Pause" : "Play"}>${told.playing ? "❚❚" : "▶"}</button>
+  const lost = !isOpen();
+  // What has the focus scrolls into sight above this bar.
+  const bar = (box) => { document.documentElement.style.scrollPaddingBottom = box ? `${box.offsetHeight + 8}px` : ""; };
+  return html`<div class="controls" ref=${bar} role="toolbar" aria-label="Time of the record">
+    <button disabled=${lost} onClick=${freeze} aria-label=${told.playing ? "Pause" : "Play"}>${told.playing ? "❚❚" : "▶"}</button>
     <select aria-label="Speed" value=${told.speed} onChange=${(event) => { told.speed = Number(event.currentTarget.value); schedule(); }}>${[0.1, 0.5, 1, 2, 5, 10, 60].map((each) => html`<option value=${each} selected=${each === told.speed}>${each}×</option>`)}</select>
-    <input type="range" aria-label="Time" min=${scene.first} max=${scene.last} step="0.001" value=${frame.time} aria-valuetext=${clock(frame.time)} onInput=${(event) => go(Number(event.currentTarget.value))} />
+    <input type="range" aria-label="Time" disabled=${lost} min=${scene.first} max=${scene.last} step="0.001" value=${frame.time} aria-valuetext=${clock(frame.time)} onInput=${(event) => go(Number(event.currentTarget.value))} />
     <span class="number">${clock(frame.time)}</span>
-    ${[["decision", "d"], ["change", "n", "other action"], ["fault", "f"], ["mode", "m"]].map(([kind, key, word = kind]) => html`<span key=${kind}><button aria-label=${`${word} before`} title=${`shift ${key}`} onClick=${() => step(kind, true)}>◀</button> <button title=${key} onClick=${() => step(kind, false)}>${word} ▶</button></span>`)}
+    ${[["decision", "d"], ["change", "n", "other action"], ["fault", "f"], ["mode", "m"]].map(([kind, key, word = kind]) => html`<span key=${kind}><button disabled=${lost} aria-label=${`${word} before`} title=${`shift ${key}`} onClick=${() => step(kind, true)}>◀</button> <button disabled=${lost} title=${key} onClick=${() => step(kind, false)}>${word} ▶</button></span>`)}
+    <span class="ended" role="status">${told.ended}</span>
   </div>`;
 }
 
@@ -235,27 +316,26 @@ function Page() {
     return html`<${Header} /><main><section class="panel wide"><p class="empty">${told.link === "open" ? "Waiting for the first frame." : "Not connected. Open the address that the program has printed; this page goes on trying."}</p></section></main>`;
   }
   return html`<a class="skip" href="#main">To the ensembles</a><${Header} />
-    <${Headline} scene=${scene} frame=${frame} />
-    <main id="main">
+    <${Part} name="the headline"><${Headline} scene=${scene} frame=${frame} lost=${!isOpen()} /><//>
+    <main id="main" class=${isOpen() ? "" : "past"}>
       ${told.help && html`<${Help} />`}
-      ${told.asked && html`<div class="ask wide" role="alertdialog" aria-label="Are you sure?"><b>${told.asked.text}</b>
-        <button class="danger" onClick=${() => answer(true)}>${told.asked.yes}</button><button onClick=${() => answer(false)} ref=${(button) => { if (button && !button.dataset.met) { button.dataset.met = "1"; button.focus(); } }}>No</button></div>`}
       ${told.said && html`<p class=${`said wide ${told.said.refused ? "refused" : ""}`} role="status">${told.said.refused ? `✕ refused: ${told.said.refused}` : `✓ done: ${told.said.done}`}</p>`}
       ${(scene.remarks ?? []).map((text) => html`<p class="said wide" key=${text}>ⓘ ${text}</p>`)}
-      <${Timeline} scene=${scene} frame=${frame} history=${told.history} selected=${told.selected} view=${told.view} extent=${extent()}
-        setView=${(view) => { told.view = view; schedule(); }} go=${isRecord() ? go : null} scheme=${told.scheme} />
-      <div class="column"><${Tree} scene=${scene} frame=${frame} selected=${told.selected} choose=${choose} />
-        <${Faults} faults=${told.history.faults} frame=${frame} go=${isRecord() ? go : null} /></div>
-      <div class="column"><${Detail} scene=${scene} frame=${frame} path=${told.selected} why=${told.why} ask=${why} control=${scene.control} command=${command} />
-        <${Plots} seen=${told.seen} path=${told.selected} scheme=${told.scheme} /></div>
-      <div class="column third">${scene.floors?.length > 0 && html`<${Floor} floors=${scene.floors} frame=${frame} scheme=${told.scheme} />`}
-        <${Team} team=${frame.team} />
-        <${Predicates} scene=${scene} frame=${frame} path=${told.selected} control=${scene.control} sense=${sense} />
-        <${Counts} statistics=${frame.statistics} path=${told.selected} /></div>
-    </main><${Controls} />`;
+      <${Part} name="the timeline"><${Timeline} scene=${scene} frame=${frame} history=${told.history} selected=${told.selected} view=${told.view} extent=${extent()}
+        setView=${(view) => { told.view = view; schedule(); }} choose=${choose} go=${isRecord() ? go : null} scheme=${told.scheme} /><//>
+      <div class="column"><${Part} name="the tree of ensembles"><${Tree} scene=${scene} frame=${frame} selected=${told.selected} choose=${choose} /><//>
+        <${Part} name="the faults"><${Faults} faults=${told.history.faults} frame=${frame} go=${isRecord() ? go : null} /><//></div>
+      <div class="column"><${Part} name="the ensemble"><${Detail} scene=${scene} frame=${frame} path=${told.selected} why=${told.why} ask=${ponder} lost=${!isOpen()} control=${scene.control} command=${command} /><//>
+        <${Part} name="the course of the belief"><${Plots} seen=${told.seen} path=${told.selected} scheme=${told.scheme} /><//></div>
+      <div class="column third">${scene.floors?.length > 0 && html`<${Part} name="the floor"><${Floor} floors=${scene.floors} frame=${frame} scheme=${told.scheme} /><//>`}
+        <${Part} name="the team"><${Team} team=${frame.team} /><//>
+        <${Part} name="the predicates"><${Predicates} scene=${scene} frame=${frame} path=${told.selected} lost=${!isOpen()} control=${scene.control} sense=${sense} /><//>
+        <${Part} name="latency and counts"><${Counts} statistics=${frame.statistics} path=${told.selected} /><//></div>
+    </main><${Controls} />
+    ${told.asked && html`<${Part} name="the question"><${Question} key=${told.asked.text} text=${told.asked.text} yes=${told.asked.yes} answer=${answer} /><//>`}`;
 }
 
 const root = document.getElementById("page");
-function redraw() { render(html`<${Page} />`, root); }
+function redraw() { render(html`<${Part} name="the page"><${Page} /><//>`, root); }
 globalThis.mdmPage = told;   // for tests and for the curious
 schedule();

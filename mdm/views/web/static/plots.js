@@ -73,7 +73,7 @@ export function Plots({ seen, path, scheme }) {
   }, [path, length, scheme, rewarded]);
   if (!believes && !rewarded) return null;
   return html`<section class="panel" aria-label="Over time"><h2>Over time: ${path}</h2>
-    ${believes && html`<div><h3>belief, its likeliest states</h3><div class="chart" ref=${belief} role="img" aria-label="Belief over time"></div></div>`}
+    ${believes && html`<div><h3>belief, its likeliest states, stacked</h3><p class="soft legend">Each band is as wide as its state is likely; all together come to 1; what is above the bands is the rest.</p><div class="chart" ref=${belief} role="img" aria-label="Belief over time, a band for each state, one on top of the other"></div></div>`}
     ${rewarded && html`<div><h3>expected reward</h3><div class="chart" ref=${reward} role="img" aria-label="Expected reward over time"></div></div>`}
   </section>`;
 }

@@ -97,7 +97,7 @@ function decision(history, path, time) {
   return place < 0 ? "" : `${clock(decisions[place].time)} ${path} decided ${told(decisions[place]).replace("\n", ", ")}`;
 }
 
-export function Timeline({ scene, frame, history, selected, view, setView, go, scheme, extent }) {
+export function Timeline({ scene, frame, history, selected, view, setView, choose, go, scheme, extent }) {
   const box = useRef(null);
   const drag = useRef(null);
   const hits = useRef([]);
@@ -129,6 +129,11 @@ export function Timeline({ scene, frame, history, selected, view, setView, go, s
     canvas.addEventListener("wheel", wheel, { passive: false });
     return () => canvas.removeEventListener("wheel", wheel);
   });
+  // The ensemble whose name the pointer is on; "" beside the names of ensembles, and null where time is.
+  const name = (event) => {
+    const { left, top } = box.current.getBoundingClientRect();
+    return event.clientX - left >= LEFT ? null : lanes[Math.floor((event.clientY - top - HEAD) / LANE)] ?? "";
+  };
   const down = (event) => { drag.current = { x: event.clientX, end, moved: false }; event.currentTarget.setPointerCapture(event.pointerId); };
   const point = (event) => {
     const { left, top, width } = box.current.getBoundingClientRect();
@@ -137,7 +142,7 @@ export function Timeline({ scene, frame, history, selected, view, setView, go, s
     show(found ? { x: Math.min(x, Math.max(0, width - 280)), y: y + 18, text: found.text } : null);
   };
   const move = (event) => {
-    if (!drag.current) { point(event); return; }
+    if (!drag.current) { box.current.style.cursor = name(event) ? "pointer" : ""; point(event); return; }
     show(null);
     const by = event.clientX - drag.current.x;
     if (Math.abs(by) > 4) drag.current.moved = true;
@@ -146,7 +151,10 @@ export function Timeline({ scene, frame, history, selected, view, setView, go, s
   const up = (event) => {
     const clicked = drag.current && !drag.current.moved;
     drag.current = null;
-    if (clicked && go) go(timeAt(event));
+    if (!clicked) return;
+    const named = name(event);
+    if (named === null) go?.(timeAt(event));
+    else if (named) choose(named);
   };
   const keys = (event) => {
     const by = { ArrowLeft: -0.2, ArrowRight: 0.2 }[event.key];
@@ -225,8 +233,8 @@ function draw(canvas, { scene, frame, history, lanes, predicates, selected, begi
       context.fillRect(left, top + 2, right - left, 7);
       if (name === "safe") hatch(context, left, top + 2, right - left, 7, tint.paper);
       if (name === "stopped") { context.fillStyle = tint.paper; context.fillRect(left, top + 4, right - left, 3); }
-      context.font = font(9);
-      if (right - left > 16) { context.fillStyle = tint.paper; context.fillText(SIGNS[name] ?? "", left + 3, top + 6); }
+      context.font = font(9, name === "stopped" ? 700 : 400);
+      if (right - left > 16) { context.fillStyle = name === "stopped" ? tint.ink : tint.paper; context.fillText(SIGNS[name] ?? "", left + 3, top + 6); }
     }
     context.font = font(11);
     const first = Math.max(0, from(lane.lives, begin, (each) => each.to ?? Infinity));

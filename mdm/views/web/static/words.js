@@ -17,7 +17,8 @@ export const called = (of) => (of.parent < 0 ? of.path : of.path.slice(of.path.l
 
 // The places of the predicates that tell a factor of an ensemble's state. In a team a name begins with its agent's.
 export function feeding(scene, of) {
-  const names = new Set((of?.factors ?? []).flatMap((each) => each.told_by ?? []));
+  if (!of) return [];
+  const names = new Set((of.factors ?? []).flatMap((each) => each.told_by ?? []));
   const mine = (agent) => !agent || of.path === agent || of.path.startsWith(`${agent}/`);
   return scene.predicates.map((_, place) => place).filter((place) => {
     const [, agent, name] = /^(?:(.*?): )?(.*)$/.exec(scene.predicates[place].name);

@@ -55,6 +55,8 @@ ACROSS = {
     "chaos/test_processes.py": "robots as real processes that get signals",
     "chaos/test_planted.py": "that the scenarios find faults that are planted",
     "views/web/test_browser.py": "the page in a browser",
+    "views/web/test_connection.py": "the page in a browser, where what it shows breaks, ends and begins anew",
+    "views/web/test_keys.py": "the keys of the page in a browser",
     "cli/test_commands.py": "what all verbs have in common",
     "cli/records/test_bad_records.py": "what all verbs of records have in common",
     "cli/test_loading.py": "which modules the verbs load",

@@ -8,7 +8,7 @@ const PAUSE = 2;   // Seconds without anything to do that nobody need be told of
 export function Headline({ scene, frame, lost }) {
   if (lost) {
     return html`<section class="headline cut" aria-label="What matters most" aria-live="polite"><div class="line">
-      <strong class="lost">✕ not connected</strong><span>The program has ended, or runs with another address. Below is what it told last, at ${clock(frame.time)}; it may be otherwise now.</span></div></section>`;
+      <strong class="lost">✕ not connected</strong><span>${lost === "refused" ? "The program does not answer this page, for the reason above; it goes on trying." : "The program has ended, or runs with another address."} Below is what it told last, at ${clock(frame.time)}; it may be otherwise now.</span></div></section>`;
   }
   const told = frame.ensembles.map((each, place) => ({ each, path: scene.ensembles[place]?.path ?? "", how: standing(each) }));
   const safe = told.filter(({ how }) => how === "safe");

@@ -316,7 +316,7 @@ function Page() {
     return html`<${Header} /><main><section class="panel wide"><p class="empty">${told.link === "open" ? "Waiting for the first frame." : "Not connected. Open the address that the program has printed; this page goes on trying."}</p></section></main>`;
   }
   return html`<a class="skip" href="#main">To the ensembles</a><${Header} />
-    <${Part} name="the headline"><${Headline} scene=${scene} frame=${frame} lost=${!isOpen()} /><//>
+    <${Part} name="the headline"><${Headline} scene=${scene} frame=${frame} lost=${isOpen() ? null : told.link} /><//>
     <main id="main" class=${isOpen() ? "" : "past"}>
       ${told.help && html`<${Help} />`}
       ${told.said && html`<p class=${`said wide ${told.said.refused ? "refused" : ""}`} role="status">${told.said.refused ? `✕ refused: ${told.said.refused}` : `✓ done: ${told.said.done}`}</p>`}

@@ -75,6 +75,8 @@ class Recorder:
         split_bytes: Begin another file when one has about this size.
         split_seconds: Begin another file when the messages of one span this time.
         bound: How many items may wait to be encoded; more are lost and counted.
+        keep: Keep a record that is there already, and write ``run.2.mcap`` beside ``run.mcap``, and so on, as after a
+            crash; False replaces it. From the runtime's begin on, ``path`` has the file that is written.
 
     Raises:
         ConfigError: If one of these is of another kind.
@@ -91,6 +93,7 @@ class Recorder:
         split_bytes: int | None = None,
         split_seconds: float | None = None,
         bound: int = _BOUND,
+        keep: bool = True,
     ) -> None:
         if not is_whole(largest_belief) or largest_belief < 0:
             raise ConfigError(f"largest_belief is a number of states, not {largest_belief!r}", key="largest_belief")
@@ -99,7 +102,7 @@ class Recorder:
         self.lost = 0
         self._largest = largest_belief
         self._bound = bound
-        self._writer = RecordWriter(path, split_bytes=split_bytes, split_seconds=split_seconds)
+        self._writer = RecordWriter(path, split_bytes=split_bytes, split_seconds=split_seconds, keep=keep)
         self._attached: list[tuple[str, str, bytes]] = []
         self._head: dict[str, str] = {}
         self._items: list[tuple[Any, ...]] = []
@@ -134,6 +137,7 @@ class Recorder:
             Error: If the file cannot be written, or what writes it is not installed.
         """
         self._writer.open()
+        self.path = self._writer.path
         self._runtime, self._virtual = runtime, virtual
         self._loop = asyncio.get_running_loop()
         self._writer.metadata("mdm", {**environment(), **self._head, **_clock(runtime, virtual=virtual)})
@@ -161,6 +165,11 @@ class Recorder:
         if self._runtime is not None:
             self._runtime.dispatcher.tape = None
         self._loop = None
+
+    @property
+    def kept_files(self) -> tuple[Path, ...]:
+        """The records that are kept, in place of which another file is written; empty where its name was free."""
+        return self._writer.kept_files
 
     @property
     def failure(self) -> str | None:

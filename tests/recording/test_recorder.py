@@ -202,6 +202,19 @@ def test_beyond_the_bound_items_are_lost_counted_and_told(tmp_path):
     assert fault.detail.endswith("messages of the record are lost: more was recorded than could be written")
 
 
+def test_the_record_of_a_run_before_is_kept(tmp_path):
+    path = tmp_path / "run.mcap"
+    run_virtual(lambda runtime: runtime.start(robot()[0]), record=path)
+    before = path.read_bytes()
+    recorder = Recorder(path)
+    run_virtual(lambda runtime: runtime.start(robot()[0]), record=recorder)
+    assert (recorder.path, recorder.kept_files) == (tmp_path / "run.2.mcap", (path,))
+    assert path.read_bytes() == before
+    run_virtual(lambda runtime: runtime.start(robot()[0]), record=Recorder(path, keep=False))
+    assert path.read_bytes() != before
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["run.2.mcap", "run.mcap"]
+
+
 def test_a_path_that_cannot_be_written_is_refused_at_the_start(tmp_path):
     ensemble, _ = robot()
     with refused(Error):

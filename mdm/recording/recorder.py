@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from mdm.checks import is_whole
-from mdm.errors import ConfigError
+from mdm.errors import ConfigError, Error
 from mdm.messages import ActionLife, Decision, Fault
 from mdm.recording import schemas
 from mdm.recording.stimuli import (
@@ -66,7 +66,7 @@ _HEARD, _SAID, _CALLED, _LIVED, _DECIDED, _SENT = range(6)
 class Recorder:
     """Records a run: every stimulus, decision, life of an action, mode and fault, and channels that are asked for.
 
-    Hand it to a `Runtime`, or a path alone where the defaults will do. A runtime that ends completes the file.
+    Hand it to one `Runtime`, or a path alone where the defaults will do. A runtime that ends completes the file.
 
     Args:
         path: The file, such as ``run.mcap``.
@@ -134,8 +134,10 @@ class Recorder:
         """Begin the record of a runtime.
 
         Raises:
-            Error: If the file cannot be written, or what writes it is not installed.
+            Error: If the file cannot be written, what writes it is not installed, or this has recorded a run before.
         """
+        if self._runtime is not None:
+            raise Error(f"{self.path}: a Recorder is for one run: make a new one for each runtime")
         self._writer.open()
         self.path = self._writer.path
         self._runtime, self._virtual = runtime, virtual

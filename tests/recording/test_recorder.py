@@ -215,6 +215,15 @@ def test_the_record_of_a_run_before_is_kept(tmp_path):
     assert sorted(each.name for each in tmp_path.iterdir()) == ["run.2.mcap", "run.mcap"]
 
 
+def test_a_recorder_is_for_one_run(tmp_path):
+    recorder = Recorder(tmp_path / "run.mcap")
+    run_virtual(lambda runtime: runtime.start(robot()[0]), record=recorder)
+    before = recorder.path.read_bytes()
+    with refused(Error):
+        run_virtual(lambda runtime: runtime.start(robot()[0]), record=recorder)
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [before]
+
+
 def test_a_path_that_cannot_be_written_is_refused_at_the_start(tmp_path):
     ensemble, _ = robot()
     with refused(Error):

@@ -11,6 +11,7 @@ import importlib
 import os
 import platform
 import time as times
+from collections.abc import Iterable
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import msgspec
 import numpy as np
 
-from mdm.checks import is_whole
+from mdm.checks import check_flag, is_whole
 from mdm.errors import ConfigError, Error
 from mdm.messages import ActionLife, Decision, Fault
 from mdm.recording import schemas
@@ -45,7 +46,7 @@ from mdm.recording.writer import RecordWriter
 from mdm.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
 
     from mdm.messages import Tick
     from mdm.recording.writer import RecordStatistics
@@ -70,7 +71,8 @@ class Recorder:
 
     Args:
         path: The file, such as ``run.mcap``.
-        channels: Names of further channels of which each message is kept, such as ``robot/belief``.
+        channels: Names of further channels of which each message is kept, such as ``robot/belief``. Of one that the
+            run never had, a fault tells at its end.
         largest_belief: Beliefs over more states than this are not kept with decisions: a replay restores them.
         split_bytes: Begin another file when one has about this size.
         split_seconds: Begin another file when the messages of one span this time.
@@ -97,8 +99,11 @@ class Recorder:
     ) -> None:
         if not is_whole(largest_belief) or largest_belief < 0:
             raise ConfigError(f"largest_belief is a number of states, not {largest_belief!r}", key="largest_belief")
+        if not is_whole(bound) or bound < 1:
+            raise ConfigError(f"bound is a number of items above 0, not {bound!r}", key="bound")
+        check_flag(keep, "keep", key="keep")
         self.path = Path(path)
-        self.channels = tuple(channels)
+        self.channels = _names(channels)
         self.lost = 0
         self._largest = largest_belief
         self._bound = bound
@@ -343,8 +348,16 @@ class Recorder:
         self._put((Ticked(tick.time, actor, tick.number, tick.missed, rate),))
 
     def finishes(self, time: int) -> None:
-        """Note that the runtime begins to end."""
+        """Note that the runtime begins to end; make a fault of a channel that was asked for and never there."""
         self._put((Finished(time),))
+        missing = [name for name in self.channels if name not in self._topics]
+        if missing and self._runtime is not None:
+            there = [channel.name for channel in self._runtime.channels if channel.name not in self._topics]
+            text = (
+                f"{self.path}: nothing was recorded of channel {', '.join(map(repr, missing))}, which was not there "
+                f"when an actor began; there are {', '.join(there[:_TOLD])}"
+            )
+            self._runtime.faults.publish(Fault(time, "runtime", "record", text))
 
     def note(self, stimulus: Stimulus) -> None:
         """Note a stimulus as it is."""
@@ -415,6 +428,8 @@ class Recorder:
             self._put((_DECIDED, output, decision))
 
 
+_TOLD = 20
+"""Channels that are named, of those that there are."""
 _NAMED = 10_000
 """Spaces with more symbols than this have no names in a record's head."""
 
@@ -460,6 +475,14 @@ class _Runtime(Protocol):
     def channels(self) -> tuple[Any, ...]: ...
 
     def now(self) -> int: ...
+
+
+def _names(channels: object) -> tuple[str, ...]:
+    """Check that names of channels are a list of texts."""
+    names = tuple(channels) if isinstance(channels, Iterable) and not isinstance(channels, str | bytes) else None
+    if names is None or not all(isinstance(name, str) for name in names):
+        raise ConfigError(f"channels are a list of names, such as ['robot/state'], not {channels!r}", key="channels")
+    return names
 
 
 def _plain(value: object) -> object:

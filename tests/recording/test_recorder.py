@@ -202,6 +202,26 @@ def test_beyond_the_bound_items_are_lost_counted_and_told(tmp_path):
     assert fault.detail.endswith("messages of the record are lost: more was recorded than could be written")
 
 
+@pytest.mark.parametrize(
+    "options",
+    [{"channels": "robot/state"}, {"channels": [3]}, {"channels": 3}, {"bound": 0}, {"bound": -1}, {"bound": 1e9}],
+    ids=str,
+)
+def test_options_out_of_their_range(tmp_path, options):
+    with refused(ConfigError):
+        Recorder(tmp_path / "run.mcap", **options)
+
+
+def test_a_channel_that_was_never_there_is_told(tmp_path):
+    ensemble, _ = robot()
+    options = {"channels": ["robot/state", "nobody", "decisions"]}
+    _, heard = record(tmp_path / "run.mcap", ensemble, lambda: asyncio.sleep(1), **options)
+    (fault,) = heard["faults"]
+    assert fault.kind == "record"
+    assert fault.detail.startswith(f"{tmp_path}/run.mcap: nothing was recorded of channel 'nobody', which ")
+    assert "robot/action" in fault.detail
+
+
 def test_the_record_of_a_run_before_is_kept(tmp_path):
     path = tmp_path / "run.mcap"
     run_virtual(lambda runtime: runtime.start(robot()[0]), record=path)

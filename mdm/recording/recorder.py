@@ -227,10 +227,11 @@ class Recorder:
         runtime, failure = self._runtime, self._writer.failure
         if runtime is None or self._loop is None:
             return
+        lost = self.statistics().dropped
         if failure is not None and not self._failed:
             self._failed = True
-            runtime.faults.publish(Fault(runtime.now(), "runtime", "record", failure))
-        lost = self.statistics().dropped
+            text = f"{failure}; {lost:,} messages are lost by now, or may be" if lost else failure
+            runtime.faults.publish(Fault(runtime.now(), "runtime", "record", text))
         if lost and not self._told_lost and not self._failed:
             self._told_lost = lost
             text = f"{self.path}: {lost:,} messages of the record are lost: more was recorded than could be written"

@@ -128,12 +128,18 @@ class RecordWriter:
         """
         if importlib.util.find_spec("mcap") is None:
             raise Error("records need mcap: pip install 'markov-decision-making[record]'")
-        path = self.path
-        if path.is_dir():
-            raise FormatError("this is a folder, not a file", file=self.path)
-        if not path.parent.is_dir():
-            raise FormatError("the record cannot be written: its folder does not exist", file=self.path)
-        descriptor = self._claim(path)
+        try:
+            if self.path.is_dir():
+                raise FormatError("this is a folder, not a file", file=self.path)
+            if not self.path.parent.is_dir():
+                raise FormatError("the record cannot be written: its folder does not exist", file=self.path)
+            descriptor = self._claim(self.path)
+        except process.Claimed as error:
+            raise FormatError(str(error), file=self.path) from None
+        except OSError as error:
+            raise FormatError(f"the record cannot be written: {error.strerror}", file=self.path) from None
+        except ValueError:
+            raise Error(f"{str(self.path)!r} is no name of a file: the record cannot be written") from None
         try:
             self._start(str(self.path.absolute()), descriptor)
         except OSError as error:
@@ -155,10 +161,6 @@ class RecordWriter:
             except process.Kept:
                 kept.append(self.path)
                 continue
-            except process.Claimed as error:
-                raise FormatError(str(error), file=self.path) from None
-            except OSError as error:
-                raise FormatError(f"the record cannot be written: {error.strerror}", file=self.path) from None
             break
         self.kept_files = tuple(kept)
         return descriptor

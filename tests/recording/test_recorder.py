@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 
 import numpy as np
 import pytest
+from records import PATIENCE
 from sentences import refused
 
 import mdm
@@ -233,6 +235,25 @@ def test_the_record_of_a_run_before_is_kept(tmp_path):
     run_virtual(lambda runtime: runtime.start(robot()[0]), record=Recorder(path, keep=False))
     assert path.read_bytes() != before
     assert sorted(each.name for each in tmp_path.iterdir()) == ["run.2.mcap", "run.mcap"]
+
+
+def test_the_end_of_the_process_that_writes_is_told_with_what_is_lost(tmp_path):
+    recorder = Recorder(tmp_path / "run.mcap")
+    ensemble, near = robot()
+
+    async def main(runtime):
+        faults = probe(runtime.faults)
+        await runtime.start(ensemble)
+        recorder._writer._process.kill()
+        recorder._writer._process.wait(PATIENCE)
+        for second in range(100):
+            near.set(second % 2 == 0)
+            await asyncio.sleep(1)
+        return [*faults]
+
+    (fault,) = run_virtual(main, record=recorder)
+    found = re.search(r"the process that writes it has ended \(signal 9\); ([\d,]+) messages are lost", fault.detail)
+    assert 0 < int(found.group(1).replace(",", "")) <= recorder.statistics().dropped
 
 
 def test_a_recorder_is_for_one_run(tmp_path):

@@ -304,6 +304,10 @@ def test_what_cannot_be_opened_is_told_at_once(tmp_path, monkeypatch):
     assert (tmp_path / "robot.toml").read_text() == "[ensembles]"
     with refused(FormatError):
         RecordWriter("/proc/run.mcap").open()
+    with refused(FormatError):
+        RecordWriter(tmp_path / f"{'x' * 300}.mcap").open()
+    with refused(Error):
+        RecordWriter("a\0b").open()
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with refused(Error):
         RecordWriter(tmp_path / "run.mcap").open()

@@ -63,8 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
                 runtime.decisions.subscribe(tally)
             if attached is not None:
                 attached.hold(runtime, sum(ensemble.patience for ensemble in system.top))
-            path = None if system.member is not None else arguments.decisions
-            with decisions_to(path, runtime), _releases(system, virtual=arguments.virtual):
+            write_decisions(runtime)
+            with _releases(system, virtual=arguments.virtual):
                 await runtime.start(system)
                 try:
                     with anyio.move_on_after(arguments.seconds):
@@ -73,7 +73,9 @@ def run(arguments: argparse.Namespace) -> int:
                     ended.update(_ended(runtime))
 
     try:
-        run_program(main, virtual=arguments.virtual)
+        path = None if system.member is not None else arguments.decisions
+        with decisions_to(path) as write_decisions:  # before the record begins
+            run_program(main, virtual=arguments.virtual)
     except DeadlockError:
         print("mdm run: ended, because no timer is pending and no input can come", file=sys.stderr)
     finally:

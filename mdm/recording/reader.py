@@ -341,7 +341,7 @@ class Record:
     Attributes:
         path: The path of the first file.
         paths: All files.
-        metadata: The named strings. ``mdm`` has the head: the format, versions, clock, epoch, seeds.
+        metadata: The named strings. ``mdm`` has the head: the format, versions, clock and epoch.
         attachments: The attached files.
         topics: The topics by name.
         counts: How many messages each topic has.

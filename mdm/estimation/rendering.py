@@ -48,9 +48,10 @@ def _head(report: Report) -> list[str]:
         lines.append(f"{report.discarded} decisions are left out: neither state nor observation is known")
     if report.returns:
         values = np.asarray(report.returns)
-        spread = f" ± {values.std(ddof=1) / math.sqrt(len(values)):.4g}" if len(values) > 1 else ""
+        spread = f" ± {values.std(ddof=1) / math.sqrt(len(values)):.4g} (standard error)" if len(values) > 1 else ""
+        expected = f"expected by {'beliefs in ' if report.hidden else ''}the model in use"
         promised = "" if report.value is None else f"; the model promises {report.value:.4g}"
-        lines.append(f"returns of {len(values)} episodes: {values.mean():.4g}{spread}{promised}")
+        lines.append(f"returns of {len(values)} episodes, {expected}: {values.mean():.4g}{spread}{promised}")
     if report.fit is not None:
         lines.append(
             f"log likelihood {report.fit.before:.2f} by the model, {report.fit.after:.2f} by the estimate "

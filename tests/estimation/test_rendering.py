@@ -30,6 +30,8 @@ def test_text_says_what_differs_and_what_is_impossible():
     assert re.fullmatch(returns, lines[1])
     assert lines[2] == "rows: 2 differs, 1 agrees, 0 certain, 0 too few; 0 not visited"
     assert lines[3] == "impossible by the model: dock -go-> lab, 2 times"
+    (odd,) = [line for line in lines if line.startswith("T go dock: ")]
+    assert odd.startswith("T go dock: lab followed, impossible by the model, loss ")
     (head,) = [line for line in lines if line.startswith("T go lab: p ")]
     assert ", odds 10^234 to 1" in head
     assert ", loss " in head

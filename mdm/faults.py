@@ -61,7 +61,8 @@ KINDS: Final[dict[str, FaultKind]] = {
     ),
     "record": FaultKind(
         "The run goes on, but its record does not, or lacks messages.",
-        "Free the disk that the detail names, or record less: fewer channels, a larger `bound` of the `Recorder`.",
+        "The detail says why. Free the disk where it is full; find what has ended the process that writes, as the "
+        "system does for want of memory; record less, or with a larger `bound`, where too much waited.",
     ),
     # -- Sensors and places --------------------------------------------------------------------------------------
     "sensor": FaultKind(

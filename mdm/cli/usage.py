@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from mdm.team.transport.access import Access
 
 __all__ = [
+    "LATEST",
     "UsageError",
     "add_discount",
     "add_durations",
@@ -29,6 +30,10 @@ __all__ = [
     "seconds",
     "seed",
 ]
+
+
+LATEST = 10_000_000_000
+"""Seconds beyond which nothing of a record is: some 300 years, which nanoseconds in 64 bits hold."""
 
 
 class UsageError(Error):
@@ -179,7 +184,7 @@ def seed(text: str) -> int:
 def moment(text: str) -> float:
     """Parse an argument as a second of a record."""
     number = finite(text)
-    if number is None:
+    if number is None or abs(number) > LATEST:
         raise argparse.ArgumentTypeError(f"a number of seconds was expected, not {text!r}")
     return number
 

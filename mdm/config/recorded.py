@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from mdm.config.builder import load_system
+from mdm.config.builder import load_system, load_team
 from mdm.errors import ConfigError, Error
 from mdm.recording.stimuli import Joined
 
@@ -136,6 +136,11 @@ def load_recorded(
     """
     agent = record.head.get("agent")
     if given is not None:
+        if agent is None and (team := load_team(given)) is not None:
+            raise ConfigError(
+                f"{given}: this file describes the team {team.name!r}, and {record.path} is the record of a robot "
+                f"without one: give a configuration without a table [team]"
+            )
         return load_system(given, agent=agent, callbacks=False, transport=transport)
     name = record.head.get("configuration")
     if name is None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from mdm.config.builder import load_system
+from mdm.config.builder import load_system, load_team
 from mdm.config.recorded import lay_out
 from mdm.errors import Error
 from mdm.formats import load_model
@@ -64,6 +64,11 @@ class Simulated(msgspec.Struct, frozen=True):
         return {"model": seen, "policy": policy, "steps": self.steps}
 
     def _of_file(self, file: str) -> dict[str, Any]:
+        if (team := load_team(file)) is not None:
+            raise Error(
+                f"{file}: this file describes the team {team.name!r}, of which no agent can be simulated alone: give "
+                f"the team's --model and --policy"
+            )
         system = load_system(file, callbacks=False)
         name = self.ensemble or system.top[0].name
         if name not in system.ensembles:

@@ -9,11 +9,13 @@ import msgspec
 import numpy as np
 
 if TYPE_CHECKING:
-    from mdm.estimation.report import Report
+    from mdm.estimation.report import Report, RowReport
 
 __all__ = ["as_data", "as_text"]
 
 _SHOWN = 20
+_NAMED = 3
+"""Impossible symbols that a row names, of many."""
 
 
 def as_data(report: Report) -> dict[str, Any]:
@@ -48,9 +50,10 @@ def _head(report: Report) -> list[str]:
         lines.append(f"{report.discarded} decisions are left out: neither state nor observation is known")
     if report.returns:
         values = np.asarray(report.returns)
-        spread = f" ± {values.std(ddof=1) / math.sqrt(len(values)):.4g}" if len(values) > 1 else ""
+        spread = f" ± {values.std(ddof=1) / math.sqrt(len(values)):.4g} (standard error)" if len(values) > 1 else ""
+        expected = f"expected by {'beliefs in ' if report.hidden else ''}the model in use"
         promised = "" if report.value is None else f"; the model promises {report.value:.4g}"
-        lines.append(f"returns of {len(values)} episodes: {values.mean():.4g}{spread}{promised}")
+        lines.append(f"returns of {len(values)} episodes, {expected}: {values.mean():.4g}{spread}{promised}")
     if report.fit is not None:
         lines.append(
             f"log likelihood {report.fit.before:.2f} by the model, {report.fit.after:.2f} by the estimate "
@@ -73,16 +76,26 @@ def _rows_text(report: Report) -> list[str]:
         return lines
     lines += ["", "rows that differ" + " " * 24 + f"visits    model  estimate  {report.level:.0%} interval"]
     for row in shown:
-        loss = "" if row.loss is None else f", loss {row.loss:.4g}"
-        odds = f", odds {_odds(row.log_odds)}" if math.isfinite(row.log_odds) else ""
-        p_value = "" if row.p_value is None else f"p {row.p_value:.2g}"
-        lines.append(f"{row.matrix} {row.action} {row.state}: {p_value}{odds}{loss}".rstrip(": "))
+        lines.append(f"{row.matrix} {row.action} {row.state}: {_why(row)}")
         lines += [
             f"  {entry.symbol:36}{entry.count:8.6g} {entry.model or 0:8.4f}  {entry.estimate:8.4f}  "
             f"{entry.low:.4f} to {entry.high:.4f}"
             for entry in row.entries
         ]
     return lines
+
+
+def _why(row: RowReport) -> str:
+    """Return why a row differs from the model, and what that costs."""
+    parts = []
+    if row.impossible:
+        symbols = ", ".join(symbol for symbol, _ in row.impossible[:_NAMED])
+        more = len(row.impossible) - _NAMED
+        parts.append(f"{symbols}{f' and {more} more' if more > 0 else ''} followed, impossible by the model")
+    parts += [] if row.p_value is None else [f"p {row.p_value:.2g}"]
+    parts += [f"odds {_odds(row.log_odds)}"] if math.isfinite(row.log_odds) else []
+    parts += [] if row.loss is None else [f"loss {row.loss:.4g}"]
+    return ", ".join(parts)
 
 
 def _odds(logarithm: float) -> str:

@@ -152,7 +152,7 @@ class Report(msgspec.Struct, frozen=True):
         unvisited: Actions and states of which nothing is known.
         rates: Rates and holding times, of jumps.
         frequencies: Observations, where states are hidden.
-        returns: The discounted return of each episode.
+        returns: The discounted return of each episode, of rewards as the model in use and its beliefs expected them.
         fit: Where states are hidden.
         impossible: Observations that the model holds impossible, by action, with their count.
         notes: What was not computed, and why.

@@ -1,4 +1,7 @@
-"""Returns: what each episode earned, by the rewards of its decisions."""
+"""Returns: the rewards of each episode's decisions, which the model in use and its beliefs expected.
+
+Nothing in a record tells what was earned in the world.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ def returns_of(model: MDP, chains: Iterable[Chain], *, in_time: bool = False) ->
 
     An episode goes on across ticks that were missed, safe modes and beliefs from outside; a start, a reset or the
     stimulus after a horizon begins another one. Rewards are those of the decisions; decisions without one earn R(s, a),
-    or its expectation under the belief.
+    or its expectation under the belief. So a return is what the model in use expected, and not what the world has paid.
 
     Args:
         model: The model; its discount is that of a decision.

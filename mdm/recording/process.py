@@ -27,7 +27,20 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["ATTACHMENT", "END", "HEADER", "LOST", "MAGIC", "MESSAGE", "METADATA", "TOPIC", "Claimed", "File", "claim"]
+__all__ = [
+    "ATTACHMENT",
+    "END",
+    "HEADER",
+    "LOST",
+    "MAGIC",
+    "MESSAGE",
+    "METADATA",
+    "TOPIC",
+    "Claimed",
+    "File",
+    "Kept",
+    "claim",
+]
 
 MAGIC = b"\x89MCAP0\r\n"
 """The first and the last bytes of a file."""
@@ -50,10 +63,15 @@ class Claimed(OSError):
     """A file is being written by another program, or is none that may be replaced; its text is a sentence."""
 
 
-def claim(path: str) -> int:
-    """Open a file for a record and lock it; a record that is there already is replaced.
+class Kept(Claimed):
+    """A file is a record, and is to be kept."""
+
+
+def claim(path: str, *, keep: bool = False) -> int:
+    """Open a file for a record and lock it; a record that is there already is replaced, or kept.
 
     Raises:
+        Kept: If it is to be kept.
         Claimed: If another program records to it, or it is something else than a record.
         OSError: If it cannot be written.
     """
@@ -62,10 +80,14 @@ def claim(path: str) -> int:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise Claimed("another program records to this file: give each a file of its own") from None
+            raise (Kept if keep else Claimed)(
+                "another program records to this file: give each a file of its own"
+            ) from None
         start = os.read(descriptor, len(MAGIC))
         if start and start != MAGIC[: len(start)]:
             raise Claimed("this file is no record, and would be overwritten: name another one")
+        if start and keep:
+            raise Kept("this file is a record")
         os.ftruncate(descriptor, 0)
         os.lseek(descriptor, 0, os.SEEK_SET)
     except BaseException:

@@ -30,7 +30,7 @@ __all__ = ["FORMAT", "Attachment", "Record", "Recorded", "Topic"]
 FORMAT = 1
 """The newest format of records that is known here."""
 
-_HEAD, _END = "mdm", "mdm.end"
+_HEAD, _END, _REPAIRED = "mdm", "mdm.end", "mdm.repaired"
 _FILE = "mdm.file"
 
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX = range(1, 8)
@@ -341,11 +341,12 @@ class Record:
     Attributes:
         path: The path of the first file.
         paths: All files.
-        metadata: The named strings. ``mdm`` has the head: the format, versions, clock, epoch, seeds.
+        metadata: The named strings. ``mdm`` has the head: the format, versions, clock and epoch.
         attachments: The attached files.
         topics: The topics by name.
         counts: How many messages each topic has.
-        torn: Why and where the file cannot be read to its end; None for one that is complete.
+        torn: Why and where the record cannot be read to its end, as a file that is cut off, or one of a split record
+            that is missing; None for one that is complete.
         grows: Whether it is still being written.
         closed: Whether the run ended in order; False where its process was killed, None where the file's end is not
             there to tell.
@@ -376,6 +377,8 @@ class Record:
         self.topics = {topic.name: topic for file in self._files for topic in file.topics.values()}
         self.counts: Counter[str] = sum((file.counts for file in self._files), Counter())
         self.torn = next((f"{file.path}: {file.torn}" for file in self._files if file.torn is not None), None)
+        if self.torn is None and isinstance(path, str | Path):
+            self.torn = self._missing()
         self.grows = any(file.grows for file in self._files)
         end = self.metadata.get(_END)
         self.closed = None if end is None else end.get("closed") == "yes"
@@ -410,6 +413,15 @@ class Record:
                 raise FormatError(f"this file is of another record than {before.path}", file=file.path)
             if _number(file.metadata, _FILE, "number") != _number(before.metadata, _FILE, "number") + 1:
                 raise FormatError("the files of a record are given in their order, without a gap", file=file.path)
+
+    def _missing(self) -> str | None:
+        """Return which file of a split record is not there, None where the last one that is there has the run's end."""
+        first, last = self._files[0], self._files[-1]
+        if number := _number(first.metadata, _FILE, "number"):
+            return f"{first.path}: this is file {number + 1} of a split record alone: give the first one"
+        if _FILE not in last.metadata or not last.metadata.keys().isdisjoint((_END, _REPAIRED)):
+            return None
+        return f"{_part(first.path, len(self._files))}: this file of the record is missing, or is of another record"
 
     def _lost(self) -> int:
         """Return how many numbers of messages are left out, or how many the end says."""
@@ -481,13 +493,18 @@ def _checked(file: _File) -> _File:
     return file
 
 
+def _part(first: Path, number: int) -> Path:
+    """Return the further file of a split record of that number."""
+    return first.with_name(f"{first.stem}-{number}{first.suffix}")
+
+
 def _following(first: _File) -> Iterator[_File]:
     """Yield the files of the same record that follow one, as they are named."""
     if _FILE not in first.metadata or _number(first.metadata, _FILE, "number"):
         return
     number = 1
     while True:
-        path = first.path.with_name(f"{first.path.stem}-{number}{first.path.suffix}")
+        path = _part(first.path, number)
         if not path.is_file():
             return
         try:

@@ -11,6 +11,7 @@ import importlib
 import os
 import platform
 import time as times
+from collections.abc import Iterable
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,8 +20,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import msgspec
 import numpy as np
 
-from mdm.checks import is_whole
-from mdm.errors import ConfigError
+from mdm.checks import check_flag, is_whole
+from mdm.errors import ConfigError, Error
 from mdm.messages import ActionLife, Decision, Fault
 from mdm.recording import schemas
 from mdm.recording.stimuli import (
@@ -45,7 +46,7 @@ from mdm.recording.writer import RecordWriter
 from mdm.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
 
     from mdm.messages import Tick
     from mdm.recording.writer import RecordStatistics
@@ -66,15 +67,18 @@ _HEARD, _SAID, _CALLED, _LIVED, _DECIDED, _SENT = range(6)
 class Recorder:
     """Records a run: every stimulus, decision, life of an action, mode and fault, and channels that are asked for.
 
-    Hand it to a `Runtime`, or a path alone where the defaults will do. A runtime that ends completes the file.
+    Hand it to one `Runtime`, or a path alone where the defaults will do. A runtime that ends completes the file.
 
     Args:
         path: The file, such as ``run.mcap``.
-        channels: Names of further channels of which each message is kept, such as ``robot/belief``.
+        channels: Names of further channels of which each message is kept, such as ``robot/belief``. Of one that the
+            run never had, a fault tells at its end.
         largest_belief: Beliefs over more states than this are not kept with decisions: a replay restores them.
         split_bytes: Begin another file when one has about this size.
         split_seconds: Begin another file when the messages of one span this time.
         bound: How many items may wait to be encoded; more are lost and counted.
+        keep: Keep a record that is there already, and write ``run.2.mcap`` beside ``run.mcap``, and so on, as after a
+            crash; False replaces it. From the runtime's begin on, ``path`` has the file that is written.
 
     Raises:
         ConfigError: If one of these is of another kind.
@@ -91,15 +95,19 @@ class Recorder:
         split_bytes: int | None = None,
         split_seconds: float | None = None,
         bound: int = _BOUND,
+        keep: bool = True,
     ) -> None:
         if not is_whole(largest_belief) or largest_belief < 0:
             raise ConfigError(f"largest_belief is a number of states, not {largest_belief!r}", key="largest_belief")
+        if not is_whole(bound) or bound < 1:
+            raise ConfigError(f"bound is a number of items above 0, not {bound!r}", key="bound")
+        check_flag(keep, "keep", key="keep")
         self.path = Path(path)
-        self.channels = tuple(channels)
+        self.channels = _names(channels)
         self.lost = 0
         self._largest = largest_belief
         self._bound = bound
-        self._writer = RecordWriter(path, split_bytes=split_bytes, split_seconds=split_seconds)
+        self._writer = RecordWriter(path, split_bytes=split_bytes, split_seconds=split_seconds, keep=keep)
         self._attached: list[tuple[str, str, bytes]] = []
         self._head: dict[str, str] = {}
         self._items: list[tuple[Any, ...]] = []
@@ -131,9 +139,12 @@ class Recorder:
         """Begin the record of a runtime.
 
         Raises:
-            Error: If the file cannot be written, or what writes it is not installed.
+            Error: If the file cannot be written, what writes it is not installed, or this has recorded a run before.
         """
+        if self._runtime is not None:
+            raise Error(f"{self.path}: a Recorder is for one run: make a new one for each runtime")
         self._writer.open()
+        self.path = self._writer.path
         self._runtime, self._virtual = runtime, virtual
         self._loop = asyncio.get_running_loop()
         self._writer.metadata("mdm", {**environment(), **self._head, **_clock(runtime, virtual=virtual)})
@@ -161,6 +172,11 @@ class Recorder:
         if self._runtime is not None:
             self._runtime.dispatcher.tape = None
         self._loop = None
+
+    @property
+    def kept_files(self) -> tuple[Path, ...]:
+        """The records that are kept, in place of which another file is written; empty where its name was free."""
+        return self._writer.kept_files
 
     @property
     def failure(self) -> str | None:
@@ -211,10 +227,11 @@ class Recorder:
         runtime, failure = self._runtime, self._writer.failure
         if runtime is None or self._loop is None:
             return
+        lost = self.statistics().dropped
         if failure is not None and not self._failed:
             self._failed = True
-            runtime.faults.publish(Fault(runtime.now(), "runtime", "record", failure))
-        lost = self.statistics().dropped
+            text = f"{failure}; {lost:,} messages are lost by now, or may be" if lost else failure
+            runtime.faults.publish(Fault(runtime.now(), "runtime", "record", text))
         if lost and not self._told_lost and not self._failed:
             self._told_lost = lost
             text = f"{self.path}: {lost:,} messages of the record are lost: more was recorded than could be written"
@@ -332,8 +349,16 @@ class Recorder:
         self._put((Ticked(tick.time, actor, tick.number, tick.missed, rate),))
 
     def finishes(self, time: int) -> None:
-        """Note that the runtime begins to end."""
+        """Note that the runtime begins to end; make a fault of a channel that was asked for and never there."""
         self._put((Finished(time),))
+        missing = [name for name in self.channels if name not in self._topics]
+        if missing and self._runtime is not None:
+            there = [channel.name for channel in self._runtime.channels if channel.name not in self._topics]
+            text = (
+                f"{self.path}: nothing was recorded of channel {', '.join(map(repr, missing))}, which was not there "
+                f"when an actor began; there are {', '.join(there[:_TOLD])}"
+            )
+            self._runtime.faults.publish(Fault(time, "runtime", "record", text))
 
     def note(self, stimulus: Stimulus) -> None:
         """Note a stimulus as it is."""
@@ -404,6 +429,8 @@ class Recorder:
             self._put((_DECIDED, output, decision))
 
 
+_TOLD = 20
+"""Channels that are named, of those that there are."""
 _NAMED = 10_000
 """Spaces with more symbols than this have no names in a record's head."""
 
@@ -449,6 +476,14 @@ class _Runtime(Protocol):
     def channels(self) -> tuple[Any, ...]: ...
 
     def now(self) -> int: ...
+
+
+def _names(channels: object) -> tuple[str, ...]:
+    """Check that names of channels are a list of texts."""
+    names = tuple(channels) if isinstance(channels, Iterable) and not isinstance(channels, str | bytes) else None
+    if names is None or not all(isinstance(name, str) for name in names):
+        raise ConfigError(f"channels are a list of names, such as ['robot/state'], not {channels!r}", key="channels")
+    return names
 
 
 def _plain(value: object) -> object:

@@ -9,12 +9,14 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import re
 import select
 import struct
 import subprocess
 import sys
 import time as times
 from contextlib import suppress
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -62,10 +64,12 @@ class RecordWriter:
     """Writes a record in a process of its own.
 
     Args:
-        path: The file, an MCAP file. A record that is there already is replaced.
+        path: The file, an MCAP file.
         split_bytes: Begin another file, ``run-1.mcap`` after ``run.mcap``, when one has about this size.
         split_seconds: Begin another file when the messages of one span this time.
         bound: Bytes that may wait in this process; messages beyond are dropped and counted.
+        keep: Keep a record that is there already, and write ``run.2.mcap`` beside ``run.mcap``, and so on; otherwise it
+            is replaced.
 
     Example::
 
@@ -85,12 +89,16 @@ class RecordWriter:
         split_bytes: int | None = None,
         split_seconds: float | None = None,
         bound: int = _BOUND,
+        keep: bool = False,
     ) -> None:
         if split_bytes is not None and not (is_whole(split_bytes) and split_bytes > 0):
             raise ConfigError(f"a size is a whole number of bytes above 0, not {split_bytes!r}", key="split_bytes")
         if split_seconds is not None and not (is_number(split_seconds) and 0 < split_seconds < 1e9):
             raise ConfigError(f"a time is a number of seconds above 0, not {split_seconds!r}", key="split_seconds")
         self.path = Path(path)
+        self.kept_files: tuple[Path, ...] = ()
+        """The files that are kept, in place of which another one is written."""
+        self._keep = keep
         self.failure: str | None = None
         """A sentence that says why nothing more is written, None while all is well."""
         self._split_bytes = split_bytes
@@ -120,24 +128,46 @@ class RecordWriter:
         """
         if importlib.util.find_spec("mcap") is None:
             raise Error("records need mcap: pip install 'markov-decision-making[record]'")
-        path = self.path.absolute()
-        if path.is_dir():
-            raise FormatError("this is a folder, not a file", file=self.path)
-        if not path.parent.is_dir():
-            raise FormatError("the record cannot be written: its folder does not exist", file=self.path)
         try:
-            descriptor = process.claim(str(path))
+            if self.path.is_dir():
+                raise FormatError("this is a folder, not a file", file=self.path)
+            if not self.path.parent.is_dir():
+                raise FormatError("the record cannot be written: its folder does not exist", file=self.path)
+            descriptor = self._claim(self.path)
         except process.Claimed as error:
             raise FormatError(str(error), file=self.path) from None
         except OSError as error:
             raise FormatError(f"the record cannot be written: {error.strerror}", file=self.path) from None
+        except ValueError:
+            raise Error(f"{str(self.path)!r} is no name of a file: the record cannot be written") from None
         try:
-            self._start(str(path), descriptor)
+            self._start(str(self.path.absolute()), descriptor)
         except OSError as error:
             raise FormatError(f"the record's process cannot be started: {error.strerror}", file=self.path) from None
         finally:
             os.close(descriptor)
         self._limit = self._bound
+
+    def _claim(self, path: Path) -> int:
+        """Open the file, or the first one of the next number that takes the place of no record."""
+        kept: list[Path] = []
+        for number in count(1):
+            if number > 1:
+                self.path = path.with_name(f"{path.stem}.{number}{path.suffix}")
+            try:
+                if self._keep and self._splits and _parts(self.path):
+                    raise process.Kept
+                descriptor = process.claim(str(self.path.absolute()), keep=self._keep)
+            except process.Kept:
+                kept.append(self.path)
+                continue
+            break
+        self.kept_files = tuple(kept)
+        return descriptor
+
+    @property
+    def _splits(self) -> bool:
+        return self._split_bytes is not None or self._split_time is not None
 
     def _start(self, path: str, descriptor: int) -> None:
         settings = {
@@ -338,3 +368,9 @@ class RecordWriter:
             if descriptor >= 0:
                 os.close(descriptor)
         self._pipe = self._ear = -1
+
+
+def _parts(path: Path) -> list[Path]:
+    """Return the further files of a split record of this name, of which the first one may be elsewhere."""
+    part = re.compile(rf"{re.escape(path.stem)}-[1-9][0-9]*{re.escape(path.suffix)}")
+    return [each for each in path.absolute().parent.iterdir() if part.fullmatch(each.name)]

@@ -367,6 +367,9 @@ class Runtime:
         watch(loop)
         if self._log is not None:
             self._log.open(self)
+            if self.recorder is not None and self.recorder.kept_files:
+                kept, path = self.recorder.kept_files[-1], self.recorder.path
+                self._log.write("record", lambda: {"file": str(path), "detail": f"{kept} is kept as it is"})
         if self._first_failures is not None:
             self._first_failures.open(self)
         if self._watchdog is not None:

@@ -24,9 +24,14 @@ def report():
 def test_text_says_what_differs_and_what_is_impossible():
     lines = as_text(report()).splitlines()
     assert lines[0] == "robot: 2004 decisions in 2 chains, steps, known states"
-    assert re.fullmatch(r"returns of 2 episodes: \S+ ± \S+; the model promises \S+", lines[1])
+    returns = (
+        r"returns of 2 episodes, expected by the model in use: \S+ ± \S+ \(standard error\); the model promises \S+"
+    )
+    assert re.fullmatch(returns, lines[1])
     assert lines[2] == "rows: 2 differs, 1 agrees, 0 certain, 0 too few; 0 not visited"
     assert lines[3] == "impossible by the model: dock -go-> lab, 2 times"
+    (odd,) = [line for line in lines if line.startswith("T go dock: ")]
+    assert odd.startswith("T go dock: lab followed, impossible by the model, loss ")
     (head,) = [line for line in lines if line.startswith("T go lab: p ")]
     assert ", odds 10^234 to 1" in head
     assert ", loss " in head
@@ -44,6 +49,7 @@ def test_text_of_jumps_has_how_long_states_last_and_of_hidden_states_what_was_ob
     assert line.split()[2:4] == ["30", "4"]
     assert "Erlang" in line
     text = as_text(statistics(heard([0, 0, 0], [1, 1]), mdm.problems.tiger()))
+    assert "returns of 1 episodes, expected by beliefs in the model in use: " in text
     assert re.search(r"^listen, hear-right +2 +\S+$", text, re.MULTILINE)
     assert text.splitlines()[-1].startswith("note: where states are hidden the loss")
 

@@ -10,7 +10,7 @@ from records import HEAD, PATIENCE, official
 
 from mdm.messages import Control
 from mdm.recording import process
-from mdm.recording.process import Claimed, claim
+from mdm.recording.process import Claimed, Kept, claim
 from mdm.recording.reader import Record
 from mdm.recording.schemas import schema
 
@@ -111,6 +111,18 @@ def test_only_records_are_replaced(tmp_path, content):
     with pytest.raises(Claimed):
         claim(str(path))
     assert path.read_bytes() == content
+
+
+def test_a_record_is_kept_where_it_is_to_be(tmp_path):
+    path = tmp_path / "run.mcap"
+    held = claim(str(path), keep=True)
+    with pytest.raises(Kept):
+        claim(str(path), keep=True)
+    os.write(held, process.MAGIC)
+    os.close(held)
+    with pytest.raises(Kept):
+        claim(str(path), keep=True)
+    assert path.read_bytes() == process.MAGIC
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89MC", process.MAGIC + b"\1\2"])

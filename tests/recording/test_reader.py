@@ -115,6 +115,28 @@ def test_files_of_a_split_record_are_one(tmp_path):
         Record([])
 
 
+@pytest.mark.parametrize("missing", [1, 2, 3])
+def test_a_file_of_a_split_record_that_is_missing_is_told(tmp_path, missing):
+    pairs = [("decisions", decision(1000 * number)) for number in range(10)]
+    path = written(tmp_path / "run.mcap", pairs, split_seconds=3)
+    away = tmp_path / f"run-{missing}.mcap"
+    away.unlink()
+    record = Record(path)
+    assert record.torn == f"{away}: this file of the record is missing, or is of another record"
+    assert record.counts == {"decisions": 3 * missing}
+    assert (record.unread, record.closed) == (0, None)
+    away.write_text("a letter")
+    assert Record(path).torn == record.torn
+
+
+def test_a_file_of_a_split_record_alone_is_no_record(tmp_path):
+    pairs = [("decisions", decision(1000 * number)) for number in range(10)]
+    written(tmp_path / "run.mcap", pairs, split_seconds=3)
+    last = tmp_path / "run-3.mcap"
+    assert Record(last).torn == f"{last}: this is file 4 of a split record alone: give the first one"
+    assert Record([last]).torn is None  # which was asked for
+
+
 def test_files_that_another_record_has_left_are_not_taken(tmp_path):
     for count in (10, 4):
         pairs = [("decisions", decision(1000 * number)) for number in range(count)]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 
 import numpy as np
 import pytest
+from records import PATIENCE
 from sentences import refused
 
 import mdm
@@ -200,6 +202,67 @@ def test_beyond_the_bound_items_are_lost_counted_and_told(tmp_path):
     assert recorder.statistics().dropped == recorder.lost
     (fault,) = (each for each in faults if each.kind == "record")
     assert fault.detail.endswith("messages of the record are lost: more was recorded than could be written")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"channels": "robot/state"}, {"channels": [3]}, {"channels": 3}, {"bound": 0}, {"bound": -1}, {"bound": 1e9}],
+    ids=str,
+)
+def test_options_out_of_their_range(tmp_path, options):
+    with refused(ConfigError):
+        Recorder(tmp_path / "run.mcap", **options)
+
+
+def test_a_channel_that_was_never_there_is_told(tmp_path):
+    ensemble, _ = robot()
+    options = {"channels": ["robot/state", "nobody", "decisions"]}
+    _, heard = record(tmp_path / "run.mcap", ensemble, lambda: asyncio.sleep(1), **options)
+    (fault,) = heard["faults"]
+    assert fault.kind == "record"
+    assert fault.detail.startswith(f"{tmp_path}/run.mcap: nothing was recorded of channel 'nobody', which ")
+    assert "robot/action" in fault.detail
+
+
+def test_the_record_of_a_run_before_is_kept(tmp_path):
+    path = tmp_path / "run.mcap"
+    run_virtual(lambda runtime: runtime.start(robot()[0]), record=path)
+    before = path.read_bytes()
+    recorder = Recorder(path)
+    run_virtual(lambda runtime: runtime.start(robot()[0]), record=recorder)
+    assert (recorder.path, recorder.kept_files) == (tmp_path / "run.2.mcap", (path,))
+    assert path.read_bytes() == before
+    run_virtual(lambda runtime: runtime.start(robot()[0]), record=Recorder(path, keep=False))
+    assert path.read_bytes() != before
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["run.2.mcap", "run.mcap"]
+
+
+def test_the_end_of_the_process_that_writes_is_told_with_what_is_lost(tmp_path):
+    recorder = Recorder(tmp_path / "run.mcap")
+    ensemble, near = robot()
+
+    async def main(runtime):
+        faults = probe(runtime.faults)
+        await runtime.start(ensemble)
+        recorder._writer._process.kill()
+        recorder._writer._process.wait(PATIENCE)
+        for second in range(100):
+            near.set(second % 2 == 0)
+            await asyncio.sleep(1)
+        return [*faults]
+
+    (fault,) = run_virtual(main, record=recorder)
+    found = re.search(r"the process that writes it has ended \(signal 9\); ([\d,]+) messages are lost", fault.detail)
+    assert 0 < int(found.group(1).replace(",", "")) <= recorder.statistics().dropped
+
+
+def test_a_recorder_is_for_one_run(tmp_path):
+    recorder = Recorder(tmp_path / "run.mcap")
+    run_virtual(lambda runtime: runtime.start(robot()[0]), record=recorder)
+    before = recorder.path.read_bytes()
+    with refused(Error):
+        run_virtual(lambda runtime: runtime.start(robot()[0]), record=recorder)
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [before]
 
 
 def test_a_path_that_cannot_be_written_is_refused_at_the_start(tmp_path):

@@ -279,6 +279,22 @@ def test_a_record_replaces_a_record(tmp_path):
     assert len(official(path)) == 3
 
 
+def test_a_record_is_kept_and_the_next_name_taken(tmp_path):
+    for count in (100, 3, 7):
+        written(tmp_path / "run.mcap", [("decisions", decision(number)) for number in range(count)], keep=True)
+    assert [len(official(tmp_path / name)) for name in ("run.mcap", "run.2.mcap", "run.3.mcap")] == [100, 3, 7]
+
+
+def test_files_of_a_split_record_are_kept_without_the_first(tmp_path):
+    pairs = [("decisions", decision(1000 * number)) for number in range(6)]
+    written(tmp_path / "run.mcap", pairs, split_seconds=3)
+    (tmp_path / "run.mcap").unlink()
+    before = (tmp_path / "run-1.mcap").read_bytes()
+    assert written(tmp_path / "run.mcap", pairs, split_seconds=3, keep=True) == tmp_path / "run.2.mcap"
+    assert (tmp_path / "run-1.mcap").read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run-1.mcap", "run.2-1.mcap", "run.2.mcap"]
+
+
 def test_what_cannot_be_opened_is_told_at_once(tmp_path, monkeypatch):
     (tmp_path / "robot.toml").write_text("[ensembles]")
     (tmp_path / "folder").mkdir()
@@ -288,6 +304,10 @@ def test_what_cannot_be_opened_is_told_at_once(tmp_path, monkeypatch):
     assert (tmp_path / "robot.toml").read_text() == "[ensembles]"
     with refused(FormatError):
         RecordWriter("/proc/run.mcap").open()
+    with refused(FormatError):
+        RecordWriter(tmp_path / f"{'x' * 300}.mcap").open()
+    with refused(Error):
+        RecordWriter("a\0b").open()
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with refused(Error):
         RecordWriter(tmp_path / "run.mcap").open()

@@ -168,7 +168,8 @@ def add_simulate(verbs: Any, line: str) -> None:
     parser.add_argument(
         "--record",
         metavar="PATH",
-        help="record all decisions, with the world's true states, to this file, such as run.mcap",
+        help="record all decisions, with the world's true states, to this file, such as run.mcap; a record "
+        "there is kept, and run.2.mcap written",
     )
     parser.add_argument("--json", action="store_true", help="one JSON object")
     complete(parser, "simulate", "mdm.cli.policies.simulate")

@@ -31,14 +31,17 @@ def run(arguments: argparse.Namespace) -> int:
     options = given.options()
     if given.file is None and (sentence := visibility(options["model"])):
         print(f"mdm simulate: {sentence}", file=sys.stderr)
+    recorder = _recorder(given, arguments.record)
     with counting(arguments.interruption) as progress:
         result = simulate(
             **options,
             episodes=arguments.episodes,
             seed=arguments.seed,
             progress=progress,
-            record=_recorder(given, arguments.record),
+            record=recorder,
         )
+    if recorder is not None and recorder.kept_files:
+        print(f"mdm simulate: recorded to {recorder.path}: {recorder.kept_files[-1]} is kept as it is", file=sys.stderr)
     interrupted = arguments.interruption.number is not None
     if arguments.json:
         fields = ("episodes", "steps", "mean", "standard_error")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from mdm.cli.usage import add_discount, add_page_hosts, complete, count, finite, moment, port, seconds, seed
+from mdm.cli.usage import LATEST, add_discount, add_page_hosts, complete, count, finite, moment, port, seconds, seed
 
 __all__ = ["VERBS", "add_explain", "add_page", "add_record", "add_replay", "add_statistics", "add_watch"]
 
@@ -132,7 +132,7 @@ def _place(text: str) -> float:
     if text.isascii() and text.isdecimal():
         return int(text)
     moment = finite(text.removesuffix("s"))
-    if moment is None or moment < 0:
+    if moment is None or not 0 <= moment <= LATEST:
         raise argparse.ArgumentTypeError(
             f"a decision's number such as 12, or a second such as 12.0 or 12s was expected, not {text!r}"
         )
@@ -178,7 +178,7 @@ def _add_info(verbs: Any, name: str) -> argparse.ArgumentParser:
         help=VERBS[name],
         description=(
             "Describe a record: whether it is complete, its time, its topics with the numbers of their messages, the "
-            "files attached to it, and its head: versions, clock, seeds. Where a run was split, its first file stands "
+            "files attached to it, and its head: versions and clock. Where a run was split, its first file stands "
             "for all."
         ),
         epilog="example: mdm record info run.mcap --json",

@@ -31,6 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.stimuli and arguments.topic:
         raise UsageError("--topic is for messages, and --stimuli prints what mdm trace reads")
     record = Record(arguments.file)
+    _check_part(record, arguments.since, arguments.until)
     start = 0 if record.span is None else record.span[0]
     since = None if arguments.since is None else start + round(arguments.since * 1e9)
     until = None if arguments.until is None else start + round(arguments.until * 1e9)
@@ -42,6 +43,17 @@ def run(arguments: argparse.Namespace) -> int:
         sys.stdout.flush()
         print(f"mdm record cat: {record.torn}: these are the messages before", file=sys.stderr)
     return 0
+
+
+def _check_part(record: Record, since: float | None, until: float | None) -> None:
+    """Refuse a part of the record's time in which nothing can be."""
+    if record.span is None or (since is None and until is None):
+        return
+    start, last = record.span
+    whole, begin = (last - start) / 1e9, since or 0.0
+    if begin > whole or (until is not None and until <= max(begin, 0.0)):
+        part = f"from second {begin:g} on" if until is None else f"between the seconds {begin:g} and {until:g}"
+        raise Error(f"{record.path}: there is nothing to print {part}: the record lasts {whole:g} s")
 
 
 def _print_messages(record: Record, arguments: argparse.Namespace, since: int | None, until: int | None) -> None:

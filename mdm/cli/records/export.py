@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
         _pyarrow()
     record = Record(arguments.file)
     check_place(arguments.output, *record.paths)
-    if "decisions" not in record.topics:
+    if not record.counts["decisions"]:
         raise Error(f"{record.path}: there are no decisions in this record")
     found = rows(record, arguments.ensemble)
     if not found and arguments.ensemble is not None:

@@ -24,5 +24,5 @@ def run(arguments: argparse.Namespace) -> int:
     if record.torn is None:
         print(f"{arguments.file}: it was complete")
     else:
-        print(f"{record.torn}: {record.unread:,} bytes could not be read")
+        print(f"{record.torn}: {record.unread:,} bytes could not be read" if record.unread else record.torn)
     return 0

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.policies.inputs import load
 from mdm.cli.report import as_json
+from mdm.cli.usage import UsageError
 from mdm.errors import Error, FormatError, ModelError
 from mdm.estimation import as_data, as_text, chains_of_records, check_names, open_records, statistics
 from mdm.formats import save_durations, save_model
@@ -26,6 +28,7 @@ __all__ = ["run"]
 
 def run(arguments: argparse.Namespace) -> int:
     """Count, print and write; return the exit status."""
+    _check_targets(arguments.output, arguments.durations)
     records = open_records(arguments.files)
     inputs = [arguments.model, *(path for record in records for path in record.paths)]
     for target in filter(None, (arguments.output, arguments.durations)):
@@ -44,6 +47,16 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         _print(arguments, records, report)
     return 0
+
+
+def _check_targets(output: str | None, durations: str | None) -> None:
+    """Check that durations are written to an archive, and to another file than the model."""
+    if durations is None:
+        return
+    if Path(durations).suffix.lower() != ".npz":
+        raise UsageError("--durations writes an archive: its file ends in .npz")
+    if output is not None and Path(output).resolve() == Path(durations).resolve():
+        raise UsageError("--durations and -o are the same file")
 
 
 def _model(arguments: argparse.Namespace, records: Sequence[Record], chains: Chains) -> MDP:

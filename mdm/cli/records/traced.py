@@ -35,10 +35,13 @@ def traced(
         others: Where the numbers of stimuli are put that it has no words for, by their channels.
 
     Raises:
-        Error: If the record has no stimuli.
+        Error: If the record has no stimuli, or no such ensemble.
     """
-    if "stimuli" not in record.topics:
+    if not record.counts["stimuli"]:
         raise Error(f"{record.path}: there are no stimuli in this record")
+    if ensemble is not None and ensemble not in (known := _ensembles(record)):
+        there = f"; there are messages of {', '.join(sorted(known)[:12])}" if known else ""
+        raise Error(f"{record.path}: there are no messages of {ensemble!r}{there}")
     start = 0 if record.span is None else record.span[0]
     latest = start
     for latest, line in _said(record, ensemble, since, until, others):
@@ -47,6 +50,19 @@ def traced(
     last = max((time for _, time, _, _ in decided), default=latest)
     if last > latest:  # ticks and timers decide until then
         yield {"time": (last - start) / 1e9}
+
+
+def _ensembles(record: Record) -> set[str]:
+    """Return the paths of all ensembles that decide, or to which something is said."""
+    known = {name.removeprefix("ensemble ") for name in record.metadata if name.startswith("ensemble ")}
+    for _, _, _, stimulus in record.messages(["stimuli"]):
+        if isinstance(stimulus, Ended):
+            known.add(stimulus.ensemble)
+        elif isinstance(stimulus, Said):
+            path, _, name = stimulus.channel.rpartition("/")
+            if _line(name, stimulus.message) is not None and name != "sensed":
+                known.add(path)
+    return known
 
 
 def _said(

@@ -46,7 +46,10 @@ def add_arguments(parser: argparse.ArgumentParser, *, virtual: bool = True) -> N
         help="add each decision, of a team each joint step, to this file as a line of JSON",
     )
     parser.add_argument(
-        "--record", metavar="PATH", help="record the run to this file, such as run.mcap, which mdm replay runs again"
+        "--record",
+        metavar="PATH",
+        help="record the run to this file, such as run.mcap, which mdm replay runs again; a record there is kept, and "
+        "run.2.mcap written",
     )
     parser.add_argument(
         "--page",

@@ -11,7 +11,7 @@ import numpy as np
 from mdm.errors import Error
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from mdm.messages import Decision
     from mdm.runtime import Runtime
@@ -20,14 +20,14 @@ __all__ = ["decisions_to"]
 
 
 @contextmanager
-def decisions_to(path: str | None, runtime: Runtime) -> Iterator[None]:
-    """Add each decision of a runtime to a file, as a line of JSON, while the block runs.
+def decisions_to(path: str | None) -> Iterator[Callable[[Runtime], None]]:
+    """Open a file before a run begins; what is yielded adds each decision of a runtime to it, as a line of JSON.
 
     Raises:
         Error: If the file cannot be opened.
     """
     if path is None:
-        yield
+        yield lambda _: None
         return
     if not path.endswith(".jsonl"):
         raise Error(f"decisions are lines of JSON: name a file that ends in .jsonl, not {path}")
@@ -37,18 +37,18 @@ def decisions_to(path: str | None, runtime: Runtime) -> Iterator[None]:
     except OSError as error:
         raise Error(f"decisions cannot be written to {path}: {error.strerror}") from None
 
-    def write(decision: Decision) -> None:
-        try:
-            file.write(encode(decision) + b"\n")
-        except OSError as error:
-            subscription.cancel()
-            runtime.root.report("decisions", f"lines cannot be written to {path}: {error.strerror}")
+    def begin(runtime: Runtime) -> None:
+        def write(decision: Decision) -> None:
+            try:
+                file.write(encode(decision) + b"\n")
+            except OSError as error:
+                subscription.cancel()
+                runtime.root.report("decisions", f"lines cannot be written to {path}: {error.strerror}")
 
-    subscription = runtime.decisions.subscribe(write)
-    try:
-        yield
-    finally:
-        file.close()
+        subscription = runtime.decisions.subscribe(write)
+
+    with file:
+        yield begin
 
 
 def _plain(value: object) -> object:

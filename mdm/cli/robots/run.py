@@ -7,7 +7,6 @@ import signal
 import sys
 from collections import Counter
 from contextlib import contextmanager
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,8 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
                 runtime.decisions.subscribe(tally)
             if attached is not None:
                 attached.hold(runtime, sum(ensemble.patience for ensemble in system.top))
-            path = None if system.member is not None else arguments.decisions
-            with decisions_to(path, runtime), _releases(system, virtual=arguments.virtual):
+            write_decisions(runtime)
+            with _releases(system, virtual=arguments.virtual):
                 await runtime.start(system)
                 try:
                     with anyio.move_on_after(arguments.seconds):
@@ -74,7 +73,9 @@ def run(arguments: argparse.Namespace) -> int:
                     ended.update(_ended(runtime))
 
     try:
-        run_program(main, virtual=arguments.virtual)
+        path = None if system.member is not None else arguments.decisions
+        with decisions_to(path) as write_decisions:  # before the record begins
+            run_program(main, virtual=arguments.virtual)
     except DeadlockError:
         print("mdm run: ended, because no timer is pending and no input can come", file=sys.stderr)
     finally:
@@ -112,21 +113,12 @@ def _recorder(arguments: argparse.Namespace) -> Recorder | None:
     """Return what records the run, with its configuration; None where it is not recorded."""
     if arguments.record is None:
         return None
-    recorder = Recorder(_record_of(Path(arguments.record), arguments.agent))
+    path = Path(arguments.record)
+    if arguments.agent is not None and path.is_dir():
+        path /= f"{arguments.agent}.mcap"
+    recorder = Recorder(path)
     attach_configuration(recorder, arguments.file, agent=arguments.agent)
     return recorder
-
-
-def _record_of(path: Path, agent: str | None) -> Path:
-    """Return the file of a record: of an agent, in a folder that is given, one that is not there yet."""
-    if agent is None or not path.is_dir():
-        return path
-    starts = count(1)
-    return next(
-        file
-        for start in starts
-        if not (file := path / (f"{agent}.mcap" if start == 1 else f"{agent}.{start}.mcap")).exists()
-    )
 
 
 def _nothing_but_failures(ended: Counter[str]) -> list[str]:

@@ -14,7 +14,7 @@ from mdm.actors import ControlOptions, Ensemble, PredicateManager
 from mdm.cli.report import as_json
 from mdm.cli.robots.stimulus import read_stimuli
 from mdm.cli.usage import UsageError, take_model
-from mdm.config import System, load_system
+from mdm.config import System, load_system, load_team
 from mdm.config.functions import nothing
 from mdm.errors import ConfigError, Error
 from mdm.formats import load_model, load_policy
@@ -81,10 +81,7 @@ def _tell(runtime: Runtime, fault: Fault) -> None:
 
 def _system(arguments: argparse.Namespace) -> System:
     if arguments.file is not None:
-        for name in _OPTIONS:
-            if getattr(arguments, name) is not None:
-                raise UsageError(f"--{name.replace('_', '-')} is for --policy; a TOML file has its own options")
-        return load_system(Path(arguments.file), callbacks=False)
+        return _system_of_file(arguments)
     if arguments.policy is None:
         raise UsageError("give a TOML file, or --policy and, where it needs one, --model")
     for name in ("discount", "false_negative"):
@@ -114,6 +111,18 @@ def _system(arguments: argparse.Namespace) -> System:
         **{option: value for option, value in given if value is not None},
     )
     return System(PredicateManager(), {"ensemble": ensemble}, [])
+
+
+def _system_of_file(arguments: argparse.Namespace) -> System:
+    for name in _OPTIONS:
+        if getattr(arguments, name) is not None:
+            raise UsageError(f"--{name.replace('_', '-')} is for --policy; a TOML file has its own options")
+    if (team := load_team(arguments.file)) is not None:
+        raise UsageError(
+            f"{arguments.file} describes the team {team.name!r}, of which no agent can be traced alone: give the "
+            f"team's --model and --policy, or record a run by mdm team up --record, and see mdm replay"
+        )
+    return load_system(Path(arguments.file), callbacks=False)
 
 
 async def _feed(runtime: Runtime, system: System, stimuli: list[Stimulus]) -> None:

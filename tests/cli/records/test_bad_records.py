@@ -186,10 +186,26 @@ def test_a_record_that_cannot_be_written(mdm, folder, maker, place, sentence):
 def test_two_recorders_of_one_file(mdm, folder, maker):
     path = folder / "run.mcap"
     first = Writing(path)
-    assert_told(mdm(*maker.split(), path), f"{path}: another program records to this file: give each a file of its own")
+    status, _, errors = mdm(*maker.split(), path)
+    assert status == 0
+    assert f"{path} is kept as it is" in errors
     first.write("controls", Control(1, "stop"))
     first.close()
     assert len(official(path)) == 1
+    assert Record(folder / "run.2.mcap").counts["decisions"] >= 3
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+def test_a_record_that_is_there_is_kept(mdm, folder, maker):
+    whole = written(folder / "run.mcap", [("decisions", decision(number)) for number in range(100)])
+    torn = folder / "run.2.mcap"
+    torn.write_bytes(whole.read_bytes()[:-50])
+    before = {path: path.read_bytes() for path in (whole, torn)}
+    status, _, errors = mdm(*maker.split(), whole)
+    assert status == 0
+    assert f"{torn} is kept as it is" in errors
+    assert {path: path.read_bytes() for path in (whole, torn)} == before
+    assert Record(folder / "run.3.mcap").closed
 
 
 @pytest.mark.parametrize("target", ["nowhere/out", "tiger.vf/out", "/proc/out"])

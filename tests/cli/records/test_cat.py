@@ -9,6 +9,7 @@ from places import EXAMPLES
 from records import Writing, decision, official, tiger, written
 
 from mdm import messages
+from mdm.recording import schemas
 from mdm.recording.stimuli import Ended, Said, Stimulus
 
 
@@ -96,6 +97,50 @@ def test_what_cannot_be_chosen(mdm, tmp_path, arguments, status, words):
     found, output, errors = mdm("record", "cat", path, *arguments)
     assert (found, output) == (status, [])
     assert words in errors
+
+
+@pytest.mark.parametrize("stimuli", [(), ("--stimuli",)], ids=str)
+@pytest.mark.parametrize(
+    ("part", "told"),
+    [
+        (("--since", "1e9"), "from second 1e+09 on"),
+        (("--since", "2", "--until", "1"), "between the seconds 2 and 1"),
+        (("--until", "-1"), "between the seconds 0 and -1"),
+    ],
+    ids=str,
+)
+def test_a_part_without_anything_is_told(mdm, tmp_path, stimuli, part, told):
+    path = tiger(tmp_path / "run.mcap")
+    status, output, errors = mdm("record", "cat", path, *stimuli, *part)
+    assert (status, output) == (1, [])
+    assert f"{path}: there is nothing to print {told}: the record lasts " in errors
+
+
+@pytest.mark.parametrize("given", ["1e300", "-1e300", "nan", "inf"])
+@pytest.mark.parametrize("option", ["--since", "--until"])
+def test_seconds_beyond_all_records_are_refused(mdm, tmp_path, option, given):
+    status, output, errors = mdm("record", "cat", tmp_path / "run.mcap", f"{option}={given}")
+    assert (status, output) == (2, [])
+    assert f"a number of seconds was expected, not '{given}'" in errors
+
+
+def test_stimuli_of_no_such_ensemble_are_refused(mdm, tmp_path):
+    path = tiger(tmp_path / "run.mcap")
+    for stimuli in ((), ("--stimuli",)):
+        status, output, errors = mdm("record", "cat", path, "--ensemble", "nix", *stimuli)
+        assert (status, output) == (1, [])
+        assert f"{path}: there are no messages of 'nix'; there are messages of " in errors
+
+
+def test_a_record_without_stimuli_or_decisions_is_refused(mdm, tmp_path):
+    record = Writing(tmp_path / "run.mcap")
+    for topic, kind in (("stimuli", Stimulus), ("decisions", messages.Decision)):
+        record.writer.topic(topic, schemas.name(kind), schemas.schema(kind))
+    path = record.close()
+    for verb, word in ((("cat", "--stimuli"), "stimuli"), (("export", "-o", tmp_path / "run.csv"), "decisions")):
+        status, output, errors = mdm("record", *verb, path)
+        assert (status, output) == (1, [])
+        assert f"{path}: there are no {word} in this record" in errors
 
 
 def test_stimuli_decide_again_as_they_did(mdm, tmp_path):

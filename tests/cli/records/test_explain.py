@@ -67,6 +67,8 @@ def test_another_configuration_explains_nothing(mdm, record, tmp_path):
         (("--at", "9"), 1, "there is no decision 9; the last of an episode is 1"),
         (("--at", "soon"), 2, "a decision's number such as 12"),
         (("--at", "-3.0"), 2, "--at"),
+        (("--at", "1e300"), 2, "a second such as 12.0 or 12s was expected, not '1e300'"),
+        (("--at", "nan"), 2, "a second such as 12.0 or 12s was expected, not 'nan'"),
         (("--ensemble", "lion"), 1, "'lion' decided nothing; there is tiger"),
         (("--last", "0"), 2, "a whole number of 1 or more"),
     ],

@@ -53,6 +53,21 @@ def test_files_of_one_run_are_described_together(mdm, tmp_path):
     ]
 
 
+def test_a_missing_file_of_a_run_is_told_by_each_verb(mdm, tmp_path):
+    pairs = [("decisions", decision(1000 * number)) for number in range(10)]
+    path = written(tmp_path / "run.mcap", pairs, split_seconds=4)
+    (tmp_path / "run-1.mcap").unlink()
+    told = f"{tmp_path}/run-1.mcap: this file of the record is missing, or is of another record"
+    output = mdm("record", "info", path)[1]
+    assert "complete                no" in output
+    assert f"torn                    {told}" in output
+    assert mdm("record", "cat", path)[2] == f"mdm record cat: {told}: these are the messages before\n"
+    output = mdm("record", "repair", path, "-o", tmp_path / "whole.mcap")[1]
+    assert output == [f"{tmp_path}/whole.mcap: 4 messages written", told]
+    assert "complete                yes" in mdm("record", "info", tmp_path / "whole.mcap")[1]
+    assert told in mdm("record", "export", path, "-o", tmp_path / "run.csv")[1][1]
+
+
 def test_more_is_told_where_there_is_more(mdm, tmp_path):
     record = Writing(tmp_path / "run.mcap", bound=3000)
     record.writer.metadata("seeds", {"patrol": "7"})

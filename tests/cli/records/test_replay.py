@@ -148,6 +148,19 @@ def test_a_record_without_a_configuration_names_the_way_out(mdm, tmp_path):
     assert "--config" in errors
 
 
+def test_a_team_s_configuration_for_a_robot_alone_is_refused(mdm, tmp_path):
+    path = tmp_path / "run.mcap"
+    assert mdm("run", EXAMPLES / "tiger.toml", "--virtual", "--epochs", 2, "--record", path)[0] == 0
+    simulated = tmp_path / "simulated.mcap"
+    assert mdm("simulate", EXAMPLES / "tiger.toml", "--episodes", 1, "--record", simulated)[0] == 0
+    file = team_file.write(tmp_path)
+    for record, way in ((path, "without a table [team]"), (simulated, "give the team's --model and --policy")):
+        status, output, errors = mdm("replay", record, "--config", file)
+        assert (status, output) == (1, [])
+        assert f"{file}: this file describes the team " in errors
+        assert way in errors
+
+
 def test_what_is_no_record_is_refused(mdm, tmp_path):
     (tmp_path / "other.mcap").write_text("no record")
     (tmp_path / "empty").mkdir()

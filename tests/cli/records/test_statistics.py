@@ -155,10 +155,31 @@ def test_what_cannot_be_counted_is_refused_in_a_sentence(mdm, tmp_path, model):
     assert "there is nothing to count" in refusal(mdm, alone, "--model", model)
     assert refusal(mdm, run, "--model", model, "--ensemble", "top").endswith("has decided; there is robot")
     assert "would be overwritten" in refusal(mdm, run, "--model", model, "-o", model)
-    assert "would be overwritten" in refusal(mdm, run, "--model", model, "--durations", run)
+    over = tmp_path / "over.npz"
+    over.write_bytes(run.read_bytes())
+    assert "would be overwritten" in refusal(mdm, over, "--model", model, "--durations", over)
     assert "cannot be written" in refusal(mdm, run, "--model", model, "-o", tmp_path / "none" / "new.npz")
     assert "new.xyz" in refusal(mdm, run, "--model", model, "-o", tmp_path / "new.xyz")
     assert "on changes of the state" in refusal(mdm, run, written(tmp_path / "ticks.mcap", ticks()), "--model", model)
+
+
+@pytest.mark.parametrize(
+    ("targets", "sentence"),
+    [
+        (("--durations", "d.txt"), "--durations writes an archive: its file ends in .npz"),
+        (
+            ("-o", "x.npz", "--durations", "./x.npz"),
+            "--durations and -o are the same file",
+        ),
+    ],
+    ids=["suffix", "same"],
+)
+def test_durations_have_a_file_of_their_own(mdm, tmp_path, monkeypatch, targets, sentence):
+    monkeypatch.chdir(tmp_path)
+    status, output, errors = mdm("statistics", "run.mcap", "--model", "m.npz", *targets)
+    assert (status, output) == (2, [])
+    assert errors.endswith(f"mdm statistics: error: {sentence}\n")
+    assert not list(tmp_path.iterdir())
 
 
 def ticks():

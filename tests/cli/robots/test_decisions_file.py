@@ -26,6 +26,13 @@ def test_a_file_of_another_kind_is_refused(mdm, tmp_path):
     assert f"decisions are lines of JSON: name a file that ends in .jsonl, not {tmp_path}/decided.csv" in errors
 
 
+def test_what_is_refused_leaves_no_record(mdm, tmp_path):
+    path = tmp_path / "run.mcap"
+    for decisions in (path, tmp_path / "none" / "d.jsonl"):
+        assert mdm("run", TIGER, "--virtual", "--epochs", "1", "--record", path, "--decisions", decisions)[0] == 1
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_path_that_cannot_be_written_is_told(mdm, tmp_path):
     status, _, errors = mdm("run", TIGER, "--virtual", "--epochs", "1", "--decisions", tmp_path / "none" / "d.jsonl")
     assert status == 1

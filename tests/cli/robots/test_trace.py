@@ -12,6 +12,7 @@ import sys
 import figures
 import numpy as np
 import pytest
+import team_file
 from places import DATA, EXAMPLES
 
 from mdm import load_model, save_model, save_policy
@@ -171,6 +172,14 @@ def shuttle(tmp_path, code):
     if code is not None:
         (tmp_path / "shuttle.py").write_text(code)
     return tmp_path / "robot.toml"
+
+
+def test_a_team_has_no_trace(mdm, tmp_path):
+    file = team_file.write(tmp_path)
+    status, output, errors = mdm("trace", file)
+    assert (status, output) == (2, [])
+    assert f"mdm trace: error: {file} describes the team " in errors
+    assert "--model and --policy" in errors
 
 
 def test_trace_of_actions_that_take_time_ends_them_by_stimuli(mdm, tmp_path):

@@ -80,9 +80,7 @@ def claim(path: str, *, keep: bool = False) -> int:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise (Kept if keep else Claimed)(
-                "another program records to this file: give each a file of its own"
-            ) from None
+            raise Claimed("another program records to this file: give each a file of its own") from None
         start = os.read(descriptor, len(MAGIC))
         if start and start != MAGIC[: len(start)]:
             raise Claimed("this file is no record, and would be overwritten: name another one")

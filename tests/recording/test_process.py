@@ -116,7 +116,7 @@ def test_only_records_are_replaced(tmp_path, content):
 def test_a_record_is_kept_where_it_is_to_be(tmp_path):
     path = tmp_path / "run.mcap"
     held = claim(str(path), keep=True)
-    with pytest.raises(Kept):
+    with pytest.raises(Claimed, match="another program"):
         claim(str(path), keep=True)
     os.write(held, process.MAGIC)
     os.close(held)

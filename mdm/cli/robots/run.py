@@ -7,6 +7,7 @@ import signal
 import sys
 from collections import Counter
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -113,12 +114,24 @@ def _recorder(arguments: argparse.Namespace) -> Recorder | None:
     """Return what records the run, with its configuration; None where it is not recorded."""
     if arguments.record is None:
         return None
-    path = Path(arguments.record)
-    if arguments.agent is not None and path.is_dir():
-        path /= f"{arguments.agent}.mcap"
-    recorder = Recorder(path)
+    recorder = Recorder(_record_of(Path(arguments.record), arguments.agent))
     attach_configuration(recorder, arguments.file, agent=arguments.agent)
     return recorder
+
+
+def _record_of(path: Path, agent: str | None) -> Path:
+    """Return the file of a record: of an agent, in a folder that is given, one that is not there yet.
+
+    That of a process that was killed may be written still while the agent starts again.
+    """
+    if agent is None or not path.is_dir():
+        return path
+    starts = count(1)
+    return next(
+        file
+        for start in starts
+        if not (file := path / (f"{agent}.mcap" if start == 1 else f"{agent}.{start}.mcap")).exists()
+    )
 
 
 def _nothing_but_failures(ended: Counter[str]) -> list[str]:

@@ -129,7 +129,7 @@ class _Agent:
     def _hear(self, told: _Told) -> None:
         assert self.scene is not None
         for event in told.events:
-            if (self.scene.began, event.number) <= self._heard:
+            if self.scene.began == self._heard[0] and event.number <= self._heard[1]:
                 continue
             self._heard = (self.scene.began, event.number)
             facts = msgspec.structs.asdict(event)

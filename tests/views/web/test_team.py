@@ -89,6 +89,9 @@ def test_an_agent_that_is_lost_for_a_moment_tells_nothing_twice():
         team._agents[0]._socket.abort()
         await until(lambda: [event.name for event in team.ring if event.kind == "mode"][-2:] == ["stopped", "deciding"])
         assert len([event for event in team.ring if event.kind == "fault"]) == 1
+        team._agents[0]._heard = (2**63, 100)  # of a process before, by a clock that was set back since
+        team._agents[0]._socket.abort()
+        await until(lambda: len([event for event in team.ring if event.kind == "fault"]) == 2)
 
     commanded(program, ada)
 

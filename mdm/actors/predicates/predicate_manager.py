@@ -302,10 +302,14 @@ class PredicateManager(Actor):
         if self._senses is not None:
             self._senses, self._now = self._keep, self.runtime.dispatcher.now
 
+    def _take_in(self) -> None:
+        """Have sensors' reports go to the channel, with the clock's time: it gives them that of the running turn."""
+        self._senses, self._now = self.sensed.publish, self.runtime.clock.reader()
+
     def keep_no_more(self) -> None:
         """Take it that the manager lives on."""
         if self._senses is not None and self.life == "running" and not self.failing:
-            self._senses = self.sensed.publish
+            self._take_in()
             self._backlog.clear()
 
     @property
@@ -331,8 +335,7 @@ class PredicateManager(Actor):
         self.events = self.channel("events", EventUpdate)
         self.map = self.channel("map", PredicateMap)
         self._batches.dispatcher = self.runtime.dispatcher
-        self._now = self.runtime.clock.reader()  # of the fewest steps: the channel knows of turns
-        self._senses = self.sensed.publish
+        self._take_in()
         now = self.runtime.now()
         self._begun = self._home is self.runtime
         self._home = self.runtime

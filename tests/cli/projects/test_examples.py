@@ -45,7 +45,7 @@ def test_all_files_that_it_needs_are_copied(name, tmp_path, monkeypatch, capsys)
         assert main([*verb, str(path)]) == 0, capsys.readouterr()
     if name in {"q_table", "tiger", "from_arrays", "rooms", "external_belief"}:
         done = subprocess.run(
-            [sys.executable, *command[1:]], cwd=copied, capture_output=True, text=True, timeout=600, check=False
+            [sys.executable, *command[1:]], cwd=copied, capture_output=True, text=True, timeout=250, check=False
         )
         assert (done.returncode, done.stderr) == (0, "")
     else:

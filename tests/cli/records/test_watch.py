@@ -15,7 +15,7 @@ from shown import a_robot
 
 import mdm
 from mdm.cli import main
-from mdm.snapshots import Detail, EnsembleFrame, Frame, Scene
+from mdm.snapshots import Detail, EnsembleFrame, Event, Frame, Scene
 from mdm.snapshots.scene import EnsembleScene
 from mdm.team.transport.certificates import make_certificates
 from mdm.testing import run_virtual
@@ -107,13 +107,24 @@ def test_what_cannot_be_watched_is_a_sentence(url, told):
     assert "Traceback" not in done.stderr
 
 
-def test_one_picture_of_a_team_waits_for_all_agents(monkeypatch, capsys):
+def test_one_picture_of_a_team_waits_for_all_agents_and_what_they_have_done(monkeypatch, capsys):
+    old = [Event(number + 1, 0.5, "decision", "ada", "old") for number in range(1000)]
     told = deque()
-    for agents, missing in ((("ada",), ("bob",)), (("ada", "bob"), ())):
+    for agents, missing, events in (
+        (("ada",), ("bob",), []),
+        (("ada", "bob"), (), old),  # of which there are more
+        (("ada", "bob"), (), [Event(1001, 0.9, "decision", "ada", "new")]),
+    ):
         ensembles = tuple(EnsembleScene(agent, -1, "", "policy") for agent in agents)
         modes = tuple(EnsembleFrame("deciding", 0.0) for _ in agents)
         told.append({"scene": Scene("", "live", "rooms", 0, 0.0, 0.0, ensembles, ())})
-        told.append({"frame": Frame(1.0, modes, (), (), details={"ada": Detail()}, missing=missing), "cursor": 0})
+        told.append(
+            {
+                "frame": Frame(1.0, modes, (), (), details={"ada": Detail()}, missing=missing),
+                "events": events,
+                "cursor": 0,
+            }
+        )
 
     class Page:
         async def receive(self):
@@ -128,4 +139,6 @@ def test_one_picture_of_a_team_waits_for_all_agents(monkeypatch, capsys):
 
     monkeypatch.setattr("mdm.cli.records.watch.opened", opened)
     assert main(["watch", "http://robots.test/", "--once"]) == 0
-    assert "bob" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "bob" in out
+    assert "new" in out

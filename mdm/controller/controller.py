@@ -130,8 +130,9 @@ class Controller:
             raise ConfigError(wrong, key="policy")
         self.symbols = Symbols(whole, self.model, agent)
         self.policy: Policy = self.symbols.policy
-        if (seed := options.get("seed")) is not None:
-            self.policy = seeded(self.policy, seed)
+        self.seed = options.get("seed")
+        if self.seed is not None:
+            self.policy = seeded(self.policy, self.seed)
         # What a plan knows at its start it takes from the team's model; an agent's own part knows nothing of it.
         tracker = options.get("tracker")
         self.model = within(options.get("memory"), self.model, self.policy, tracked=tracker is None)

@@ -341,7 +341,8 @@ class Record:
     Attributes:
         path: The path of the first file.
         paths: All files.
-        metadata: The named strings. ``mdm`` has the head: the format, versions, clock and epoch.
+        metadata: The named strings. ``mdm`` has the head: the format, versions, clock and epoch; ``ensemble NAME`` what
+            an ensemble was made of: digests, names, its seed.
         attachments: The attached files.
         topics: The topics by name.
         counts: How many messages each topic has.

@@ -403,6 +403,8 @@ class Recorder:
             self._controlled.add(output.ensemble)
             facts = {"configuration": output.configuration, **output.digests()}
             facts["parts"] = msgspec.json.encode(output.parts()).decode()
+            if output.seed is not None:
+                facts["seed"] = str(output.seed)
             if output.draws:
                 facts["draws"] = output.draws
             for key in ("state", "action", "observation"):
@@ -453,6 +455,9 @@ class _Deciding(Protocol):
 
     @property
     def symbols(self) -> Any: ...
+
+    @property
+    def seed(self) -> int | None: ...
 
     @property
     def draws(self) -> str: ...

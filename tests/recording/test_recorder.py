@@ -275,3 +275,15 @@ def test_a_path_that_cannot_be_written_is_refused_at_the_start(tmp_path):
 def test_a_largest_belief_is_a_number_of_states(tmp_path, given):
     with refused(ConfigError):
         Recorder(tmp_path / "run.mcap", largest_belief=given)
+
+
+@pytest.mark.parametrize("seed", [None, 7])
+def test_the_seed_that_a_policy_was_given_is_in_the_record(tmp_path, seed):
+    rows = mdm.policies.StochasticPolicy([[0.5], [0.5]])
+    ensemble = mdm.Ensemble("robot", policy=rows, actions=dict.fromkeys("ab", lambda: None), seed=seed)
+
+    async def happen():
+        ensemble.publish_state(0)
+
+    found, _ = record(tmp_path / "run.mcap", ensemble, happen)
+    assert found.metadata["ensemble robot"].get("seed") == (None if seed is None else str(seed))

@@ -104,6 +104,11 @@ class Output:
             self._tape.controls(self)
 
     @property
+    def seed(self) -> int | None:
+        """The seed that the policy was given to draw by; None where there was none."""
+        return self._controller.seed
+
+    @property
     def draws(self) -> str:
         """The state of the random numbers by which the policy draws its actions; empty where it does not."""
         information = self._controller.information

@@ -178,7 +178,7 @@ def _add_info(verbs: Any, name: str) -> argparse.ArgumentParser:
         help=VERBS[name],
         description=(
             "Describe a record: whether it is complete, its time, its topics with the numbers of their messages, the "
-            "files attached to it, and its head: versions and clock. Where a run was split, its first file stands "
+            "files attached to it, and its head: versions, clock, seeds. Where a run was split, its first file stands "
             "for all."
         ),
         epilog="example: mdm record info run.mcap --json",

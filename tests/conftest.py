@@ -6,6 +6,7 @@ import gc
 import os
 import signal
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported: workers would fight for the cores
+
+_OTHERS = (Path(__file__).parent.parent / "examples", Path(__file__).parent / "data")
 
 settings.register_profile("default", deadline=None, max_examples=30, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("thorough", parent=settings.get_profile("default"), max_examples=2000)
@@ -64,16 +67,30 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
     os.environ["MDM_CACHE"] = str(tmp_path_factory.mktemp("cache"))
 
 
-@pytest.fixture(autouse=True)
-def _forgotten_modules(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Forget the modules that a test wrote and imported, for the next may write others of their names."""
+@contextmanager
+def _forgetting(written: Path) -> Iterator[None]:
+    """Forget the modules of the files that were written, of examples and of recorded runs that are imported within.
+
+    The next test may write others of their names; and what an example keeps of one run is wrong in another.
+    """
     before, path = set(sys.modules), list(sys.path)
     yield
     sys.path[:] = path
-    written = tmp_path_factory.getbasetemp()
     for name in set(sys.modules) - before:
-        if written in Path(getattr(sys.modules[name], "__file__", None) or "").parents:
+        if {written, *_OTHERS}.intersection(Path(getattr(sys.modules[name], "__file__", None) or "").parents):
             del sys.modules[name]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _forgotten_modules_of_a_file(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with _forgetting(tmp_path_factory.getbasetemp()):
+        yield
+
+
+@pytest.fixture(autouse=True)
+def _forgotten_modules(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with _forgetting(tmp_path_factory.getbasetemp()):
+        yield
 
 
 @pytest.fixture(autouse=True)

@@ -63,6 +63,7 @@ def example(seed):
     """Import what stands beside the demo, anew, for a seed."""
     path = list(sys.path)
     sys.path.insert(0, str(FOLDER))
+    sys.modules.pop("building", None)
     try:
         demo = import_module("building")
         demo.World.seed = seed

@@ -19,6 +19,7 @@ __all__ = [
     "add_durations",
     "add_false_negative",
     "add_import",
+    "add_live_page",
     "add_page_hosts",
     "certificate",
     "complete",
@@ -108,6 +109,30 @@ def add_import(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="import the functions of a TOML file, which runs its modules",
     )
+
+
+def add_live_page(parser: argparse.ArgumentParser, shows: str, whose: str) -> None:
+    """Add the options of a page that shows a run live.
+
+    Args:
+        parser: The parser.
+        shows: Says of which agents.
+        whose: Says which certificate is taken where none is given.
+    """
+    parser.add_argument(
+        "--page",
+        metavar="PORT",
+        nargs="?",
+        type=port,
+        const=8765,
+        help=f"{shows} for this machine's browsers, at port PORT (8765)",
+    )
+    parser.add_argument(
+        "--page-control",
+        action="store_true",
+        help="let the page start, stop, reset and release ensembles, and set predicates that no sensor tells",
+    )
+    add_page_hosts(parser, whose)
 
 
 def add_page_hosts(parser: argparse.ArgumentParser, whose: str = "", *, prefix: str = "--page-") -> None:

@@ -8,10 +8,9 @@ from mdm.cli.usage import (
     add_discount,
     add_false_negative,
     add_file,
-    add_page_hosts,
+    add_live_page,
     complete,
     count,
-    port,
     seconds,
     seed,
 )
@@ -51,20 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser, *, virtual: bool = True) -> N
         help="record the run to this file, such as run.mcap, which mdm replay runs again; a record there is kept, and "
         "run.2.mcap written",
     )
-    parser.add_argument(
-        "--page",
-        metavar="PORT",
-        nargs="?",
-        type=port,
-        const=8765,
-        help="show the run live on a page for this machine's browsers, at port PORT (8765)",
-    )
-    parser.add_argument(
-        "--page-control",
-        action="store_true",
-        help="let the page start, stop, reset and release ensembles, and set predicates that no sensor tells",
-    )
-    add_page_hosts(parser, "of a team's file the agent's own")
+    add_live_page(parser, "show the run live on a page", "of a team's file the agent's own")
     parser.add_argument("--quiet", action="store_true", help="write no log")
     if virtual:
         parser.add_argument(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.robots import add_arguments
-from mdm.cli.usage import add_import, add_page_hosts, complete, count, port, seconds
+from mdm.cli.usage import add_import, add_live_page, complete, count, seconds
 
 if TYPE_CHECKING:
     import argparse
@@ -76,20 +76,7 @@ def _add_up(verbs: Any, name: str) -> argparse.ArgumentParser:
     parser.add_argument(
         "--record", metavar="FOLDER", help="record each agent's run to a file of its own in this folder, NAME.mcap"
     )
-    parser.add_argument(
-        "--page",
-        metavar="PORT",
-        nargs="?",
-        type=port,
-        const=8765,
-        help="show all agents live on one page for this machine's browsers, at port PORT (8765)",
-    )
-    parser.add_argument(
-        "--page-control",
-        action="store_true",
-        help="let the page start, stop, reset and release ensembles, and set predicates that no sensor tells",
-    )
-    add_page_hosts(parser, "where the team has access, that of its operator")
+    add_live_page(parser, "show all agents live on one page", "where the team has access, that of its operator")
     parser.add_argument("--log", choices=("console", "json"), default="console", help="how to write the log")
     return parser
 

@@ -52,13 +52,14 @@ def run(arguments: argparse.Namespace) -> int:
         check_policy_file(policy_class(solver, world, horizon=arguments.horizon, durations=durations), arguments.output)
     for note in filter(None, (visibility(world), hidden_times(world, durations))):
         print(f"mdm solve: {note}", file=sys.stderr)
-    solution = _solve(world, solver, {**given, "durations": durations}, arguments)
     saving = 0.0
-    if arguments.output is not None:
-        fits = mismatch(solution.policy, model) is None  # not if observations include the observed state
-        began = perf_counter()
-        save_policy(solution.policy, arguments.output, model if fits else world)
-        saving = perf_counter() - began
+    with arguments.interruption.deferred():  # until the policy is kept
+        solution = _solve(world, solver, {**given, "durations": durations}, arguments)
+        if arguments.output is not None:
+            fits = mismatch(solution.policy, model) is None  # not if observations include the observed state
+            began = perf_counter()
+            save_policy(solution.policy, arguments.output, model if fits else world)
+            saving = perf_counter() - began
     facts = _facts(solution, arguments)
     if arguments.history is not None:
         history = [{key: getattr(entry, key) for key in entry.__struct_fields__} for entry in solution.history]
@@ -67,7 +68,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(as_json(facts))
     else:
         _print(solution, facts, arguments, saving)
-    return arguments.interruption.status if solution.reason == "interrupted" else 0
+    interrupted = solution.reason == "interrupted" or arguments.interruption.number is not None
+    return arguments.interruption.status if interrupted else 0
 
 
 def _solve(model: MDP, solver: str, options: dict[str, Any], arguments: argparse.Namespace) -> Solution:
@@ -83,20 +85,19 @@ def _solve(model: MDP, solver: str, options: dict[str, Any], arguments: argparse
         line(progress)
         return bool(interruption.asked())
 
-    with interruption.deferred():
-        try:
-            return solve(
-                model,
-                solver,
-                gap=arguments.gap,
-                time=arguments.time,
-                iterations=arguments.iterations,
-                memory=None if arguments.memory is None else int(min(arguments.memory * 1e6, sys.maxsize)),
-                progress=tell,
-                **options,
-            )
-        finally:
-            line.end()
+    try:
+        return solve(
+            model,
+            solver,
+            gap=arguments.gap,
+            time=arguments.time,
+            iterations=arguments.iterations,
+            memory=None if arguments.memory is None else int(min(arguments.memory * 1e6, sys.maxsize)),
+            progress=tell,
+            **options,
+        )
+    finally:
+        line.end()
 
 
 def _check_options(given: dict[str, Any], solver: str) -> None:

@@ -153,8 +153,8 @@ def load_recorded(
     here = lay_out(record, folder)
     if not any(attached.name == _FOLDER + name for attached in record.attachments):
         raise ConfigError(
-            f"{record.path}: its configuration {name!r} is not in the record, as of one that was torn early: give the "
-            f"file of the same system with --config"
+            f"{record.path}: its configuration {name!r} is not in the record, as of one that was damaged or torn "
+            f"early: give the file of the same system with --config"
         )
     try:
         return load_system(here / name, agent=agent, callbacks=False, transport=transport)

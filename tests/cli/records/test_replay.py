@@ -10,7 +10,7 @@ import pytest
 import team_file
 import team_processes
 from places import EXAMPLES
-from records import Writing
+from records import Writing, with_gap
 
 from mdm import Ensemble
 from mdm.messages import Decision
@@ -79,6 +79,21 @@ def test_it_is_one_json_object(mdm, run):
         "lost": 0,
         "differences": [],
     }
+
+
+def test_behind_damage_nothing_is_compared_and_a_sentence_says_so(mdm, run, tmp_path):
+    gap = with_gap(run[1], tmp_path / "gap.mcap", 40, 3)
+    decisions = [each for each in gap.messages(["decisions"]) if each.sequence < 40]
+    until = gap.gap.until / 1e9
+    status, output, errors = mdm("replay", gap.path)
+    assert (status, errors) == (0, "")
+    told = f"messages of the record are lost before {until:.6f} s, 3 in all: what was decided from there on"
+    assert output == [
+        f"{len(decisions)} decisions recorded, {len(decisions)} replayed: all the same (bit by bit)",
+        f"{told} cannot be replayed, and is not compared",
+    ]
+    (line,) = mdm("replay", gap.path, "--json")[1]
+    assert json.loads(line)["until"] == until
 
 
 def test_another_configuration_is_compared(mdm, run):

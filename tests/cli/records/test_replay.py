@@ -197,6 +197,28 @@ def test_a_simulation_is_repeated(mdm, tmp_path):
     assert output[0].startswith("30 decisions recorded, 30 replayed: all the same")
 
 
+def _refuse_another_team(mdm, file, other, records):
+    """See that a team of another name, or with its agents in another order, is refused by what differs."""
+    text = file.read_text()
+    (agents,) = [line for line in text.splitlines() if line.startswith("agents = ")]
+    first, second = re.findall(r"\{.*?\}", agents)
+    for old, new, told in (
+        ('name = "rooms"', 'name = "halls"', "the team's name was rooms in the run, and halls in this configuration"),
+        (
+            agents,
+            agents.replace(first, "first").replace(second, first).replace("first", second),
+            "the team's agents were a, b in the run, and b, a in",
+        ),
+    ):
+        assert new != old
+        assert old in text
+        other.write_text(text.replace(old, new))
+        for given in (records, records / "a.mcap"):
+            status, output, errors = mdm("replay", given, "--config", other)
+            assert (status, output) == (1, [])
+            assert told in errors
+
+
 def test_a_team_of_two_is_repeated_together(mdm, tmp_path):
     code = team_file.CODE.replace(
         "    import asyncio\n    await asyncio.Event().wait()",
@@ -235,6 +257,7 @@ def test_a_team_of_two_is_repeated_together(mdm, tmp_path):
     assert (status, output) == (1, [])
     assert "configuration of ensemble " in errors
     assert "mdm replay FOLDER --config, with the records of all of them" in errors
+    _refuse_another_team(mdm, file, other, tmp_path / "records")
     other.write_text(file.read_text().replace("[0, 1, 2, 3]", "[0, 0, 2, 3]"))
     status, output, errors = mdm("replay", tmp_path / "records", "--config", other, "--json")
     assert (status, errors) == (1, "")
@@ -270,6 +293,7 @@ def test_a_team_of_two_is_repeated_together(mdm, tmp_path):
     assert "c.mcap and a.mcap are both of agent 'a' in the same life" in errors
     model = ["--model", EXAMPLES / "tiger.pomdp", "--policy", EXAMPLES / "tiger.vf", "--episodes", "1"]
     assert mdm("simulate", *model, "--record", tmp_path / "records" / "c.mcap")[0] == 0
-    status, output, errors = mdm("replay", tmp_path / "records", "--config", other)
-    assert (status, output) == (1, [])
-    assert "is of an agent of a team, and" in errors
+    for options in ([], ["--config", other]):
+        status, output, errors = mdm("replay", tmp_path / "records", *options)
+        assert (status, output) == (1, [])
+        assert "is of an agent of a team, and" in errors

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import tomllib
 from importlib.machinery import all_suffixes
 from pathlib import Path, PurePosixPath
@@ -11,6 +12,7 @@ import msgspec
 
 from mdm.config.builder import load_system, load_team
 from mdm.errors import ConfigError, Error
+from mdm.models.difference import first_difference
 from mdm.recording.stimuli import Joined, Received
 
 if TYPE_CHECKING:
@@ -28,6 +30,7 @@ __all__ = [
     "check_digests",
     "check_same_team",
     "check_team",
+    "different_entry",
     "lay_out",
     "load_recorded",
     "team_difference",
@@ -233,6 +236,33 @@ def different_part(known: Mapping[str, str], controller: Controller) -> str | No
             continue
         digested = was.startswith("#") or is_now.startswith("#")
         return f"it differs in the {part}" if digested else f"the {part} was {was}, and is {is_now}"
+    return None
+
+
+def different_entry(record: Record, ensembles: Mapping[str, Ensemble]) -> str | None:
+    """Return in words the first entry by which the model of an ensemble is another than that in a record.
+
+    Args:
+        record: The record.
+        ensembles: The ensembles of another configuration, by their paths.
+
+    Returns:
+        The sentence; None where the record's model cannot be loaded from it, or no entry differs.
+    """
+    if "configuration" not in record.head or "agent" in record.head:
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            system = load_recorded(record, folder)
+        except Error:
+            return None
+        for then in system.ensembles.values():
+            now = ensembles.get(then.path)
+            models = then.controller.model, None if now is None else now.controller.model
+            if models[0] is not None and models[1] is not None:
+                told = first_difference(models[0], models[1])
+                if told is not None:
+                    return f"of the model of {then.path!r} {told}"
     return None
 
 

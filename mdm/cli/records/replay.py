@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from mdm.cli.report import as_json
 from mdm.config.rebuilt import rebuilt_to_compare, replay_team
+from mdm.config.recorded import different_entry
 from mdm.recording import Record, records_of
 from mdm.replay import replay
 
@@ -30,13 +31,16 @@ def _replay_one(record: Record, arguments: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory() as folder:
         run = rebuilt_to_compare(record, folder, arguments.config)
         result = replay(record, run.actors, transports=run.transports, most=_most(arguments))
+    entry = None if arguments.config is None or result.same else different_entry(record, run.ensembles)
     epoch = int(record.head["epoch"])
     if arguments.json:
-        print(as_json(_facts(result, epoch)))
+        print(as_json(_facts(result, epoch) | ({} if entry is None else {"entry": entry})))
     else:
         print(_summary(record, result))
         for difference in result.differences:
             print(difference.describe(epoch))
+        if entry is not None:
+            print(entry)
     return 0 if result.same else 1
 
 

@@ -297,3 +297,21 @@ def test_a_team_of_two_is_repeated_together(mdm, tmp_path):
         status, output, errors = mdm("replay", tmp_path / "records", *options)
         assert (status, output) == (1, [])
         assert "is of an agent of a team, and" in errors
+
+
+def test_the_entry_of_the_model_that_differs_is_named(mdm, run):
+    file, path = run
+    model = "discount: 0.9\nvalues: reward\nstates: away near\nactions: go turn\n"
+    model += "T: go\nidentity\nT: turn\n0.5 0.5\n0 1\nR: go : away : * : * 1\nR: turn : near : * : * {}\n"
+    text = FILE.replace("policy = [0, 1]", 'model = "walk.MDP"\npolicy = [0, 1]')
+    file.write_text(text.replace('near = ["Near"]', 'x = { near = "Near" }'))
+    (file.parent / "walk.MDP").write_text(model.format(2))
+    other = path.with_name("model.mcap")
+    assert mdm("run", file, "--virtual", "--seconds", "3", "--record", other)[0] == 0
+    (file.parent / "walk.MDP").write_text(model.format(4))
+    status, output, errors = mdm("replay", other, "--config", file)
+    assert (status, errors) == (1, "")
+    assert output[-1] == "of the model of 'robot' the reward of 'turn' in 'near' was 2, and is 4"
+    status, output, errors = mdm("explain", other, "--config", file, "--at", "2")
+    assert (status, output) == (1, [])
+    assert "(of the model of 'robot' the reward of 'turn' in 'near' was 2, and is 4)" in errors

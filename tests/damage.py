@@ -62,7 +62,7 @@ def damaged(content, choice):
 
 
 def read(path, messages):
-    """Read a damaged record; return how many messages, and whether it was told to be torn; raise for a wrong one."""
+    """Read a damaged record; return how many messages, and what was told of damage; raise for a wrong one."""
     record = Record(path)
     found = list(record.raw())
     for topic, time, sequence, data in found:
@@ -70,8 +70,12 @@ def read(path, messages):
     numbers = [each[2] for each in found]
     assert numbers == sorted(set(numbers)), path
     if len(numbers) < len(messages):
-        assert record.torn is not None, path
-    return len(numbers), record.torn
+        assert record.torn is not None or record.lost == len(messages) - len(numbers), path
+    if numbers != list(range(len(numbers))):
+        assert record.gap is not None, path
+        assert record.gap.sequence == next((place for place, number in enumerate(numbers) if place != number), 0) - 1
+        assert record.damage, path
+    return len(numbers), record.torn or "".join(record.damage) or None
 
 
 def main(count):

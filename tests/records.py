@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import io
 from pathlib import Path
 
 import msgspec
@@ -10,7 +11,8 @@ from mcap.reader import make_reader
 from places import EXAMPLES
 
 from mdm import load_system, messages
-from mdm.recording import schemas
+from mdm.recording import Record, schemas
+from mdm.recording.process import File
 from mdm.recording.writer import RecordWriter
 from mdm.runtime import Runtime, run as run_program
 
@@ -115,3 +117,22 @@ def tiger(path):
     """Record the example of the tiger, which listens and opens a door, for ten seconds."""
     heard = ["HearLeft", "HearRight", "HearRight", "HearRight", "HearLeft", "HearLeft", "HearLeft"]
     return run(path, EXAMPLES / "tiger.toml", [(0.4 + 0.7 * number, {}, [heard[number % 7]]) for number in range(14)])
+
+
+def with_gap(path, new, first, count):
+    """Write a record once more without some of its messages, whose numbers are left out; return the new record."""
+    record = Record(path)
+    content = io.BytesIO()
+    file = File(content, "mdm/0.1.0")
+    for name, facts in record.metadata.items():
+        if name != "mdm.file":
+            file.metadata(name, facts)
+    for attachment in record.attachments:
+        file.attach(*attachment)
+    topics = {name: file.topic(*topic) for name, topic in record.topics.items()}
+    for topic, time, sequence, data in record.raw():
+        if not first <= sequence < first + count:
+            file.add_message(topics[topic], time, data, time, sequence)
+    file.finish()
+    new.write_bytes(content.getvalue())
+    return Record(new)

@@ -166,6 +166,7 @@ class Ensemble(Layer):
                 observations, self._manager("observations"), space=controller.symbols.observation_space
             )
             self._divide(self.observation)
+        self._name_factors()
         self.action.adopt(self)
         self.levels: int = 1 + max((below.levels for below in self.subensembles), default=0)
         if self.levels > MOST_LEVELS:
@@ -183,6 +184,16 @@ class Ensemble(Layer):
             sizes = [factor.size for factor in layer.factors]
             if math.prod(sizes) == len(space):  # else the layer has told of it
                 self.controller.divide_observations(sizes)
+
+    def _name_factors(self) -> None:
+        """Tell the control layer how the factors name their values, where the model does not."""
+        symbols = self.controller.symbols
+        for kind, layer in (("state", self.state), ("observation", self.observation)):
+            space = symbols.state_space if kind == "state" else symbols.observation_space
+            if layer is not None and (space is None or all(factor.names[0] == "0" for factor in space.factors)):
+                self.control.output.factor_names[kind] = {
+                    factor.name: tuple(wire.name for wire in factor.wires()) for factor in layer.factors
+                }
 
     def _manager(self, factors: str) -> PredicateManager:
         if self.predicates is None:

@@ -47,6 +47,11 @@ class Wire(NamedTuple):
     source: str | None
     idle: bool = False
 
+    @property
+    def name(self) -> str:
+        """The symbol's name; its source where it has an index alone."""
+        return self.source if self.source is not None and self.symbol.isdecimal() else self.symbol
+
 
 class Wired(Protocol):
     """A factor of an ensemble."""

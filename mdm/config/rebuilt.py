@@ -6,7 +6,7 @@ import tempfile
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, NamedTuple
 
-from mdm.config.recorded import check_digests, check_team, load_recorded, team_difference
+from mdm.config.recorded import check_digests, check_same_team, check_team, load_recorded, team_difference
 from mdm.config.simulations import recorded_simulation
 from mdm.config.system import System
 from mdm.errors import Error
@@ -71,6 +71,7 @@ def rebuilt_to_compare(record: Record, folder: str | Path, given: str | Path | N
     if given is None:
         check_digests(record, run.ensembles.values())
     if isinstance(run.actors, System):
+        check_same_team(record, run.actors)
         check_team(record, run.actors)
     return run
 
@@ -93,14 +94,15 @@ def replay_team(records: Mapping[str, Record], given: str | Path | None = None, 
         def folder() -> str:
             return folders.enter_context(tempfile.TemporaryDirectory())
 
+        _check_alike(records)
         if given is None:
             return _replay({name: rebuilt_to_compare(each, folder()) for name, each in records.items()}, records, most)
-        _check_alike(records)
 
         def other() -> dict[str, Rebuilt]:
             return {name: rebuilt(record, folder(), given) for name, record in records.items()}
 
         runs = other()
+        _check_same_teams(records, runs)
         teams = [(record, runs[name].actors) for name, record in records.items() if runs[name].transports]
         if all(isinstance(actors, System) and team_difference(record, actors) is None for record, actors in teams):
             result = _replay(runs, records, most)
@@ -124,8 +126,15 @@ def replay_team(records: Mapping[str, Record], given: str | Path | None = None, 
         return _replay(runs, records, most, as_recorded)
 
 
+def _check_same_teams(records: Mapping[str, Record], runs: Mapping[str, Rebuilt]) -> None:
+    """Refuse a team of another name, or of other agents."""
+    for name, run in runs.items():
+        if isinstance(run.actors, System):
+            check_same_team(records[name], run.actors)
+
+
 def _check_alike(records: Mapping[str, Record]) -> None:
-    """Refuse records of which some are of a team's agents, and some are not: no configuration is for both.
+    """Refuse records of which some are of a team's agents, and some are not: they are not of one run.
 
     Raises:
         Error: If there are such, or a record has no beginning.
@@ -136,8 +145,8 @@ def _check_alike(records: Mapping[str, Record]) -> None:
         of_team.setdefault(bool(transports_of(record)), record)
     if len(of_team) > 1:
         raise Error(
-            f"{of_team[True].path} is of an agent of a team, and {of_team[False].path} is not: with another "
-            f"configuration, a folder has records of one run alone"
+            f"{of_team[True].path} is of an agent of a team, and {of_team[False].path} is not: a folder that is "
+            f"replayed together has records of one run alone: move the other one away, and replay it by itself"
         )
 
 

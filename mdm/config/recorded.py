@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import tomllib
 from importlib.machinery import all_suffixes
 from pathlib import Path, PurePosixPath
@@ -11,7 +12,8 @@ import msgspec
 
 from mdm.config.builder import load_system, load_team
 from mdm.errors import ConfigError, Error
-from mdm.recording.stimuli import Joined
+from mdm.models.difference import first_difference
+from mdm.recording.stimuli import Joined, Received
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -26,7 +28,9 @@ __all__ = [
     "attach_configuration",
     "attach_file",
     "check_digests",
+    "check_same_team",
     "check_team",
+    "different_entry",
     "lay_out",
     "load_recorded",
     "team_difference",
@@ -153,8 +157,8 @@ def load_recorded(
     here = lay_out(record, folder)
     if not any(attached.name == _FOLDER + name for attached in record.attachments):
         raise ConfigError(
-            f"{record.path}: its configuration {name!r} is not in the record, as of one that was torn early: give the "
-            f"file of the same system with --config"
+            f"{record.path}: its configuration {name!r} is not in the record, as of one that was damaged or torn "
+            f"early: give the file of the same system with --config"
         )
     try:
         return load_system(here / name, agent=agent, callbacks=False, transport=transport)
@@ -235,6 +239,68 @@ def different_part(known: Mapping[str, str], controller: Controller) -> str | No
     return None
 
 
+def different_entry(record: Record, ensembles: Mapping[str, Ensemble]) -> str | None:
+    """Return in words the first entry by which the model of an ensemble is another than that in a record.
+
+    Args:
+        record: The record.
+        ensembles: The ensembles of another configuration, by their paths.
+
+    Returns:
+        The sentence; None where the record's model cannot be loaded from it, or no entry differs.
+    """
+    if "configuration" not in record.head or "agent" in record.head:
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            system = load_recorded(record, folder)
+        except Error:
+            return None
+        for then in system.ensembles.values():
+            now = ensembles.get(then.path)
+            models = then.controller.model, None if now is None else now.controller.model
+            if models[0] is not None and models[1] is not None:
+                told = first_difference(models[0], models[1])
+                if told is not None:
+                    return f"of the model of {then.path!r} {told}"
+    return None
+
+
+def check_same_team(record: Record, system: System) -> None:
+    """Refuse to repeat an agent in a team of another name, or of other agents: it would send under other keys.
+
+    Raises:
+        Error: With what differs, and was in the run.
+    """
+    if system.member is None:
+        return
+    from mdm.team.transport.keys import team_of  # noqa: PLC0415 - files without a team load nothing of teams
+
+    team = system.member.link.team
+    now = {"team's agents": ", ".join(team.names), "team's name": team.name}
+    for stimulus in _stimuli(record):
+        then = {}
+        if isinstance(stimulus, Joined):
+            then = stimulus.facts
+        elif isinstance(stimulus, Received):
+            then = {"team's name": team_of(stimulus.key)}
+        for fact, is_now in now.items():
+            if then.get(fact, is_now) != is_now:
+                verb = "were" if fact.endswith("agents") else "was"
+                raise Error(
+                    f"{record.path}: the {fact} {verb} {then[fact]} in the run, and {is_now} in this configuration: "
+                    f"give one whose team has the name of the run's, and its agents in their order"
+                )
+        if isinstance(stimulus, Received):
+            return
+
+
+def _stimuli(record: Record) -> Iterator[Any]:
+    """Yield the stimuli of a record, none where it has no such topic."""
+    topics = [topic for topic in record.topics if topic == "stimuli"]
+    return (each.message for each in record.messages(topics)) if topics else iter(())
+
+
 def check_team(record: Record, system: System) -> None:
     """Refuse to repeat an agent of a team alone with another configuration than it had: its teammates would refuse it.
 
@@ -256,9 +322,7 @@ def team_difference(record: Record, system: System) -> str | None:
     Raises:
         Error: If the record is of an agent of a team, and the system is none.
     """
-    topics = [topic for topic in record.topics if topic == "stimuli"]
-    stimuli: Iterable[Any] = (each.message for each in record.messages(topics)) if topics else ()
-    joined = next((each for each in stimuli if isinstance(each, Joined)), None)
+    joined = next((each for each in _stimuli(record) if isinstance(each, Joined)), None)
     if joined is None:
         return None
     if system.member is None:

@@ -2,12 +2,14 @@
 
 A file is read from its start, record by record as the MCAP specification lays them out, so that what its process could
 not complete is read as well. Messages are in chunks with a checksum, and are taken from chunks whose checksum holds
-alone. Reading stops at the first chunk that is cut off or damaged: behind it, nothing tells where a record begins.
+alone. Behind damage it goes on where the next record begins: as the damaged one tells, else as the summary does, else
+at the next bytes that are a chunk whose checksum holds. The numbers of messages tell how many are lost.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import stat
 import struct
 import zlib
@@ -25,7 +27,7 @@ from mdm.recording.process import MAGIC
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-__all__ = ["FORMAT", "Attachment", "Record", "Recorded", "Topic"]
+__all__ = ["FORMAT", "Attachment", "Gap", "Record", "Recorded", "Topic"]
 
 FORMAT = 1
 """The newest format of records that is known here."""
@@ -35,11 +37,17 @@ _FILE = "mdm.file"
 
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX = range(1, 8)
 _ATTACHMENT, _METADATA, _DATA_END, _LAST = 9, 12, 15, 15
+_PLACES = {8: 16, 10: 0, 13: 0}
+"""Where the indices of chunks, attachments and metadata, in a summary, tell the place of one."""
 _RECORD = struct.Struct("<BQ")
 _STAMPED = struct.Struct("<BQHIQQ")
 """Of a message: its kind, length, channel, sequence and two times."""
 _LARGEST = 1 << 30
 """Bytes of a chunk, at most: ours have 256 kB, or a message."""
+_BLOCK = 1 << 22
+_CHUNK_START = re.compile(rb"\x06(?=[\s\S]{5}\x00{3}[\s\S]{28}(?:\x00{4}|\x04\x00{3}zstd)[\s\S]{8})")
+"""How a chunk begins, which may be anything else as well: a length below 2**40, and a compression."""
+_START_SIZE = 9 + 28 + 8 + 8
 
 
 class Recorded(NamedTuple):
@@ -84,8 +92,46 @@ class _Chunk(NamedTuple):
     channels: frozenset[int]
 
 
+class Gap(NamedTuple):
+    """Where messages of a record are missing.
+
+    Args:
+        sequence: The number of the last message before it; -1 where there is none.
+        since: The time of that, None where there is none.
+        until: The time of the first message behind it.
+    """
+
+    sequence: int
+    since: int | None
+    until: int
+
+
+class _Hole(NamedTuple):
+    """Bytes of a file that cannot be read, between others that can.
+
+    Args:
+        place: Where they begin.
+        size: How many there are.
+        reason: Why.
+        lost: How many messages were in them, None where that is not known.
+        since: The time of the last message before them, if any.
+        until: The time of the first one behind them, if any.
+    """
+
+    place: int
+    size: int
+    reason: str
+    lost: int | None = None
+    since: int | None = None
+    until: int | None = None
+
+
 class _Torn(Exception):
     """A file cannot be read from here on; its text is why."""
+
+
+class _Damaged(_Torn):
+    """A record of a file cannot be read; its text is why."""
 
 
 class _File:
@@ -108,13 +154,20 @@ class _File:
         """The numbers of the first message and of the last one."""
         self.gaps = 0
         """How many numbers between them no message has."""
+        self.gap: Gap | None = None
+        """The first place at which numbers are left out."""
+        self.latest: int | None = None
+        """The time of the last message."""
+        self.holes: list[_Hole] = []
         self.torn: str | None = None
         self.grows = False
         self.whole = 0
-        """Bytes from the start that are whole."""
+        """Bytes from the start that were read, to the end or to the tear, holes among them."""
         self.size = 0
         self._schemas: dict[int, tuple[str, bytes]] = {}
         self._decompress: Callable[[bytes, int], bytes] | None = None
+        self._damaged: list[_Hole] = []
+        self._places: list[int] | None = None
         try:
             if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():
                 raise FormatError("this is a pipe or a device, not a file: save its content to a file first", file=path)
@@ -130,6 +183,7 @@ class _File:
                     self.grows = _is_written(file)
                     why = "it is still being written" if self.grows else torn
                     self.torn = f"{why}, at byte {self.whole:,} of {self.size:,}"
+                self._close_holes(None)
         except FileNotFoundError:
             raise FormatError("there is no such file", file=path) from None
         except IsADirectoryError:
@@ -145,25 +199,118 @@ class _File:
             if len(start) < _RECORD.size:
                 raise _Torn("it ends without its summary")
             kind, length = _RECORD.unpack(start)
-            if not 0 < kind <= _LAST:
-                raise _Torn("there is no record")
-            if length > self.size - self.whole - _RECORD.size:
-                raise _Torn("a record is cut off")
-            content = file.read(length)
-            if kind == _DATA_END:
-                self._check_end(file, content, crc)
-                return
-            crc = zlib.crc32(content, zlib.crc32(start, crc))
+            end = self.whole + _RECORD.size + length
             try:
-                self._take(kind, content)
+                if not 0 < kind <= _LAST:
+                    raise _Damaged("there is no record")
+                if end > self.size:
+                    raise _Damaged("a record is cut off")
+                content = file.read(length)
+                if kind != _DATA_END:
+                    crc = zlib.crc32(content, zlib.crc32(start, crc))
+                    self._take(kind, content)
             except (struct.error, IndexError, UnicodeDecodeError):
-                raise _Torn("a record is damaged") from None
-            self.whole += _RECORD.size + length
+                end = self._resume(file, end, _Damaged("a record is damaged"))
+            except _Damaged as damage:
+                end = self._resume(file, end, damage)
+            else:
+                if kind == _DATA_END:
+                    self._check_end(file, content, crc)
+                    return
+            self.whole = end
+
+    def _resume(self, file: IO[bytes], end: int, damage: _Damaged) -> int:
+        """Go on behind a damaged record, which claims to end there; return where.
+
+        Raises:
+            _Torn: If nothing that can be read follows.
+        """
+        places = self._places_by_summary(file)
+        if not self._is_record(file, end):
+            behind = [place for place in places if place > self.whole]
+            found = min(behind) if behind else self._find_chunk(file, self.whole + 1)
+            if found is None:
+                raise _Torn(str(damage)) from None
+            end = found
+        file.seek(end)
+        self._damaged.append(_Hole(self.whole, end - self.whole, str(damage)))
+        return end
+
+    def _is_record(self, file: IO[bytes], place: int) -> bool:
+        """Whether a record may begin at a place."""
+        if place + _RECORD.size > self.size:
+            return False
+        file.seek(place)
+        kind, length = _RECORD.unpack(file.read(_RECORD.size))
+        return bool(0 < kind <= _LAST and length <= self.size - place - _RECORD.size)
+
+    def _places_by_summary(self, file: IO[bytes]) -> list[int]:
+        """Return where chunks, metadata, attached files and the end of the data are, as a sound summary has it.
+
+        Schemas and topics of damaged chunks are taken from there, too.
+        """
+        if self._places is not None:
+            return self._places
+        self._places = []
+        footer = _RECORD.size + 20
+        at = self.size - len(MAGIC) - footer
+        file.seek(max(at, 0))
+        ending = file.read(footer + len(MAGIC))
+        if at < 0 or not ending.endswith(MAGIC) or _RECORD.unpack_from(ending) != (_FOOTER, 20):
+            return []
+        begin, _, crc = struct.unpack_from("<QQI", ending, _RECORD.size)
+        if not 0 < begin <= at:
+            return []
+        file.seek(begin)
+        summary = file.read(at - begin)
+        if zlib.crc32(ending[: footer - 4], zlib.crc32(summary)) != crc:
+            return []
+        position = 0
+        with suppress(struct.error, IndexError, UnicodeDecodeError):
+            while position < len(summary):
+                kind, length = _RECORD.unpack_from(summary, position)
+                content = summary[position + _RECORD.size : position + _RECORD.size + length]
+                self._describe(kind, content)
+                if kind in _PLACES:
+                    self._places += struct.unpack_from("<Q", content, _PLACES[kind])
+                position += _RECORD.size + length
+        self._places.append(begin - _RECORD.size - 4)
+        return self._places
+
+    def _find_chunk(self, file: IO[bytes], place: int) -> int | None:
+        """Return where the next chunk begins whose checksum holds, from a place on."""
+        while place + _START_SIZE <= self.size:
+            file.seek(place)
+            block = file.read(_BLOCK)
+            for match in _CHUNK_START.finditer(block):
+                start = place + match.start()
+                _, length = _RECORD.unpack_from(block, match.start())
+                if length <= self.size - start - _RECORD.size and self._is_chunk(file, start, length):
+                    return start
+            place += max(len(block) - _START_SIZE, 1)
+        return None
+
+    def _is_chunk(self, file: IO[bytes], place: int, length: int) -> bool:
+        file.seek(place + _RECORD.size)
+        try:
+            self.unpack(file.read(length))
+        except (_Damaged, struct.error, IndexError, UnicodeDecodeError):
+            return False
+        return True
+
+    def _close_holes(self, next_message: tuple[int, int] | None) -> None:
+        """Tell of the damage since the last sound chunk: lost messages, and the time of the next one, if any."""
+        if self._damaged:
+            reason = " and ".join(dict.fromkeys(hole.reason for hole in self._damaged))
+            size = sum(hole.size for hole in self._damaged)
+            lost, until = (None, None) if next_message is None else next_message
+            self.holes.append(_Hole(self._damaged[0].place, size, reason, lost, self.latest, until))
+            self._damaged.clear()
 
     def _check_end(self, file: IO[bytes], content: bytes, crc: int) -> None:
         """Check what follows the data; no message is there."""
         rest = file.read()
-        if content != struct.pack("<I", crc):
+        if content != struct.pack("<I", crc) and not (self.holes or self._damaged):
             if content == bytes(4) or len(content) != 4:
                 raise _Torn("its data has no checksum")
             raise _Torn("its data is damaged")
@@ -193,40 +340,57 @@ class _File:
     def _take_attachment(self, content: bytes) -> None:
         (crc,) = struct.unpack_from("<I", content, len(content) - 4)
         if crc != zlib.crc32(content[:-4]):
-            raise _Torn("an attached file is damaged")
+            raise _Damaged("an attached file is damaged")
         name, position = _string(content, 16)
         media_type, position = _string(content, position)
         (length,) = struct.unpack_from("<Q", content, position)
         position += 8
         if position + length != len(content) - 4:
-            raise _Torn("an attached file is damaged")
+            raise _Damaged("an attached file is damaged")
         self.attachments.append(Attachment(name, media_type, content[position : position + length]))
 
     def _take_chunk(self, content: bytes) -> None:
         data = self.unpack(content)
         position, size = 0, len(data)
         counts: Counter[int] = Counter()
-        first, last, before, gaps = 2**64, 0, self.last, self.gaps
+        first, last, latest = 2**64, 0, self.latest
+        begin, before, gaps, gap = self.first, self.last, self.gaps, self.gap
+        next_message: tuple[int, int] | None = None
         while position < size:
             kind, length = _RECORD.unpack_from(data, position)
             if kind == _MESSAGE:
                 _, _, channel, sequence, stamp, _ = _STAMPED.unpack_from(data, position)
                 counts[channel] += 1
                 first, last = min(first, stamp), max(last, stamp)
-                if before is None:
-                    self.first = sequence
+                if before is None and self.is_first:
+                    before = -1
+                lost = 0 if before is None else _between(before, sequence)
+                if begin is None:
+                    begin = sequence
                 else:
-                    gaps += _between(before, sequence)
-                before = sequence
+                    gaps += lost
+                if lost and before is not None and gap is None:
+                    gap = Gap(before, latest, stamp)
+                next_message = next_message or (lost, stamp)
+                before, latest = sequence, stamp
             else:
                 self._describe(kind, data[position + _RECORD.size : position + _RECORD.size + length])
             position += _RECORD.size + length
-        if position != size or not set(counts) <= set(self.topics):
-            raise _Torn("a chunk is damaged")
+        if position != size:
+            raise _Damaged("a chunk is damaged")
+        if not set(counts) <= set(self.topics):
+            raise _Damaged("a chunk is damaged" if not self._damaged else "the names of topics are damaged")
         for channel, count in counts.items():
             self.counts[self.topics[channel].name] += count
-        self.last, self.gaps = before, gaps
+        if next_message is not None:
+            self._close_holes(next_message)
+        self.first, self.last, self.latest, self.gaps, self.gap = begin, before, latest, gaps, gap
         self.chunks.append(_Chunk(self.whole + _RECORD.size, len(content), first, last, frozenset(counts)))
+
+    @property
+    def is_first(self) -> bool:
+        """Whether it is a whole record or the first file of one, in which messages are counted from 0 on."""
+        return not _number(self.metadata, _FILE, "number")
 
     def unpack(self, content: bytes) -> bytes:
         """Return the records of a chunk, checked."""
@@ -235,20 +399,20 @@ class _File:
         (length,) = struct.unpack_from("<Q", content, position)
         data = content[position + 8 :]
         if len(data) != length or size > _LARGEST:
-            raise _Torn("a chunk is damaged")
+            raise _Damaged("a chunk is damaged")
         if compression == "zstd":
             if self._decompress is None:
                 self._decompress = decompressor()
             try:
                 data = self._decompress(data, size)
             except ValueError:
-                raise _Torn("a chunk is damaged") from None
+                raise _Damaged("a chunk is damaged") from None
         elif compression == "lz4":
             raise Error(f"{self.path}: its chunks are compressed by lz4: convert them to zstd by the program that did")
         elif compression:
-            raise _Torn("a chunk is damaged")
+            raise _Damaged("a chunk is damaged")
         if len(data) != size or zlib.crc32(data) != crc:
-            raise _Torn("a chunk is damaged")
+            raise _Damaged("a chunk is damaged")
         return data
 
     def _describe(self, kind: int, content: bytes) -> None:
@@ -351,7 +515,10 @@ class Record:
         grows: Whether it is still being written.
         closed: Whether the run ended in order; False where its process was killed, None where the file's end is not
             there to tell.
-        lost: How many messages are known to have been dropped.
+        lost: How many messages are known to be missing: those that were dropped, and those in damaged bytes.
+        gap: The first place at which messages are missing, None where none are, or only behind the last one.
+        damage: Sentences on bytes that cannot be read though others behind them can: where, how many, and which
+            messages are lost by it.
 
     Example::
 
@@ -385,6 +552,8 @@ class Record:
         self.closed = None if end is None else end.get("closed") == "yes"
         self.number = _number(self._files[0].metadata, _FILE, "number")
         self.lost = self._lost()
+        self.gap = self._gap()
+        self.damage = tuple(self._sentences())
 
     @property
     def head(self) -> dict[str, str]:
@@ -404,8 +573,8 @@ class Record:
 
     @property
     def unread(self) -> int:
-        """Bytes that were not read, since a file is torn."""
-        return sum(file.size - file.whole for file in self._files)
+        """Bytes that could not be read, since a file is torn or damaged."""
+        return sum(file.size - file.whole + sum(hole.size for hole in file.holes) for file in self._files)
 
     def _check_set(self) -> None:
         """Check that files are of one record, and follow each other."""
@@ -431,7 +600,45 @@ class Record:
             if file.first is not None:
                 gaps += file.gaps + (0 if before is None else (file.first - before - 1) % 2**32)
                 before = file.last
-        return max(gaps, _number(self.metadata, _END, "lost"))
+        end = self.metadata.get(_END, {})
+        lost = _number(self.metadata, _END, "lost")
+        if "messages" in end and not self.number:
+            lost += max(0, _number(self.metadata, _END, "messages") - self.counts.total())
+        return max(gaps, lost)
+
+    def _gap(self) -> Gap | None:
+        """Return the first place at which numbers are left out, within files or between them."""
+        before: _File | None = None
+        for file in self._files:
+            if file.first is None:
+                continue
+            if before is not None and before.last is not None and file.first != (before.last + 1) % 2**32:
+                return Gap(before.last, before.latest, file.chunks[0].first)
+            if file.gap is not None:
+                return file.gap
+            before = file
+        return None
+
+    def _sentences(self) -> Iterator[str]:
+        """Yield a sentence on each hole."""
+        span = self.span
+        for file in self._files:
+            for hole in file.holes:
+                since = None if hole.since is None or span is None else f"{(hole.since - span[0]) / 1e9:.6f} s"
+                until = None if hole.until is None or span is None else f"{(hole.until - span[0]) / 1e9:.6f} s"
+                if hole.lost == 0:
+                    lost = "no message is lost"
+                elif since and until:
+                    lost = f"between {since} and {until}"
+                elif since:
+                    lost = f"behind {since}"
+                else:
+                    lost = "before the first one that can be read" if until else "all that there were"
+                if hole.lost:
+                    lost = f"{hole.lost:,} messages are lost, {lost}"
+                elif hole.lost is None:
+                    lost = f"messages may be lost, {lost}"
+                yield f"{file.path}: {hole.reason}, {hole.size:,} bytes at byte {hole.place:,}: {lost}"
 
     def messages(
         self, topics: Iterable[str] | None = None, since: int | None = None, until: int | None = None
@@ -479,6 +686,8 @@ def _checked(file: _File) -> _File:
     """Check that a file is a record of ours, of a format that is known."""
     head = file.metadata.get(_HEAD)
     if head is None:
+        if file.holes:
+            raise FormatError(f"the head of the record is damaged ({file.holes[0].reason})", file=file.path)
         if not file.library.startswith("mdm/") and file.library:
             raise FormatError(f"this file is of another program ({file.library}) and no record of mdm", file=file.path)
         raise FormatError("the file ends before the head of the record: nothing of the run is in it", file=file.path)

@@ -411,10 +411,11 @@ class Recorder:
                 space = getattr(output.symbols, f"{key}_space", None)
                 if space is not None and len(space) <= _NAMED:
                     facts[f"{key}s"] = msgspec.json.encode(list(space.names)).decode()
-                if key != "action" and space is not None and len(space.factors) > 1:
-                    factors = {factor.name: list(factor.names) for factor in space.factors}
-                    if sum(map(len, factors.values())) <= _NAMED:
-                        facts[f"{key}_factors"] = msgspec.json.encode(factors).decode()
+                factors = output.factor_names.get(key, {})
+                if not factors and key != "action" and space is not None and len(space.factors) > 1:
+                    factors = {factor.name: tuple(factor.names) for factor in space.factors}
+                if factors and sum(map(len, factors.values())) <= _NAMED:
+                    facts[f"{key}_factors"] = msgspec.json.encode(factors).decode()
             self._writer.metadata(f"ensemble {output.ensemble}", facts)
 
     def latency(self, ensemble: str, epoch: int, time: int, latency: int, limit: int) -> int:
@@ -455,6 +456,9 @@ class _Deciding(Protocol):
 
     @property
     def symbols(self) -> Any: ...
+
+    @property
+    def factor_names(self) -> dict[str, dict[str, tuple[str, ...]]]: ...
 
     @property
     def seed(self) -> int | None: ...

@@ -40,7 +40,8 @@ def repair(record: Record, file: IO[bytes]) -> int:
     for topic, time, sequence, data in record.raw():
         written.add_message(topics[topic], time, data, time, sequence)
         count += 1
-    if record.torn is not None:
-        written.metadata("mdm.repaired", {"torn": record.torn, "unread": str(record.unread)})
+    if record.torn is not None or record.damage:
+        facts = {"torn": record.torn or "", "damage": "\n".join(record.damage), "unread": str(record.unread)}
+        written.metadata("mdm.repaired", {name: fact for name, fact in facts.items() if fact})
     written.finish()
     return count

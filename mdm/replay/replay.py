@@ -16,6 +16,7 @@ import msgspec
 
 from mdm.errors import Error
 from mdm.recording import Record
+from mdm.recording.reader import Gap
 from mdm.recording.recorder import environment
 from mdm.recording.stimuli import Began, Finished, Joined, Received, Unsent
 from mdm.replay.clock import ReplayClock
@@ -29,10 +30,11 @@ from mdm.replay.transport import ReplayTransport
 from mdm.runtime import Actor, Runtime, run
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from mdm.messages import Decision
+    from mdm.recording.reader import Recorded
     from mdm.recording.stimuli import Stimulus
     from mdm.runtime.tape import Tape
 
@@ -49,7 +51,8 @@ class Replayed(msgspec.Struct, frozen=True):
         replayed: How many were made.
         differences: Those that were not the same, the first one first.
         exact: Whether numbers were compared bit by bit, for the environment is that of the record; else to 1e-9.
-        lost: How many messages the record lacks: behind such a gap a replay differs.
+        lost: How many messages the record lacks.
+        gap: The first place at which it lacks some: what is behind is not replayed, nor counted here.
         different: How many were not the same, also where not all of them are kept.
         stopped: Whether it stopped at the last difference that was asked for, before the end of the record.
         limit: Of an agent of a team that is replayed with another configuration, from when on nothing can be told, and
@@ -64,10 +67,11 @@ class Replayed(msgspec.Struct, frozen=True):
     different: int = 0
     limit: Limit | None = None
     stopped: bool = False
+    gap: Gap | None = None
 
     @property
     def same(self) -> bool:
-        """Whether all decisions were the same."""
+        """Whether all decisions were the same, up to the gap where there is one."""
         return not self.differences and self.limit is None
 
 
@@ -102,7 +106,7 @@ def check_beginning(record: Record) -> None:
     Raises:
         Error: If it has no beginning.
     """
-    if not any(isinstance(each.message, Began) for each in record.messages(_there(record, "stimuli"))):
+    if not any(isinstance(each.message, Began) for each in _unbroken(record, "stimuli")):
         raise _no_beginning(record)
 
 
@@ -271,16 +275,25 @@ class _Again:
     def replayed(self, limit: Limit | None = None, most: int = sys.maxsize) -> Replayed:
         """Return what became of it, up to a limit; with so many differences."""
         player = self._player
-        made, expected, found = len(player.made), player.count, player.differences
+        made, expected, found, by = len(player.made), player.count, player.differences, player.found
+        record, last = self._record, self.stimuli[-1].time
+        if record.gap is not None or record.torn is not None:  # decisions on the last input may be lost
+            ends = [each.recorded is None and at >= last for each, at in zip(found, by, strict=True)]
+            made -= sum(ends)
+            found = [each for each, end in zip(found, ends, strict=True) if not end]
+            by = [at for at, end in zip(by, ends, strict=True) if not end]
         if limit is not None:
             made = bisect_left(player.made, limit.time)
-            expected = bisect_left(player.paired, limit.time) + sum(by < limit.time for by in player.missed_by)
-            found = [each for each, by in zip(found, player.found, strict=True) if by < limit.time]
+            expected = bisect_left(player.paired, limit.time) + sum(at < limit.time for at in player.missed_by)
+            found = [each for each, at in zip(found, by, strict=True) if at < limit.time]
         kept = tuple(found[:most])
-        return Replayed(expected, made, kept, self._exact, self._record.lost, len(found), limit, player.stopped)
+        stopped = player.stopped and bool(found)
+        return Replayed(expected, made, kept, self._exact, record.lost, len(found), limit, stopped, record.gap)
 
 
 def _no_beginning(record: Record) -> Error:
+    if record.gap is not None and record.gap.since is None:
+        return Error(f"{record.path}: the first messages of the record are lost: what came behind cannot be replayed")
     return Error(f"{record.path}: the record has no beginning: nothing in it says when an actor started")
 
 
@@ -293,7 +306,7 @@ def _contents(record: Record) -> tuple[list[Stimulus], list[tuple[Decision, int,
     decisions: list[tuple[Decision, int, int]] = []
     waiting: list[Decision] = []
     has_finished = False
-    for each in record.messages(_there(record, "stimuli", "decisions")):
+    for each in _unbroken(record, "stimuli", "decisions"):
         if each.topic == "decisions":
             if not has_finished:
                 waiting.append(each.message)
@@ -306,6 +319,14 @@ def _contents(record: Record) -> tuple[list[Stimulus], list[tuple[Decision, int,
     last = stimuli[-1].time if stimuli else 0
     decisions += [(decision, max(decision.time, last), len(stimuli)) for decision in waiting]
     return stimuli, decisions
+
+
+def _unbroken(record: Record, *topics: str) -> Iterator[Recorded]:
+    """Yield the messages up to the first one that is missing: what those behind follow from is not known."""
+    for each in record.messages(_there(record, *topics)):
+        if record.gap is not None and each.sequence > record.gap.sequence:
+            return
+        yield each
 
 
 def _there(record: Record, *topics: str) -> list[str]:

@@ -58,7 +58,13 @@ class Acting(Protocol):
 
 
 class Deciding(Protocol):
-    """Where an ensemble's decisions are published, as a tape knows it."""
+    """Where an ensemble's decisions are published, as a tape knows it.
+
+    Attributes:
+        factor_names: The names of values by factor, of ``state`` and ``observation``, where its symbols have none.
+    """
+
+    factor_names: dict[str, dict[str, tuple[str, ...]]]
 
     @property
     def ensemble(self) -> str:

@@ -243,8 +243,9 @@ class RecordedRun:
             )
         elif record.closed is False:
             self._remarks.append("the run's process ended before it closed the record")
+        self._remarks += record.damage
         if record.lost:
-            self._remarks.append(f"{record.lost:,} messages were lost while it was recorded")
+            self._remarks.append(f"{record.lost:,} messages are lost: from there on it may not be as it was")
 
     def _of(self, path: str) -> _Ensemble:
         found = self._ensembles.get(path)

@@ -42,6 +42,20 @@ def test_text_says_what_differs_and_what_is_impossible():
     assert int(visits_) > 500
 
 
+def test_a_row_that_differs_within_all_its_intervals_says_by_what():
+    """Each of four entries is 1.8 standard errors off: G is 10.3 of three degrees of freedom, so that p is 0.016."""
+    rows = np.array([[0, 0.25, 0.25, 0.25, 0.25], *[[1.0, 0, 0, 0, 0]] * 4])
+    model = MDP([rows], [[0]] * 5, discount=0.9, states=["hub", *"abcd"], actions=["go"])
+    ways = [leaf for leaf, count in zip((1, 2, 3, 4), (116, 116, 84, 84), strict=True) for _ in range(count)]
+    found = statistics(visits([0, *(state for leaf in ways for state in (leaf, 0))]), model, kind="steps")
+    (row,) = [each for each in found.rows if each.says == "differs"]
+    assert round(row.p_value, 3) == 0.016
+    assert all(entry.low < entry.model < entry.high for entry in row.entries)
+    (head,) = [line for line in as_text(found).splitlines() if line.startswith("T go hub: ")]
+    assert head.endswith(", by all entries together, of which each alone has the model's value in its interval")
+    assert "all entries together" not in as_text(report())
+
+
 def test_text_of_jumps_has_how_long_states_last_and_of_hidden_states_what_was_observed():
     told = visits([0, 1, 2] * 30, times=np.cumsum([2.0, 4.0, 1.0] * 30))
     text = as_text(statistics(told, MODEL))

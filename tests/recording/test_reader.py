@@ -10,7 +10,8 @@ from contextlib import suppress
 import damage
 import msgspec
 import pytest
-from mcap.stream_reader import StreamReader
+from mcap.records import Chunk, Message as OfficialMessage
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 from records import HEAD, PATIENCE, Writing, decision, encoded, official, written
 from sentences import refused
@@ -279,13 +280,87 @@ def test_a_flipped_bit_anywhere_gives_no_wrong_message(tmp_path):
             assert torn is not None
 
 
+def chunks(content):
+    """Return the place of each chunk, its length, and the numbers of its messages, by the official reader."""
+    stream = io.BytesIO(content)
+    reader = StreamReader(stream, emit_chunks=True)
+    place, number, found = 8, 0, []
+    for record in reader.records:
+        if isinstance(record, Chunk):
+            count = sum(isinstance(each, OfficialMessage) for each in breakup_chunk(record))
+            found.append((place, stream.tell() - place, range(number, number + count)))
+            number += count
+        place = stream.tell()
+    return found
+
+
+CHUNKS = chunks(SOUND)
+
+
+@pytest.mark.parametrize("complete", [True, False], ids=["complete", "without a summary"])
+@pytest.mark.parametrize("place", [1, 9 + 30, 100], ids=["length", "header", "messages"])
+@pytest.mark.parametrize("which", [0, 1, -2])
+def test_a_damaged_chunk_costs_its_messages_alone(read, which, place, complete):
+    start, length, numbers = CHUNKS[which]
+    content = bytearray(SOUND if complete else SOUND[: sum(CHUNKS[-1][:2])])
+    content[start + place] ^= 0x10
+    record = read(bytes(content))
+    if which == 0 and not complete:  # the topics were in it
+        assert [*record.raw()] == []
+        return
+    assert [each[2] for each in record.raw()] == [each for each in range(400) if each not in numbers]
+    assert ("run-1.mcap" in record.torn, record.lost) == (complete, len(numbers))  # it has no end
+    before, after = numbers[0] - 1, numbers[-1] + 1
+    assert record.gap == (before, before * 1_000_000 if which else None, after * 1_000_000)
+    (sentence,) = record.damage
+    begin = record.span[0] / 1e9
+    where = (
+        f"between {before / 1e3:.6f} s and {after / 1e3:.6f} s" if which else "before the first one that can be read"
+    )
+    assert sentence.endswith(f" at byte {start:,}: {len(numbers)} messages are lost, {where}")
+    assert begin == (0 if which else after / 1e3)
+    assert record.unread >= length if complete else record.unread > 0
+
+
+@pytest.mark.parametrize("place", [2, -20], ids=["length", "content"])
+def test_a_damaged_attachment_costs_itself_alone(read, place):
+    start = SOUND.index(b"robot.toml") - 29
+    assert SOUND[start] == 9
+    content = bytearray(SOUND)
+    content[start + place if place > 0 else SOUND.index(b"[ensembles]")] ^= 0x04
+    record = read(bytes(content))
+    assert [data for *_, data in record.raw()] == MESSAGES
+    assert record.attachments == []
+    assert "run-1.mcap" in record.torn  # it has no end
+    assert (record.lost, record.gap) == (0, None)
+    assert record.damage[0].endswith(": no message is lost")
+
+
+def test_damage_of_the_last_chunk_is_told_by_the_end(tmp_path):
+    path = written(tmp_path / "run.mcap", [("decisions", decision(number)) for number in range(9)])
+    content = bytearray(path.read_bytes())
+    content[chunks(bytes(content))[-1][0] + 80] ^= 1
+    path.write_bytes(content)
+    record = Record(path)
+    assert (record.torn, record.closed, record.lost, record.counts.total()) == (None, True, 9, 0)
+    assert "messages may be lost" in record.damage[0]
+
+
+def test_a_damaged_head_is_no_file_that_ends_early(read):
+    content = bytearray(SOUND)
+    place = SOUND.index(b"\x03\x00\x00\x00mdm") - 9
+    assert SOUND[place] == 12
+    content[place] = 200
+    with refused(FormatError):
+        read(bytes(content))
+
+
 def test_a_chunk_that_claims_to_be_huge_takes_no_memory(read):
     place = SOUND.index(b"zstd") - 4
     content = bytearray(SOUND)
-    struct.pack_into("<Q", content, place - 12, 2**40)
-    assert "a chunk is damaged" in read(bytes(content)).torn
-    struct.pack_into("<Q", content, place - 12, 2**29)
-    assert "a chunk is damaged" in read(bytes(content)).torn
+    for claimed in (2**40, 2**29):
+        struct.pack_into("<Q", content, place - 12, claimed)
+        assert "a chunk is damaged" in read(bytes(content)).damage[0]
 
 
 def test_a_file_that_changes_while_it_is_read_is_told(tmp_path, read):

@@ -181,6 +181,37 @@ def test_names_of_several_factors_are_kept_by_factors(tmp_path):
     assert [row.state for row in rows(found)] == ["lamp=on, door=open"]
 
 
+@pytest.mark.parametrize("has_model", [False, True])
+def test_names_that_no_model_has_are_those_of_the_factors(tmp_path, has_model):
+    predicates = mdm.PredicateManager("predicates")
+    sensors = {name: predicates.sensor(name, initial=False) for name in ("Shut", "Ajar", "Open", "Lit")}
+    factors = [mdm.StateFactor("door", ["Shut", "Ajar", "Open"]), mdm.StateFactor("lamp", {"on": "Lit"})]
+    model = None
+    if has_model:  # whose states have numbers
+        factors, model = factors[:1], mdm.models.MDP([np.eye(3)] * 2, np.zeros((3, 2)), discount=0.9)
+    ensemble = mdm.Ensemble(
+        "robot",
+        policy=mdm.policies.DeterministicPolicy([0, 1, 0] if has_model else [0, 1] * 3, 2),
+        model=model,
+        predicates=predicates,
+        states=factors,
+        actions={"0": lambda: None, "1": lambda: None} if has_model else {"go": lambda: None, "wait": lambda: None},
+    )
+
+    async def main(runtime):
+        await runtime.start(ensemble)
+        for name in ("Ajar", "Open"):
+            sensors["Lit"].set(name == "Open")
+            sensors[name].set(True)
+            await asyncio.sleep(0.1)
+            sensors[name].set(False)
+
+    run_virtual(main, record=tmp_path / "run.mcap")
+    told = [row.state for row in rows(Record(tmp_path / "run.mcap"))]
+    expected = ["door=Ajar", "door=Open"] if has_model else ["door=Ajar, lamp=not on", "door=Open, lamp=on"]
+    assert [each for each in told if each in expected] == expected
+
+
 def test_beyond_the_bound_items_are_lost_counted_and_told(tmp_path):
     ensemble, near = robot()
 

@@ -8,7 +8,7 @@ import random
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from records import Writing
+from records import Writing, with_gap
 from sentences import refused
 
 import mdm
@@ -73,6 +73,28 @@ def test_a_run_in_virtual_time_is_repeated(tmp_path):
     assert result.exact
     assert result.lost == 0
     assert result.recorded == result.replayed == len(decisions) > 20
+
+
+@pytest.mark.parametrize("count", [1, 2, 7])
+def test_behind_a_gap_nothing_is_compared_and_nothing_differs_falsely(tmp_path, count):
+    walk(tmp_path / "run.mcap")
+    whole = [*Record(tmp_path / "run.mcap").messages()]
+    for first in range(12, len(whole) - count, 9):
+        record = with_gap(tmp_path / "run.mcap", tmp_path / "gap.mcap", first, count)
+        before = [each for each in whole[:first] if each.topic == "decisions"]
+        result = replay(record, Robot().ensemble)
+        assert result.same
+        assert (result.recorded, result.replayed, result.lost) == (len(before), len(before), count)
+        assert result.gap == (first - 1, whole[first - 1].time, whole[first + count].time)
+        other = replay(record, Robot(policy=[1, 0, 2, 0, 1, 2, 0, 1]).ensemble)
+        assert all(each.recorded in [one.message for one in before] for each in other.differences)
+
+
+def test_a_record_without_its_first_messages_is_refused(tmp_path):
+    walk(tmp_path / "run.mcap")
+    record = with_gap(tmp_path / "run.mcap", tmp_path / "gap.mcap", 0, 3)
+    with refused(Error):
+        replay(record, Robot().ensemble)
 
 
 class Watcher(mdm.Actor):

@@ -43,6 +43,7 @@ class Output:
 
     Attributes:
         action_names: By index; empty where the controller itself knows them.
+        factor_names: The names of values by factor, of ``state`` and ``observation``, where the controller has none.
         acted: The last action that was published in this episode, or None.
         overdue: Nanoseconds from the first of the ticks that were missed to the present one.
     """
@@ -66,6 +67,7 @@ class Output:
         "_tape",
         "acted",
         "action_names",
+        "factor_names",
         "overdue",
         "record",
     )
@@ -73,6 +75,7 @@ class Output:
     def __init__(self, controller: Controller, deadline: int | None, refuses: Callable[[Step, int, int], bool]) -> None:
         space = controller.symbols.action_space
         self.action_names: Sequence[str] = () if space is None else space.names
+        self.factor_names: dict[str, dict[str, tuple[str, ...]]] = {}
         self.acted: int | None = None
         self.overdue = 0
         self._controller = controller

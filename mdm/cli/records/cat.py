@@ -42,6 +42,10 @@ def run(arguments: argparse.Namespace) -> int:
     if record.torn is not None:
         sys.stdout.flush()
         print(f"mdm record cat: {record.torn}: these are the messages before", file=sys.stderr)
+    if record.damage:
+        sys.stdout.flush()
+        for sentence in record.damage:
+            print(f"mdm record cat: {sentence}", file=sys.stderr)
     return 0
 
 

@@ -10,7 +10,7 @@ import msgspec
 from mdm.cli.report import as_json
 from mdm.cli.robots.why import named
 from mdm.config.rebuilt import rebuilt
-from mdm.config.recorded import different_part
+from mdm.config.recorded import different_entry, different_part
 from mdm.errors import Error
 from mdm.explanation import explain
 from mdm.recording import Record
@@ -19,7 +19,7 @@ from mdm.replay.retraced import found, retraced
 if TYPE_CHECKING:
     import argparse
 
-    from mdm.controller import Controller
+    from mdm.actors import Ensemble
     from mdm.explanation import Explanation
     from mdm.messages import Decision
 
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise Error(
                 f"{record.path}: the configuration has no ensemble {decision.ensemble!r}: a task has started it"
             )
-        _check(record, decision.ensemble, ensemble.controller, given=arguments.config is not None)
+        _check(record, ensemble, given=arguments.config is not None)
         step = retraced(ensemble.controller, decisions, place)
         explanation = explain(named(ensemble, step.case(arguments.last or 10)))
     start = 0 if record.span is None else record.span[0]
@@ -50,16 +50,17 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _check(record: Record, path: str, controller: Controller, *, given: bool) -> None:
+def _check(record: Record, ensemble: Ensemble, *, given: bool) -> None:
     """Refuse to explain a decision by another model or policy than decided.
 
     Raises:
         Error: If it is another one.
     """
+    path, controller = ensemble.path, ensemble.controller
     facts = record.metadata.get(f"ensemble {path}", {})
     known, now = facts.get("configuration"), controller.configuration
     if known is not None and known != now:
-        told = different_part(facts, controller)
+        told = (different_entry(record, {path: ensemble}) if given else None) or different_part(facts, controller)
         digests = f"digest {now[:12]}, then {known[:12]}"
         whose = "of --config" if given else f"in the record, as mdm {record.head['mdm']} has read them"
         raise Error(

@@ -54,6 +54,8 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"{arguments.output}: {len(found):,} decisions written")
     if record.torn is not None:
         print(f"{record.torn}: these are the decisions before")
+    for sentence in record.damage:
+        print(sentence)
     return 0
 
 

@@ -37,8 +37,9 @@ def _facts(record: Record) -> dict[str, Any]:
     return {
         "files": [str(path) for path in record.paths],
         "bytes": record.size,
-        "complete": record.torn is None,
+        "complete": record.torn is None and not record.damage,
         "torn": record.torn,
+        "damage": list(record.damage),
         "unread": record.unread,
         "ended_in_order": record.closed,
         "lost": record.lost,
@@ -65,6 +66,7 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
         "bytes": f"{facts['bytes']:,}",
         "complete": "yes" if facts["complete"] else "no",
         "torn": facts["torn"],
+        "unread bytes": f"{facts['unread']:,}" if facts["unread"] else None,
         "end of the run": ends[facts["ended_in_order"]],
         "seconds": None if facts["seconds"] is None else f"{facts['seconds']:g}",
         "messages": f"{facts['messages']:,}",
@@ -76,6 +78,8 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
     width = max(22, min(38, max(map(len, told)))) + 2
     yield from (f"{'file':{width}}{path}" for path in facts["files"])
     for key, value in told.items():
+        if key == "lost messages":
+            yield from (f"{'damaged':{width}}{sentence}" for sentence in facts["damage"])
         if value is not None:
             yield f"{printable(key, width - 2):{width}}{value if key == 'torn' else printable(value)}"
     yield from _table("topic", "messages", [tuple(each.values()) for each in facts["topics"]])

@@ -21,8 +21,10 @@ def run(arguments: argparse.Namespace) -> int:
     with replacing(arguments.output) as file:
         count = repair(record, file)
     print(f"{arguments.output}: {count:,} messages written")
-    if record.torn is None:
-        print(f"{arguments.file}: it was complete")
-    else:
+    for sentence in record.damage:
+        print(sentence)
+    if record.torn is not None:
         print(f"{record.torn}: {record.unread:,} bytes could not be read" if record.unread else record.torn)
+    elif not record.damage:
+        print(f"{arguments.file}: it was complete")
     return 0

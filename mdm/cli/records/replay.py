@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from mdm.cli.report import as_json
 from mdm.config.rebuilt import rebuilt_to_compare, replay_team
+from mdm.config.recorded import different_entry
 from mdm.recording import Record, records_of
 from mdm.replay import replay
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Mapping
 
-    from mdm.replay import Limit, Replayed, Together
+    from mdm.replay import Replayed, Together
 
 __all__ = ["run"]
 
@@ -30,13 +31,16 @@ def _replay_one(record: Record, arguments: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory() as folder:
         run = rebuilt_to_compare(record, folder, arguments.config)
         result = replay(record, run.actors, transports=run.transports, most=_most(arguments))
+    entry = None if arguments.config is None or result.same else different_entry(record, run.ensembles)
     epoch = int(record.head["epoch"])
     if arguments.json:
-        print(as_json(_facts(result, epoch)))
+        print(as_json(_facts(result, epoch) | ({} if entry is None else {"entry": entry})))
     else:
         print(_summary(record, result))
         for difference in result.differences:
             print(difference.describe(epoch))
+        if entry is not None:
+            print(entry)
     return 0 if result.same else 1
 
 
@@ -53,7 +57,8 @@ def _replay_team(folder: Path, arguments: argparse.Namespace) -> int:
         for difference in each.differences:
             print(difference.describe(epochs[name]))
         if each.limit is not None:
-            print(f"from {_seconds(records[name], each.limit)} s on nothing can be told of it, for {each.limit.reason}")
+            since = _seconds(records[name], each.limit.time)
+            print(f"from {since} s on nothing can be told of it, for {each.limit.reason}")
     if result.traffic is None:
         print("sensors, ends of actions, delays and losses of messages are as they were in the run")
     else:
@@ -97,25 +102,35 @@ def _summary(record: Record, result: Replayed) -> str:
     how = "bit by bit" if result.exact else "numbers to 1e-9, for the environment differs"
     several = len(result.differences) < result.different
     same = f"{result.different} not the same" if several else "not the same" if result.different else "all the same"
-    until = "" if result.limit is None else f"up to {_seconds(record, result.limit)} s, "
+    until = "" if result.limit is None else f"up to {_seconds(record, result.limit.time)} s, "
     if result.limit is not None and not result.recorded and not result.replayed:
         same = "nothing to compare"
     stopped = " before it stopped at a difference" if result.stopped else ""
     lines = [f"{until}{result.recorded} decisions recorded, {result.replayed} replayed{stopped}: {same} ({how})"]
     if record.torn is not None:
         lines.append(f"torn: {record.torn}")
-    if result.lost:
-        lines.append(f"{result.lost} messages of the record are lost: behind these a replay differs")
+    lines += [f"damaged: {sentence}" for sentence in record.damage]
+    if result.gap is not None:
+        lines.append(
+            f"messages of the record are lost before {_seconds(record, result.gap.until)} s, {result.lost:,} in all: "
+            f"what was decided from there on cannot be replayed, and is not compared"
+        )
+    elif result.lost:
+        lines.append(f"{result.lost:,} messages of the record are lost, behind all others")
     return "\n".join(lines)
 
 
-def _seconds(record: Record, limit: Limit) -> str:
-    return f"{(limit.time - int(record.head['epoch'])) / 1e9:.6f}"
+def _seconds(record: Record, time: int) -> str:
+    return f"{(time - int(record.head['epoch'])) / 1e9:.6f}"
 
 
 def _facts(result: Replayed, epoch: int) -> dict[str, object]:
     limit = result.limit
-    until = {} if limit is None else {"until": (limit.time - epoch) / 1e9, "reason": limit.reason}
+    until: dict[str, object] = {}
+    if result.gap is not None:
+        until = {"until": (result.gap.until - epoch) / 1e9, "reason": "messages of the record are lost before"}
+    if limit is not None:
+        until = {"until": (limit.time - epoch) / 1e9, "reason": limit.reason}
     return {
         **until,
         "recorded": result.recorded,

@@ -84,6 +84,7 @@ def _facts(arguments: argparse.Namespace, records: Sequence[Record], report: Rep
     return {
         "files": [str(path) for record in records for path in record.paths],
         "torn": [record.torn for record in records if record.torn is not None],
+        "damage": [sentence for record in records for sentence in record.damage],
         "lost": sum(record.lost for record in records),
         "model": arguments.model,
         **as_data(report),
@@ -97,6 +98,8 @@ def _print(arguments: argparse.Namespace, records: Sequence[Record], report: Rep
     for record in records:
         if record.torn is not None:
             print(f"torn: {record.torn}: these are the decisions before")
+        for sentence in record.damage:
+            print(f"damaged: {sentence}")
         if record.lost:
             print(f"{record.path}: {record.lost:,} messages are lost: nothing is counted across a lost decision")
     if arguments.output is not None:

@@ -1,7 +1,7 @@
 """The stimuli of a record in the words of `mdm trace`, which people type as well: names, no channels or lives.
 
-Both a replay and `mdm trace` give input by `mdm.replay.input`; these words have nothing for ticks, poses and ends of
-calls, which a replay repeats.
+Both a replay and `mdm trace` give input by `mdm.replay.input`; these words have nothing for poses and ends of calls,
+which a replay repeats. Ticks come by themselves, aligned by the clock, whose time at the start is told for them.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from mdm.errors import Error
 from mdm.messages import ActionLife, Belief, Control, Observation, SensorUpdate, State
-from mdm.recording.stimuli import Ended, Said
+from mdm.recording.stimuli import Ended, Said, Ticked
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -43,6 +43,8 @@ def traced(
         there = f"; there are messages of {', '.join(sorted(known)[:12])}" if known else ""
         raise Error(f"{record.path}: there are no messages of {ensemble!r}{there}")
     start = 0 if record.span is None else record.span[0]
+    if start and _ticks(record):
+        yield {"time": 0.0, "epoch": start}
     latest = start
     for latest, line in _said(record, ensemble, since, until, others):
         yield {"time": (latest - start) / 1e9, **line}
@@ -50,6 +52,11 @@ def traced(
     last = max((time for _, time, _, _ in decided), default=latest)
     if last > latest:  # ticks and timers decide until then
         yield {"time": (last - start) / 1e9}
+
+
+def _ticks(record: Record) -> bool:
+    """Whether anything ticks at a fixed rate."""
+    return any(isinstance(each.message, Ticked) for each in record.messages(["stimuli"]))
 
 
 def _ensembles(record: Record) -> set[str]:

@@ -24,6 +24,7 @@ __all__ = ["Stimulus", "read_stimuli"]
 
 class _Line(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     time: float | None = None
+    epoch: int | None = None
     observation: int | str | list[int | str | None] | None = None
     state: int | str | list[int | str] | None = None
     belief: list[float] | None = None
@@ -38,8 +39,11 @@ class Stimulus:
 
     Args:
         line: The decoded line.
-        when: Nanoseconds of virtual time.
+        when: Nanoseconds of virtual time from the start.
         system: The system.
+
+    Attributes:
+        epoch: The nanoseconds that the clock shows at the start, by which ticks are aligned; None where it is not told.
 
     Raises:
         Error: If a name or index is unknown.
@@ -47,6 +51,7 @@ class Stimulus:
 
     def __init__(self, line: _Line, when: int, system: System) -> None:
         self.when = when
+        self.epoch = line.epoch
         self._line = line
         if line.ensemble is not None and line.ensemble not in system.ensembles:
             raise Error(f"there is no ensemble {line.ensemble!r}; there are {', '.join(system.ensembles)}")
@@ -140,6 +145,8 @@ def read_stimuli(stream: IO[bytes], system: System) -> tuple[list[Stimulus], str
             continue
         try:
             line = decoder.decode(text)
+            if line.epoch is not None and (stimuli or not 0 <= line.epoch < 2**62):
+                raise Error("an epoch is the clock's nanoseconds at the start, from 0 on, and is in the first line")
             if line.time is not None:
                 if line.time < 0:
                     raise Error(f"a time is a number of seconds from 0 on, not {line.time}")

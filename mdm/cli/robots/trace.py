@@ -18,7 +18,7 @@ from mdm.config import System, load_system, load_team
 from mdm.config.functions import nothing
 from mdm.errors import ConfigError, Error
 from mdm.formats import load_model, load_policy
-from mdm.runtime import ActorFailure, Runtime, run as run_program
+from mdm.runtime import ActorFailure, Runtime, VirtualClock, run as run_program
 from mdm.runtime.time.scheduler import check_rate
 
 if TYPE_CHECKING:
@@ -52,13 +52,14 @@ def run(arguments: argparse.Namespace) -> int:
         example = '{"state": 0} or {"predicates": {"NAME": true}}'
         print(f"mdm trace: reads stimuli, a line each, such as {example}; Ctrl-D ends them", file=sys.stderr)
     stimuli, problem = read_stimuli(sys.stdin.buffer, system)
+    epoch = (stimuli[0].epoch or 0) if stimuli else 0
 
     async def main() -> None:
-        async with Runtime(log=False) as runtime:
+        async with Runtime(log=False, clock=VirtualClock(epoch=epoch)) as runtime:
             runtime.faults.subscribe(partial(_tell, runtime))
-            runtime.decisions.subscribe(_printer(runtime, several=len(system.ensembles) > 1))
+            runtime.decisions.subscribe(_printer(runtime, epoch, several=len(system.ensembles) > 1))
             await runtime.start(system)
-            await _feed(runtime, system, stimuli)
+            await _feed(runtime, system, stimuli, epoch)
 
     try:
         run_program(main, virtual=True)
@@ -125,10 +126,10 @@ def _system_of_file(arguments: argparse.Namespace) -> System:
     return load_system(Path(arguments.file), callbacks=False)
 
 
-async def _feed(runtime: Runtime, system: System, stimuli: list[Stimulus]) -> None:
+async def _feed(runtime: Runtime, system: System, stimuli: list[Stimulus], epoch: int) -> None:
     """Apply each stimulus at its time, before any tick of the same instant."""
     for stimulus in stimuli:
-        wait = stimulus.when - runtime.clock.now()
+        wait = epoch + stimulus.when - runtime.clock.now()
         if wait > 0:
             await runtime.clock.sleep(wait / 1e9)
         stimulus.apply(system)
@@ -137,10 +138,10 @@ async def _feed(runtime: Runtime, system: System, stimuli: list[Stimulus]) -> No
     await runtime.clock.sleep(0, rank=2)
 
 
-def _printer(runtime: Runtime, *, several: bool) -> Any:
+def _printer(runtime: Runtime, epoch: int, *, several: bool) -> Any:
     def show(decision: Decision) -> None:
         line: dict[str, Any] = {"ensemble": decision.ensemble} if several else {}
-        line |= {"epoch": decision.epoch, "time": decision.time / 1e9, "cause": decision.cause}
+        line |= {"epoch": decision.epoch, "time": (decision.time - epoch) / 1e9, "cause": decision.cause}
         for key in ("state", "observation", "belief"):
             value = getattr(decision, key)
             if value is not None:

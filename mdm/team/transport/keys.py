@@ -15,7 +15,7 @@ from mdm.errors import ConfigError, Error
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["ROOT", "check_expression", "check_key", "check_name", "includes", "join", "matches", "owner_of"]
+__all__ = ["ROOT", "check_expression", "check_key", "check_name", "includes", "join", "matches", "owner_of", "team_of"]
 
 ROOT = "mdm"
 
@@ -52,6 +52,11 @@ def join(team: str, agent: str, *rest: str) -> str:
         join("rescue", "*", "patrol", "state")  # the same of every agent
     """
     return "/".join((ROOT, team, agent, *rest))
+
+
+def team_of(key: str) -> str:
+    """Return the name of the team under whose keys one is."""
+    return key.partition("/")[2].partition("/")[0]
 
 
 def owner_of(key: str, team: str) -> str | None:

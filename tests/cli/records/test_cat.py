@@ -8,9 +8,10 @@ import pytest
 from places import EXAMPLES
 from records import Writing, decision, official, tiger, written
 
-from mdm import messages
-from mdm.recording import schemas
+from mdm import load_system, messages
+from mdm.recording import Record, schemas
 from mdm.recording.stimuli import Ended, Said, Stimulus
+from mdm.runtime import Runtime, VirtualClock, run as run_program
 
 
 def lines(mdm, *arguments):
@@ -167,6 +168,52 @@ def test_ticks_without_input_decide_again_too(mdm, tmp_path):
         (each["time"] / 1e9, each["action_name"]) for each in decisions
     ]
     assert [json.loads(line)["time"] for line in mdm("record", "cat", path, "--stimuli", "--until", 1)[1]] == [0.5]
+
+
+def test_ticks_come_when_they_did_by_another_clock_than_one_from_0(mdm, tmp_path):
+    """The clock of a run in wall time shows any time at its start, and ticks are aligned to its whole periods."""
+    (tmp_path / "robot.toml").write_text(
+        """
+        [predicates]
+        Near = { initial = false }
+        [ensembles.robot]
+        policy = [0, 1]
+        drive = 4
+        [ensembles.robot.states]
+        near = ["Near"]
+        [ensembles.robot.actions]
+        go = "act:act"
+        turn = "act:act"
+        """
+    )
+    (tmp_path / "act.py").write_text("def act():\n    pass\n")
+    system = load_system(tmp_path / "robot.toml")
+    heard = []
+
+    async def main():
+        clock = VirtualClock(epoch=7_123_456_789)
+        async with Runtime(log=False, clock=clock, record=tmp_path / "run.mcap") as runtime:
+            runtime.decisions.subscribe(heard.append)
+            await runtime.start(system)
+            for number in range(9):
+                await runtime.clock.sleep(0.11)
+                system.predicates.sense("Near", number in {0, 3, 4})
+
+    run_program(main, virtual=True)
+    start = Record(tmp_path / "run.mcap").span[0]
+    stimuli = mdm("record", "cat", tmp_path / "run.mcap", "--stimuli")[1]
+    output = mdm("trace", tmp_path / "robot.toml", stdin="\n".join(stimuli))[1]
+    traced = [(round(line["time"] * 1e9) + start, line["action_name"]) for line in map(json.loads, output)]
+    assert traced == [(each.time, each.action_name) for each in heard]
+    assert len({name for _, name in traced}) == 2
+    assert [time % 250_000_000 for time, _ in traced[1:]] == [0] * len(traced[1:])
+
+
+@pytest.mark.parametrize("lines", [['{"epoch": -1}'], ['{"time": 1}', '{"epoch": 2}']])
+def test_an_epoch_is_in_the_first_line_alone(mdm, lines):
+    status, _, errors = mdm("trace", EXAMPLES / "tiger.toml", stdin="\n".join(lines))
+    assert status == 1
+    assert f"standard input:{len(lines)}: an epoch is " in errors
 
 
 def said(seconds, channel, message):

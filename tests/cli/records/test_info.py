@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 from records import Writing, decision, official, tiger, written
+
+from mdm.recording import Record
 
 
 def test_a_record_is_described(mdm, tmp_path):
@@ -66,6 +69,36 @@ def test_a_missing_file_of_a_run_is_told_by_each_verb(mdm, tmp_path):
     assert output == [f"{tmp_path}/whole.mcap: 4 messages written", told]
     assert "complete                yes" in mdm("record", "info", tmp_path / "whole.mcap")[1]
     assert told in mdm("record", "export", path, "-o", tmp_path / "run.csv")[1][1]
+
+
+def test_damage_is_told_by_each_verb(mdm, tmp_path):
+    path = written(tmp_path / "run.mcap", [("decisions", decision(number)) for number in range(5000)])
+    content = bytearray(path.read_bytes())
+    place = content.index(b"zstd", content.index(b"zstd") + 1) + 500
+    content[place] ^= 1
+    path.write_bytes(content)
+    lost = 5000 - Record(path).counts["decisions"]
+    assert 0 < lost < 5000
+    output = mdm("record", "info", path)[1]
+    assert "complete                no" in output
+    assert ["lost", "messages", f"{lost:,}"] in [line.split() for line in output]
+    (told,) = [line.removeprefix("damaged").strip() for line in output if line.startswith("damaged")]
+    assert re.fullmatch(
+        rf"{path}: a chunk is damaged, [\d,]+ bytes at byte [\d,]+: {lost:,} messages are lost, "
+        r"between \d\.\d{6} s and \d\.\d{6} s",
+        told,
+    )
+    (line,) = mdm("record", "info", path, "--json")[1]
+    facts = json.loads(line)
+    assert (facts["complete"], facts["torn"], facts["damage"], facts["lost"]) == (False, None, [told], lost)
+    assert mdm("record", "cat", path)[2] == f"mdm record cat: {told}\n"
+    output = mdm("record", "repair", path, "-o", tmp_path / "whole.mcap")[1]
+    assert output == [f"{tmp_path}/whole.mcap: {5000 - lost:,} messages written", told]
+    assert len(official(tmp_path / "whole.mcap")) == 5000 - lost
+    whole = Record(tmp_path / "whole.mcap")
+    assert (whole.torn, whole.damage, whole.lost) == (None, (), lost)
+    assert whole.metadata["mdm.repaired"]["damage"] == told
+    assert told in mdm("record", "export", path, "-o", tmp_path / "run.csv")[1]
 
 
 def test_more_is_told_where_there_is_more(mdm, tmp_path):

@@ -10,7 +10,7 @@ import pytest
 import team_file
 import team_processes
 from places import EXAMPLES
-from records import Writing
+from records import Writing, with_gap
 
 from mdm import Ensemble
 from mdm.messages import Decision
@@ -79,6 +79,21 @@ def test_it_is_one_json_object(mdm, run):
         "lost": 0,
         "differences": [],
     }
+
+
+def test_behind_damage_nothing_is_compared_and_a_sentence_says_so(mdm, run, tmp_path):
+    gap = with_gap(run[1], tmp_path / "gap.mcap", 40, 3)
+    decisions = [each for each in gap.messages(["decisions"]) if each.sequence < 40]
+    until = gap.gap.until / 1e9
+    status, output, errors = mdm("replay", gap.path)
+    assert (status, errors) == (0, "")
+    told = f"messages of the record are lost before {until:.6f} s, 3 in all: what was decided from there on"
+    assert output == [
+        f"{len(decisions)} decisions recorded, {len(decisions)} replayed: all the same (bit by bit)",
+        f"{told} cannot be replayed, and is not compared",
+    ]
+    (line,) = mdm("replay", gap.path, "--json")[1]
+    assert json.loads(line)["until"] == until
 
 
 def test_another_configuration_is_compared(mdm, run):
@@ -182,6 +197,28 @@ def test_a_simulation_is_repeated(mdm, tmp_path):
     assert output[0].startswith("30 decisions recorded, 30 replayed: all the same")
 
 
+def _refuse_another_team(mdm, file, other, records):
+    """See that a team of another name, or with its agents in another order, is refused by what differs."""
+    text = file.read_text()
+    (agents,) = [line for line in text.splitlines() if line.startswith("agents = ")]
+    first, second = re.findall(r"\{.*?\}", agents)
+    for old, new, told in (
+        ('name = "rooms"', 'name = "halls"', "the team's name was rooms in the run, and halls in this configuration"),
+        (
+            agents,
+            agents.replace(first, "first").replace(second, first).replace("first", second),
+            "the team's agents were a, b in the run, and b, a in",
+        ),
+    ):
+        assert new != old
+        assert old in text
+        other.write_text(text.replace(old, new))
+        for given in (records, records / "a.mcap"):
+            status, output, errors = mdm("replay", given, "--config", other)
+            assert (status, output) == (1, [])
+            assert told in errors
+
+
 def test_a_team_of_two_is_repeated_together(mdm, tmp_path):
     code = team_file.CODE.replace(
         "    import asyncio\n    await asyncio.Event().wait()",
@@ -220,6 +257,7 @@ def test_a_team_of_two_is_repeated_together(mdm, tmp_path):
     assert (status, output) == (1, [])
     assert "configuration of ensemble " in errors
     assert "mdm replay FOLDER --config, with the records of all of them" in errors
+    _refuse_another_team(mdm, file, other, tmp_path / "records")
     other.write_text(file.read_text().replace("[0, 1, 2, 3]", "[0, 0, 2, 3]"))
     status, output, errors = mdm("replay", tmp_path / "records", "--config", other, "--json")
     assert (status, errors) == (1, "")
@@ -255,6 +293,25 @@ def test_a_team_of_two_is_repeated_together(mdm, tmp_path):
     assert "c.mcap and a.mcap are both of agent 'a' in the same life" in errors
     model = ["--model", EXAMPLES / "tiger.pomdp", "--policy", EXAMPLES / "tiger.vf", "--episodes", "1"]
     assert mdm("simulate", *model, "--record", tmp_path / "records" / "c.mcap")[0] == 0
-    status, output, errors = mdm("replay", tmp_path / "records", "--config", other)
+    for options in ([], ["--config", other]):
+        status, output, errors = mdm("replay", tmp_path / "records", *options)
+        assert (status, output) == (1, [])
+        assert "is of an agent of a team, and" in errors
+
+
+def test_the_entry_of_the_model_that_differs_is_named(mdm, run):
+    file, path = run
+    model = "discount: 0.9\nvalues: reward\nstates: away near\nactions: go turn\n"
+    model += "T: go\nidentity\nT: turn\n0.5 0.5\n0 1\nR: go : away : * : * 1\nR: turn : near : * : * {}\n"
+    text = FILE.replace("policy = [0, 1]", 'model = "walk.MDP"\npolicy = [0, 1]')
+    file.write_text(text.replace('near = ["Near"]', 'x = { near = "Near" }'))
+    (file.parent / "walk.MDP").write_text(model.format(2))
+    other = path.with_name("model.mcap")
+    assert mdm("run", file, "--virtual", "--seconds", "3", "--record", other)[0] == 0
+    (file.parent / "walk.MDP").write_text(model.format(4))
+    status, output, errors = mdm("replay", other, "--config", file)
+    assert (status, errors) == (1, "")
+    assert output[-1] == "of the model of 'robot' the reward of 'turn' in 'near' was 2, and is 4"
+    status, output, errors = mdm("explain", other, "--config", file, "--at", "2")
     assert (status, output) == (1, [])
-    assert "is of an agent of a team, and" in errors
+    assert "(of the model of 'robot' the reward of 'turn' in 'near' was 2, and is 4)" in errors

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from mdm.runtime import Actor, Histogram, Runtime
     from mdm.runtime.channel import Subscription
 
-__all__ = ["LiveRun", "factors_of", "remedy_of"]
+__all__ = ["LiveRun", "expected_return", "factors_of", "remedy_of"]
 
 _LISTED = 64
 """Symbols of a factor that are listed in a scene."""
@@ -454,7 +454,7 @@ class LiveRun:
             ),
             decided=None if action is None else self._seconds(action.time),
             reward=None if reward is None or action is None or reward.epoch != action.epoch else reward.value,
-            value=_value(controller, action.state if decided_on else current),
+            value=expected_return(controller, action.state if decided_on else current),
             belief=believed,
             search=_searched(each.ensemble.control.planner),
             observations=each.lookout.history,
@@ -568,7 +568,7 @@ def _factors(space: Space | None, state: State | None) -> tuple[tuple[str, str |
     return tuple([(factor.name, None if value is None else factor.names[value]) for factor, value in pairs])
 
 
-def _value(controller: Any, at: Any) -> float | None:
+def expected_return(controller: Any, at: Any) -> float | None:
     """Return the expected return by the policy's own values, where it has some and asking costs little."""
     states = controller.symbols.num_states
     if at is None or states is None or states > _VALUED or not hasattr(controller.policy, "value"):

@@ -29,14 +29,16 @@ from mdm.recording.names import Names, names_of
 from mdm.recording.stimuli import Said
 from mdm.replay import replay
 from mdm.snapshots.beliefs import belief_frame, grid_factors
+from mdm.snapshots.course import Course, course_of, sampled
 from mdm.snapshots.events import Event, value_of
 from mdm.snapshots.floors import floors_of, robot_at
 from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, Frame, LifeFrame, StatisticsFrame
-from mdm.snapshots.live import factors_of, remedy_of
+from mdm.snapshots.live import expected_return, factors_of, remedy_of
 from mdm.snapshots.observations import HISTORY, at_state, most_frequent, observed, on_observing
-from mdm.snapshots.oddities import KEPT, SEEN, WINDOW, Ended, Seen, lasting, likeliest, repeated, unmoved
+from mdm.snapshots.oddities import KEPT, SEEN, WINDOW, Seen, lasting, repeated, unmoved
 from mdm.snapshots.scene import EnsembleScene, PredicateScene, Scene
-from mdm.snapshots.why import Why, why_recorded
+from mdm.snapshots.tracks import EnsembleTracks, Track
+from mdm.snapshots.why import Why, is_as_recorded, why_recorded
 from mdm.version import __version__
 
 if TYPE_CHECKING:
@@ -73,83 +75,6 @@ _BELIEFS = 64
 """Beliefs that are kept at hand."""
 
 
-class _Track:
-    """What is known of one subject at each time: entries by their times."""
-
-    def __init__(self) -> None:
-        self.times: list[int] = []
-        self.entries: list[Any] = []
-
-    def add(self, time: int, entry: Any) -> None:
-        self.times.append(time)
-        self.entries.append(entry)
-
-    def last(self, time: int, most: int) -> slice:
-        """Return where the last entries by a time are, so many at most."""
-        end = self.place(time) + 1
-        return slice(max(0, end - most), end)
-
-    def place(self, time: int) -> int:
-        """Return the place of the last entry by a time; -1 where there is none."""
-        return bisect_right(self.times, time) - 1
-
-    def at(self, time: int) -> Any:
-        """Return the last entry by a time; None where there is none."""
-        place = self.place(time)
-        return None if place < 0 else self.entries[place]
-
-
-class _Ensemble:
-    """What happened to an ensemble."""
-
-    def __init__(self, path: str) -> None:
-        self.path = path
-        self.modes = _Track()
-        self.idles = _Track()
-        self.lives = _Track()
-        self.decisions = _Track()
-        self.changes = _Track()
-        self.ends = _Track()
-        self.repeats = _Track()
-        self.observations: defaultdict[Any, list[int]] = defaultdict(list)
-        self.observed = _Track()
-        self.seen = _Track()
-        self._living: dict[int, ActionLife] = {}
-
-    def add(self, message: Decision | ActionLife | Mode | Idle) -> None:
-        if isinstance(message, Decision):  # whose belief is read again where one is looked at
-            kept = message if message.belief is None else msgspec.structs.replace(message, belief=None)
-            if not self.decisions.entries or self.decisions.entries[-1].action_name != message.action_name:
-                self.changes.add(message.time, message.action_name)
-            self.decisions.add(message.time, kept)
-            if message.cause == "again":
-                self.repeats.add(message.time, message.action_name)
-            if message.observation is not None:
-                self._observe(message)
-        elif isinstance(message, Mode):
-            self.modes.add(message.time, message)
-        elif isinstance(message, Idle):
-            self.idles.add(message.time, message)
-        else:
-            self._live(message)
-
-    def _observe(self, decision: Decision) -> None:
-        symbol = decision.observation
-        self.observations[symbol].append(decision.time)
-        self.observed.add(decision.time, symbol)
-        found = likeliest(decision.belief)
-        if found is not None:
-            self.seen.add(decision.time, (symbol, *found))
-
-    def _live(self, life: ActionLife) -> None:
-        if life.status == "running":
-            self._living[life.life] = life
-        else:
-            begun = self._living.pop(life.life, life)
-            self.ends.add(life.time, Ended(life.action, (life.time - begun.time) / 1e9, life.status))
-        self.lives.add(life.time, tuple(self._living.values()))
-
-
 class RecordedRun:
     """A record, for those who look at it.
 
@@ -182,16 +107,17 @@ class RecordedRun:
         self._title = title or record.path.name
         self._system = system
         self._models = {ensemble.path: ensemble for ensemble in (ensembles or {}).values()}
+        self._as_recorded = {path for path, model in self._models.items() if is_as_recorded(record, model)}
         self._manager = predicates
         self._places = places
         self._epoch, self._end = record.span
         self.first, self.last = 0.0, self._seconds(self._end)
-        self._ensembles: dict[str, _Ensemble] = {}
-        self._faults = _Track()
-        self._poses, self._journeys = _Track(), _Track()
-        self._said: dict[type[Any], _Track] = {PoseUpdate: self._poses, Journey: self._journeys}
+        self._ensembles: dict[str, EnsembleTracks] = {}
+        self._faults = Track()
+        self._poses, self._journeys = Track(), Track()
+        self._said: dict[type[Any], Track] = {PoseUpdate: self._poses, Journey: self._journeys}
         self._predicates: list[str] = []
-        self._values = _Track()
+        self._values = Track()
         self._beliefs: OrderedDict[tuple[str, int], Any] = OrderedDict()
         self._remarks: list[str] = []
         self._read()
@@ -246,10 +172,10 @@ class RecordedRun:
         if record.lost:
             self._remarks.append(f"{record.lost:,} messages were lost while it was recorded")
 
-    def _of(self, path: str) -> _Ensemble:
+    def _of(self, path: str) -> EnsembleTracks:
         found = self._ensembles.get(path)
         if found is None:
-            found = self._ensembles[path] = _Ensemble(path)
+            found = self._ensembles[path] = EnsembleTracks(path)
         return found
 
     def _space(self, path: str) -> Space | None:
@@ -467,7 +393,7 @@ class RecordedRun:
             counts[end.status] += 1
         return dict(counts)
 
-    def _ensemble_frame(self, each: _Ensemble, time: int) -> EnsembleFrame:
+    def _ensemble_frame(self, each: EnsembleTracks, time: int) -> EnsembleFrame:
         mode: Mode | None = each.modes.at(time)
         idle: Idle | None = each.idles.at(time)
         place = each.decisions.place(time)
@@ -485,7 +411,7 @@ class RecordedRun:
             odd=() if mode is None or mode.mode != "deciding" else self._odd(each, time),
         )
 
-    def _odd(self, each: _Ensemble, time: int) -> tuple[str, ...]:
+    def _odd(self, each: EnsembleTracks, time: int) -> tuple[str, ...]:
         """Return what looks odd at a time, in words."""
         decision: Decision | None = each.decisions.at(time)
         found = []
@@ -514,13 +440,13 @@ class RecordedRun:
         pairs = zip(action.names, action.bindings, strict=True)
         return frozenset([name for name, binding in pairs if binding.ensemble is not None])
 
-    def _history(self, each: _Ensemble, time: int) -> tuple[tuple[float, str], ...]:
+    def _history(self, each: EnsembleTracks, time: int) -> tuple[tuple[float, str], ...]:
         """Return the last observations by a time, by name."""
         last = each.observed.last(time, HISTORY)
         pairs = zip(each.observed.times[last], each.observed.entries[last], strict=True)
         return tuple([(self._seconds(at), self._observed(each.path, symbol) or "") for at, symbol in pairs])
 
-    def _tally(self, each: _Ensemble, time: int) -> tuple[tuple[str, int], ...]:
+    def _tally(self, each: EnsembleTracks, time: int) -> tuple[tuple[str, int], ...]:
         """Return how often each observation came by a time."""
         counts: Counter[str] = Counter()
         for symbol, times in each.observations.items():
@@ -528,11 +454,12 @@ class RecordedRun:
                 counts[self._observed(each.path, symbol) or ""] += count
         return most_frequent(counts)
 
-    def _detail(self, each: _Ensemble, time: int) -> Detail:
+    def _detail(self, each: EnsembleTracks, time: int) -> Detail:
         decision: Decision | None = each.decisions.at(time)
         if decision is None:
             return Detail()
         space = self._spaces[each.path]
+        current = self._belief(each.path, decision)
         factors: tuple[tuple[str, str | None], ...] = ()
         state = None
         if decision.state is not None:
@@ -547,7 +474,8 @@ class RecordedRun:
             cause=_CAUSES.get(decision.cause, decision.cause),
             decided=self._seconds(decision.time),
             reward=decision.reward,
-            belief=belief_frame(self._belief(each.path, decision), space),
+            value=self._return(decision, current),
+            belief=belief_frame(current, space),
             observations=self._history(each, time),
             tally=self._tally(each, time),
         )
@@ -570,15 +498,44 @@ class RecordedRun:
         """Return the belief of a decision, which the record is asked for anew."""
         key = path, decision.time
         if key not in self._beliefs:
-            found = None
-            for each in self._record.messages(["decisions"], decision.time, decision.time + 1):
-                message = each.message
-                if message.ensemble == path and message.epoch == decision.epoch:
-                    found = message.belief
-            self._beliefs[key] = found
+            self._beliefs[key] = self._read_belief(decision)
             if len(self._beliefs) > _BELIEFS:
                 self._beliefs.popitem(last=False)
         return self._beliefs[key]
+
+    def _read_belief(self, decision: Decision) -> Any:
+        if not self._ensembles[decision.ensemble].believes:
+            return None
+        found = None
+        for each in self._record.messages(["decisions"], decision.time, decision.time + 1):
+            message = each.message
+            if message.ensemble == decision.ensemble and message.epoch == decision.epoch:
+                found = message.belief
+        return found
+
+    def _return(self, decision: Decision, current: Any) -> float | None:
+        """Return the expected return from a decision on; None where its policy is not known, or does not tell it."""
+        if decision.ensemble not in self._as_recorded:
+            return None
+        controller = self._models[decision.ensemble].controller
+        return expected_return(controller, decision.state if controller.takes == "state" else current)
+
+    async def course(self, ensemble: str, first: float, last: float) -> Course | None:
+        """Return how an ensemble's decisions went from a second to another one, read on a thread.
+
+        Returns:
+            None where there is no such ensemble.
+        """
+        if ensemble not in self._ensembles:
+            return None
+        return await asyncio.to_thread(self._course, ensemble, self._time(first), self._time(max(first, last)))
+
+    def _course(self, path: str, first: int, last: int) -> Course:
+        decisions, space = self._ensembles[path].decisions, self._spaces[path]
+        places, count = sampled(decisions.times, first, last)
+        name: Any = str if space is None else space.names.__getitem__
+        told = [decisions.entries[place] for place in places]
+        return course_of(told, count, self._seconds, self._read_belief, self._return, name)
 
     # -- Events --------------------------------------------------------------------------------------------------
 

@@ -420,6 +420,48 @@ def test_the_timeline_tells_of_what_the_pointer_is_on(tmp_path):
     asyncio.run(program())
 
 
+def test_over_time_is_of_the_whole_record_though_nobody_has_gone_through_it_and_of_the_time_that_is_zoomed_to(tmp_path):
+    robot, heard = ensemble(), []
+
+    async def run(runtime):
+        await runtime.start(robot)
+        for number in range(100):
+            await asyncio.sleep(1)
+            robot.publish_observation("hear-right" if number % 7 == 3 else "hear-left")
+            heard.append((runtime.now() / 1e9, *robot.controller.decided_by))
+
+    run_virtual(run, record=tmp_path / "run.mcap")
+    record = Record(tmp_path / "run.mcap")
+    began = record.span[0] / 1e9
+    chances = {round(time - began, 3): dict(zip("lr", belief, strict=True)) for time, *belief in heard}
+
+    async def program():
+        server = PageServer(RecordedRun(record), port=0, live=False, token=TOKEN)
+        await server.open()
+        async with browsers.browser() as (look, wrong):
+            page = await look(server.address)
+            await page.wait_for_function("() => mdmPage.course?.course")
+            await page.wait_for_selector("[aria-label='Over time'] .u-over")
+            course = await page.evaluate("mdmPage.course.course")
+            left = course["beliefs"][course["states"].index("tiger-left")]
+            assert len(course["times"]) == 101
+            for time, chance in list(zip(course["times"], left, strict=True))[1:]:
+                assert chance == pytest.approx(chances[round(time, 3)]["l"], abs=1e-4)
+            assert await page.get_by_role("button", name="keep to now").count() == 0
+            for _ in range(3):
+                await page.keyboard.press("+")
+            await page.wait_for_function("() => mdmPage.course.last < 20")
+            assert len(await page.evaluate("mdmPage.course.course.times")) == 13
+            place = await page.locator("[aria-label='Over time'] .u-over").first.bounding_box()
+            await page.mouse.click(place["x"] + place["width"] / 2, place["y"] + 20)
+            await page.wait_for_function("() => Math.abs(mdmPage.frame.time - 6.25) < 0.2")
+            assert await browsers.barriers(page) == []
+            assert wrong == []
+        await server.close()
+
+    asyncio.run(program())
+
+
 def test_a_record_in_the_dark_keeps_nobody_out(tmp_path):
     async def run(runtime):
         await runtime.start(mdm.load_system(a_robot(tmp_path)))

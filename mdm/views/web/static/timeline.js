@@ -105,8 +105,9 @@ export function Timeline({ scene, frame, history, selected, view, setView, choos
   const lanes = lanesOf(scene, selected), predicates = shownPredicates(scene, selected);
   const [first, last] = extent;
   const span = view.span;
-  const end = view.follow ? (scene.source === "record" ? Math.min(last, Math.max(span + first, frame.time + span / 2)) : frame.time) : view.end;
+  const end = view.follow ? frame.time : view.end;
   const begin = end - span;
+  const middle = go && begin <= frame.time && frame.time <= end ? frame.time : (begin + end) / 2;   // of a record the time that is shown
   useEffect(() => { hits.current = draw(box.current, { scene, frame, history, lanes, predicates, selected, begin, end, last }) ?? []; });
   const timeAt = (event) => {
     const { left, width } = box.current.getBoundingClientRect();
@@ -115,7 +116,7 @@ export function Timeline({ scene, frame, history, selected, view, setView, choos
   const zoom = (factor, about) => {
     const wide = Math.max(0.05, Math.min(Math.max(10, (last - first) * 1.2), span * factor));
     if (view.follow && about == null) return setView({ ...view, span: wide });
-    const at = about ?? (begin + end) / 2;
+    const at = about ?? middle;
     setView({ follow: false, span: wide, end: at + ((end - at) / span) * wide });
   };
   useEffect(() => {
@@ -165,7 +166,7 @@ export function Timeline({ scene, frame, history, selected, view, setView, choos
       <span class="soft">▶ decides ■ safe ○ stopped | decision, ✕ failed, ⚠ fault${predicates.length > 0 && "; predicates: ▬ true, ─ false, ▨ unknown"}</span>
       <button onClick=${() => zoom(0.5)} title="+" aria-label="Zoom in">+</button><button onClick=${() => zoom(2)} title="-" aria-label="Zoom out">−</button>
       <button onClick=${() => setView({ follow: false, span: Math.max(1, last - first), end: last })} title="0">all</button>
-      <button aria-pressed=${view.follow} onClick=${() => setView({ ...view, follow: !view.follow, end })}>follow</button></span></div>
+      ${!go && html`<button aria-pressed=${view.follow} onClick=${() => setView({ ...view, follow: !view.follow, end })}>keep to now</button>`}</span></div>
     <div class="held"><canvas ref=${box} tabindex="0" role="img" aria-label=${`Timeline from ${clock(begin)} to ${clock(end)} of ${counted(lanes, "ensemble")}, ${counted(predicates, "predicate")}, ${counted(history.faults, "fault")}`}
       onPointerDown=${down} onPointerMove=${move} onPointerUp=${up} onPointerLeave=${() => show(null)} onKeyDown=${keys}></canvas>
       ${tip && html`<div class="tip number" role="tooltip" style=${`left:${tip.x}px;top:${tip.y}px`}>${tip.text}</div>`}</div>

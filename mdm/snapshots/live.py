@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import time as times
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -248,6 +249,9 @@ class LiveRun:
             found.lookout.hear(life)
             found.stale = True
 
+    def _on_odd(self, path: str, time: float, rule: str, status: str, number: int, text: str) -> None:
+        self.ring.add(time, "odd", path, rule, detail=text, status=status, life=number)
+
     # -- The scene -----------------------------------------------------------------------------------------------
 
     def scene(self) -> Scene:
@@ -282,7 +286,7 @@ class LiveRun:
 
     def _met(self, ensemble: Ensemble) -> _Ensemble:
         ensemble.action.observer = self._on_life
-        lookout = Lookout(ensemble, self._seconds)
+        lookout = Lookout(ensemble, self._seconds, partial(self._on_odd, ensemble.path))
         for life in ensemble.action.lives.living:  # which began before this was known
             time = self._seconds(life.action.time)
             self.ring.add(time, "life", ensemble.path, life.name, status="running", life=life.number)

@@ -37,12 +37,13 @@ from mdm.snapshots.live import expected_return, factors_of, remedy_of
 from mdm.snapshots.observations import HISTORY, at_state, most_frequent, observed, on_observing
 from mdm.snapshots.oddities import KEPT, SEEN, WINDOW, Seen, lasting, repeated, unmoved
 from mdm.snapshots.scene import EnsembleScene, PredicateScene, Scene
+from mdm.snapshots.spells import Spell, joined, spells
 from mdm.snapshots.tracks import EnsembleTracks, Track
 from mdm.snapshots.why import Why, is_as_recorded, why_recorded
 from mdm.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping
 
     from mdm.actors import Ensemble, PredicateManager
     from mdm.maps import Places
@@ -52,7 +53,7 @@ if TYPE_CHECKING:
 
 __all__ = ["RecordedRun", "Step"]
 
-Step = Literal["decision", "change", "fault", "mode"]
+Step = Literal["decision", "change", "fault", "mode", "odd"]
 
 _TOPICS = ("stimuli", "decisions", "lives", "modes", "faults", "idles")
 _MOST = 50_000
@@ -123,7 +124,14 @@ class RecordedRun:
         self._read()
         self._names = names_of(record)
         self._spaces = {path: self._space(path) for path in self._ensembles}
+        self._spells = {path: self._spells_of(each) for path, each in self._ensembles.items()}
         self._tell_events()
+
+    def _spells_of(self, each: EnsembleTracks) -> list[Spell]:
+        """Return when something looked odd of an ensemble; a break as short as the time that is judged is none."""
+        names = self._observer(each.path), self._namer(each.path)
+        found = spells(each, self._end, self._composed(each.path), *names)
+        return joined(found, round(WINDOW * 1e9))
 
     def _tell_events(self) -> None:
         self._encoded = [msgspec.json.encode(event) for event in self._made_events()]
@@ -185,6 +193,15 @@ class RecordedRun:
         names = self._names.get(path, Names()).states
         return Space.single("state", list(names)) if names else None
 
+    def _observer(self, path: str) -> Callable[[object], str]:
+        """Return what names an ensemble's observations."""
+        return lambda symbol: self._observed(path, symbol) or ""
+
+    def _namer(self, path: str) -> Callable[[int], str]:
+        """Return what names an ensemble's states."""
+        space = self._spaces[path]
+        return str if space is None else space.names.__getitem__
+
     def _listed(self, path: str, what: str) -> list[str]:
         """Return the names of an ensemble's symbols, as the head of a record has them."""
         text = self._record.metadata.get(f"ensemble {path}", {}).get(what)
@@ -204,6 +221,9 @@ class RecordedRun:
                 self.remark(f"{ensemble.path}: on the timeline one decision stands for {step:,}")
             found += zip(ensemble.modes.times, ensemble.modes.entries, strict=True)
             found += zip(ensemble.idles.times, ensemble.idles.entries, strict=True)
+            told = enumerate(self._spells[ensemble.path][:_MOST], 1)
+            for number, spell in told:
+                found += [(time, (ensemble.path, number, spell)) for time in (spell.begin, spell.end)]
         found += zip(self._faults.times, self._faults.entries, strict=True)
         lives = [each.message for each in self._record.messages(["lives"])] if "lives" in self._record.topics else []
         begins = {(life.ensemble, life.life): life.time for life in lives if life.status == "running"}
@@ -241,6 +261,14 @@ class RecordedRun:
 
     def _event(self, number: int, time: int, each: Any) -> Event:
         seconds = self._seconds(time)
+        if isinstance(each, tuple) and len(each) == 3:
+            path, spell_number, spell = each
+            begins = time == spell.begin
+            return Event(
+                *(number, seconds, "odd", path, spell.rule, spell.text if begins else ""),
+                status="odd" if begins else "over",
+                life=spell_number,
+            )
         if isinstance(each, tuple) and isinstance(each[0], str):
             assert self._manager is not None
             return Event(*(number, seconds, "predicate", self._manager.path, each[0]), status=value_of(each[1]))
@@ -427,9 +455,7 @@ class RecordedRun:
         if each.seen.times[last] and time - each.seen.times[last][-1] < WINDOW * 1e9:
             pairs = zip(each.seen.times[last], each.seen.entries[last], strict=True)
             seen = [Seen(self._seconds(at), *entry) for at, entry in pairs]
-            space = self._spaces[each.path]
-            name: Any = str if space is None else space.names.__getitem__
-            found.append(unmoved(seen, lambda symbol: self._observed(each.path, symbol) or "", name))
+            found.append(unmoved(seen, self._observer(each.path), self._namer(each.path)))
         return tuple([text for text in found if text])
 
     def _composed(self, path: str) -> frozenset[str]:
@@ -531,11 +557,10 @@ class RecordedRun:
         return await asyncio.to_thread(self._course, ensemble, self._time(first), self._time(max(first, last)))
 
     def _course(self, path: str, first: int, last: int) -> Course:
-        decisions, space = self._ensembles[path].decisions, self._spaces[path]
+        decisions = self._ensembles[path].decisions
         places, count = sampled(decisions.times, first, last)
-        name: Any = str if space is None else space.names.__getitem__
         told = [decisions.entries[place] for place in places]
-        return course_of(told, count, self._seconds, self._read_belief, self._return, name)
+        return course_of(told, count, self._seconds, self._read_belief, self._return, self._namer(path))
 
     # -- Events --------------------------------------------------------------------------------------------------
 
@@ -545,24 +570,26 @@ class RecordedRun:
         return self._encoded[cursor:end], end
 
     def step(self, kind: Step, seconds: float, *, back: bool = False) -> float:
-        """Return the time of the next decision, fault or change of a mode, or of the one before; the same for none.
+        """Return the time of the next event of a kind, or of the one before; the same where there is none.
 
-        A ``change`` is a decision for another action than that of the decision before it of the same ensemble.
+        An ``odd`` is where something begins to look odd, a ``change`` is a decision for another action than that of the
+        decision before it of the same ensemble.
         """
         time = self._time(seconds)
-        tracks = {
-            "decision": [each.decisions for each in self._ensembles.values()],
-            "change": [each.changes for each in self._ensembles.values()],
-            "mode": [each.modes for each in self._ensembles.values()],
-            "fault": [self._faults],
+        times = {
+            "decision": [each.decisions.times for each in self._ensembles.values()],
+            "change": [each.changes.times for each in self._ensembles.values()],
+            "mode": [each.modes.times for each in self._ensembles.values()],
+            "fault": [self._faults.times],
+            "odd": [[spell.begin for spell in found] for found in self._spells.values()],
         }.get(kind)
-        if tracks is None:
-            raise Error(f"there is no step to a {kind}: decision, change, fault, mode")
+        if times is None:
+            raise Error(f"there is no step to a {kind}: decision, change, fault, mode, odd")
         found = []
-        for track in tracks:
-            place = bisect_left(track.times, time) - 1 if back else bisect_right(track.times, time)
-            if 0 <= place < len(track.times):
-                found.append(track.times[place])
+        for each in times:
+            place = bisect_left(each, time) - 1 if back else bisect_right(each, time)
+            if 0 <= place < len(each):
+                found.append(each[place])
         if not found:
             return self._seconds(time)
         return self._seconds(max(found) if back else min(found))

@@ -75,6 +75,7 @@ class EnsembleTracks:
         self.seen = Track()
         self.believes = False
         self._living: dict[int, ActionLife] = {}
+        self._lived: list[tuple[str, int, int]] = []
 
     def add(self, message: Decision | ActionLife | Mode | Idle) -> None:
         """Add what has happened."""
@@ -95,6 +96,10 @@ class EnsembleTracks:
         else:
             self._live(message)
 
+    def lived(self, end: int) -> list[tuple[str, int, int]]:
+        """Return each life of an action, with its beginning and end; that given where it has not ended."""
+        return [*self._lived, *[(life.action, life.time, end) for life in self._living.values()]]
+
     def _observe(self, decision: Decision) -> None:
         symbol = decision.observation
         self.observations[symbol].append(decision.time)
@@ -109,4 +114,5 @@ class EnsembleTracks:
         else:
             begun = self._living.pop(life.life, life)
             self.ends.add(life.time, Ended(life.action, (life.time - begun.time) / 1e9, life.status))
+            self._lived.append((life.action, begun.time, life.time))
         self.lives.add(life.time, tuple(self._living.values()))

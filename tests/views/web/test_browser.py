@@ -462,6 +462,49 @@ def test_over_time_is_of_the_whole_record_though_nobody_has_gone_through_it_and_
     asyncio.run(program())
 
 
+def test_a_key_and_a_button_lead_to_where_something_first_looked_odd_and_the_timeline_marks_it(tmp_path):
+    spans = iter([2.0, 3.0, 2.0, 1e9])
+
+    async def go():
+        await asyncio.sleep(next(spans))
+
+    robot = Ensemble("robot", policy=DeterministicPolicy([0]), actions={0: mdm.Binding(go, then="decide", pause=0.2)})
+
+    async def run(runtime):
+        await runtime.start(robot)
+        robot.publish_state(0)
+        await asyncio.sleep(60)
+
+    run_virtual(run, record=tmp_path / "run.mcap")
+    begins = 2.0 + 3.0 + 2.0 + 3 * 0.2 + 10.0
+
+    async def program():
+        recorded = RecordedRun(Record(tmp_path / "run.mcap"))
+        server = PageServer(recorded, port=0, live=False, token=TOKEN)
+        await server.open()
+        async with browsers.browser() as (look, wrong):
+            page = await look(server.address)
+            await page.wait_for_function(UNTIL)
+            assert await page.locator(".headline .odd").count() == 0
+            await page.get_by_role("button", name="odd ▶").click()
+            await page.wait_for_function(f"() => Math.abs(mdmPage.frame.time - {begins}) < 1e-6")
+            await page.wait_for_selector(".headline .odd")
+            assert "0 has lasted for 10 s; it usually takes 2.0 s" in await text(page, ".headline")
+            await page.keyboard.press("o")
+            await page.wait_for_function("() => document.querySelector('.ended').innerText.includes('no further')")
+            canvas = await page.locator(".timeline canvas").bounding_box()
+            place = {"x": 118 + (canvas["width"] - 118) * begins / recorded.last + 5, "y": 30}
+            await page.locator(".timeline canvas").hover(position=place)
+            await page.wait_for_function(
+                "() => document.querySelector('.tip')?.innerText.includes('looks odd from 00:17')"
+            )
+            assert await browsers.barriers(page) == []
+            assert wrong == []
+        await server.close()
+
+    asyncio.run(program())
+
+
 def test_a_record_in_the_dark_keeps_nobody_out(tmp_path):
     async def run(runtime):
         await runtime.start(mdm.load_system(a_robot(tmp_path)))

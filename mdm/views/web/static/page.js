@@ -108,7 +108,7 @@ function ask(time) {
 
 // Where there is no further step, that is said for a moment.
 function stay({ kind, back }) {
-  const text = `no ${back ? "earlier" : "further"} ${{ change: "decision for another action", mode: "change of a mode" }[kind] ?? kind}`;
+  const text = `no ${back ? "earlier" : "further"} ${{ change: "decision for another action", mode: "change of a mode", odd: "thing that looks odd" }[kind] ?? kind}`;
   told.ended = text;
   setTimeout(() => { if (told.ended === text) { told.ended = null; schedule(); } }, BRIEF);
 }
@@ -261,6 +261,7 @@ const KEYS = {
   n: ["to the next decision for another action, past those that are the same", (back) => step("change", back), "record"],
   f: ["to the next fault", (back) => step("fault", back), "record"],
   m: ["to the next change of a mode", (back) => step("mode", back), "record"],
+  o: ["to where the next thing begins to look odd", (back) => step("odd", back), "record"],
   ArrowLeft: ["a second back", () => go(heading() - 1), "record"],
   ArrowRight: ["a second on", () => go(heading() + 1), "record"],
   " ": [{ record: "play or pause", live: "freeze the picture, or go on" }, freeze],
@@ -325,7 +326,7 @@ function Help() {
   keys.sort(([one], [two]) => (one === "0") - (two === "0"));   // a number comes first in any object
   return html`<section class="panel wide" aria-label="Keys"><div class="head"><h2>Keys</h2></div><dl>
     ${keys.map(([key, [text]]) => html`<dt key=${key}><kbd>${{ " ": "space", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" }[key] ?? key}</kbd></dt><dd>${text[told.scene?.source] ?? text}</dd>`)}</dl>
-    ${isRecord() && html`<p class="soft">With shift, <kbd>d</kbd>, <kbd>n</kbd>, <kbd>f</kbd> and <kbd>m</kbd> go to the one before.</p>`}</section>`;
+    ${isRecord() && html`<p class="soft">With shift, <kbd>d</kbd>, <kbd>n</kbd>, <kbd>f</kbd>, <kbd>m</kbd> and <kbd>o</kbd> go to the one before.</p>`}</section>`;
 }
 
 function Controls() {
@@ -339,7 +340,7 @@ function Controls() {
     <select aria-label="Speed" value=${told.speed} onChange=${(event) => { told.speed = Number(event.currentTarget.value); schedule(); }}>${[0.1, 0.5, 1, 2, 5, 10, 60].map((each) => html`<option value=${each} selected=${each === told.speed}>${each}×</option>`)}</select>
     <input type="range" aria-label="Time" disabled=${lost} min=${scene.first} max=${scene.last} step="0.001" value=${frame.time} aria-valuetext=${clock(frame.time)} onInput=${(event) => go(Number(event.currentTarget.value))} />
     <span class="number">${clock(frame.time)}</span>
-    ${[["decision", "d"], ["change", "n", "other action"], ["fault", "f"], ["mode", "m"]].map(([kind, key, word = kind]) => html`<span key=${kind}><button disabled=${lost} aria-label=${`${word} before`} title=${`shift ${key}`} onClick=${() => step(kind, true)}>◀</button> <button disabled=${lost} title=${key} onClick=${() => step(kind, false)}>${word} ▶</button></span>`)}
+    ${[["decision", "d"], ["change", "n", "other action"], ["fault", "f"], ["mode", "m"], ["odd", "o"]].map(([kind, key, word = kind]) => html`<span key=${kind}><button disabled=${lost} aria-label=${`${word} before`} title=${`shift ${key}`} onClick=${() => step(kind, true)}>◀</button> <button disabled=${lost} title=${key} onClick=${() => step(kind, false)}>${word} ▶</button></span>`)}
     <span class="ended" role="status">${told.ended}</span>
   </div>`;
 }

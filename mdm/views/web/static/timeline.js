@@ -18,7 +18,7 @@ export class History {
   }
 
   lane(path) {
-    if (!this.lanes.has(path)) this.lanes.set(path, { modes: [], lives: [], open: new Map(), decisions: [], ends: [] });
+    if (!this.lanes.has(path)) this.lanes.set(path, { modes: [], lives: [], open: new Map(), decisions: [], odds: [], doubts: new Map() });
     return this.lanes.get(path);
   }
 
@@ -38,6 +38,14 @@ export class History {
     const lane = this.lane(event.source);
     if (event.kind === "mode") lane.modes.push(event);
     else if (event.kind === "decision") lane.decisions.push(event);
+    else if (event.kind === "odd" && event.status === "odd") {
+      const spell = { from: event.time, to: null, text: event.detail };
+      lane.odds.push(spell);
+      lane.doubts.set(event.life, spell);
+    } else if (event.kind === "odd") {
+      const spell = lane.doubts.get(event.life);
+      if (spell) { spell.to = event.time; lane.doubts.delete(event.life); }
+    }
     else if (event.kind === "life") {
       if (event.status === "running") {
         const life = { from: event.time, to: null, action: event.name, status: "running", detail: "" };
@@ -163,7 +171,7 @@ export function Timeline({ scene, frame, history, selected, view, setView, choos
   };
   return html`<section class="panel wide timeline" aria-label="Timeline">
     <div class="head"><h2>Timeline</h2><span class="commands">
-      <span class="soft">▶ decides ■ safe ○ stopped | decision, ✕ failed, ⚠ fault${predicates.length > 0 && "; predicates: ▬ true, ─ false, ▨ unknown"}</span>
+      <span class="soft">▶ decides ■ safe ○ stopped | decision, ✕ failed, ⚠ fault, ? looks odd${predicates.length > 0 && "; predicates: ▬ true, ─ false, ▨ unknown"}</span>
       <button onClick=${() => zoom(0.5)} title="+" aria-label="Zoom in">+</button><button onClick=${() => zoom(2)} title="-" aria-label="Zoom out">−</button>
       <button onClick=${() => setView({ follow: false, span: Math.max(1, last - first), end: last })} title="0">all</button>
       ${!go && html`<button aria-pressed=${view.follow} onClick=${() => setView({ ...view, follow: !view.follow, end })}>keep to now</button>`}</span></div>
@@ -256,6 +264,19 @@ function draw(canvas, { scene, frame, history, lanes, predicates, selected, begi
         context.fillStyle = tint.ink;
         context.fillText(clip(context, `${bad ? "✕ " : ""}${life.action}`, right - left - 6), left + 4, top + 20.5);
       }
+    }
+    for (const odd of lane.odds) {
+      const left = Math.max(LEFT, x(odd.from)), right = Math.min(wide, Math.max(x(odd.to ?? frame.time), left + 6));
+      if (odd.from > end || right <= LEFT || (odd.to ?? frame.time) < begin) continue;
+      hit(left, right, top, top + 12, `? ${path} looks odd from ${clock(odd.from)}${odd.to == null ? "" : ` to ${clock(odd.to)}`}\n${odd.text}`);
+      context.fillStyle = tint.wait;
+      for (let at = left; at < right; at += 6) context.fillRect(at, top + 9.5, Math.min(4, right - at), 2.5);
+      if (odd.from < begin) continue;
+      context.fillRect(left, top - 1, 12, 12);
+      context.fillStyle = tint.paper;
+      context.font = font(11, 700);
+      context.fillText("?", left + 3.2, top + 5.5);
+      context.font = font(11);
     }
     const decisions = lane.decisions;
     let shown = -99;

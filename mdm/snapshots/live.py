@@ -20,6 +20,7 @@ from mdm.maps.places import Places
 from mdm.messages import Action, ActionLife, Observation, Progress, Reward, State
 from mdm.runtime.actor import descendants
 from mdm.snapshots.beliefs import belief_frame, grid_factors
+from mdm.snapshots.causes import cause_in_words, changes, wired
 from mdm.snapshots.events import Ring, value_of
 from mdm.snapshots.floors import floors_of, robot_frame
 from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, Frame, LifeFrame, Spread, StatisticsFrame
@@ -82,12 +83,15 @@ class _Ensemble:
         "_key",
         "actions",
         "believed",
+        "cause",
+        "decided",
         "decisions",
         "detail",
         "ensemble",
         "lookout",
         "path",
         "stale",
+        "wired",
     )
 
     def __init__(self, ensemble: Ensemble, lookout: Lookout) -> None:
@@ -97,6 +101,9 @@ class _Ensemble:
         self.path = ensemble.path
         self.actions = ensemble.channel("action", Action)
         self.decisions = 0  # the first picture tells those so far, by the last of them
+        self.cause = ""  # of the last decision, in words
+        self.decided: Action | None = None  # the last decision that was seen
+        self.wired = wired(ensemble)
         self.detail: tuple[Any, Detail] | None = None
         self.believed: tuple[Any, Any] | None = None
         self._key: tuple[Any, ...] = ()
@@ -116,6 +123,25 @@ class _Ensemble:
         if self._frame is None or key != self._key:
             self._key, self._frame = key, self._made(seconds, waiting, decisions, living, odd)
         return self._frame
+
+    def look_at_cause(self, action: Action, count: int) -> str:
+        """Return why the last decision was made then, in words, and take it as the one before the next.
+
+        Args:
+            action: The decision.
+            count: How many there were since the last one that was seen.
+        """
+        ensemble = self.ensemble
+        before, self.decided = self.decided if count == 1 else None, action
+        changed, ended = "", None
+        if before is not None:
+            changed = changes(self.wired, before.state, action.state)
+            ended = self.lookout.ended
+            if ended is not None and ended.action != ensemble.control.output.name_of(before.index):
+                ended = None  # of a plain function nothing is heard
+        cause = ensemble.control.output.cause
+        self.cause = cause_in_words(cause, observed=self.lookout.latest, changed=changed, ended=ended)
+        return self.cause
 
     def decided_at(self, action: Action) -> str:
         """Return the state or observation of a decision, by name; empty where neither is known."""
@@ -335,11 +361,14 @@ class LiveRun:
                 self._frames[place], self._encoded[place] = frame, msgspec.Raw(_encode(frame))
             if each.decisions != frame.decisions:
                 last: Any = each.actions.last
+                count = frame.decisions - each.decisions
+                cause = each.look_at_cause(last, count)
                 self.ring.add(
                     *(self._seconds(last.time), "decision", each.path, frame.action),
+                    detail=cause,
                     life=frame.epoch,
-                    count=frame.decisions - each.decisions,
-                    at=each.decided_at(last),
+                    count=count,
+                    at="" if each.ensemble.control.output.cause == "observation" else each.decided_at(last),
                 )
                 each.decisions = frame.decisions
         self._look_at_predicates(now)
@@ -456,6 +485,7 @@ class LiveRun:
             else observed(
                 symbols.observation_space, observation.values if observation.index is None else observation.index
             ),
+            cause=each.cause,
             decided=None if action is None else self._seconds(action.time),
             reward=None if reward is None or action is None or reward.epoch != action.epoch else reward.value,
             value=expected_return(controller, action.state if decided_on else current),

@@ -144,6 +144,11 @@ class Lookout:
         return tuple([(time, self._name(symbol)) for time, symbol in self._history])
 
     @property
+    def ended(self) -> Ended | None:
+        """The life of an action that ended last; None where there was none."""
+        return self._ended[-1] if self._ended else None
+
+    @property
     def latest(self) -> str:
         """The last observation that was seen; empty where there was none."""
         return self._name(self._history[-1][1]) if self._history else ""

@@ -29,13 +29,14 @@ from mdm.recording.names import Names, names_of
 from mdm.recording.stimuli import Said
 from mdm.replay import replay
 from mdm.snapshots.beliefs import belief_frame, grid_factors
+from mdm.snapshots.causes import cause_in_words, changes, wired
 from mdm.snapshots.course import Course, course_of, sampled
 from mdm.snapshots.events import Event, value_of
 from mdm.snapshots.floors import floors_of, robot_at
 from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, Frame, LifeFrame, StatisticsFrame
 from mdm.snapshots.live import expected_return, factors_of, remedy_of
 from mdm.snapshots.observations import HISTORY, at_state, most_frequent, observed, on_observing
-from mdm.snapshots.oddities import KEPT, SEEN, WINDOW, Seen, lasting, repeated, unmoved
+from mdm.snapshots.oddities import KEPT, SEEN, WINDOW, Ended, Seen, lasting, repeated, unmoved
 from mdm.snapshots.scene import EnsembleScene, PredicateScene, Scene
 from mdm.snapshots.spells import Spell, joined, spells
 from mdm.snapshots.tracks import EnsembleTracks, Track
@@ -58,20 +59,6 @@ Step = Literal["decision", "change", "fault", "mode", "odd"]
 _TOPICS = ("stimuli", "decisions", "lives", "modes", "faults", "idles")
 _MOST = 50_000
 """Events of a kind that are shown; of more decisions one stands for several."""
-_CAUSES = {
-    "start": "as it started",
-    "resume": "as it went on",
-    "reset": "after a reset",
-    "state": "on a change of its state",
-    "observation": "on an observation",
-    "belief": "on a belief that was told",
-    "tick": "at a tick of its rate",
-    "episode": "as a new episode began",
-    "release": "as it left its safe mode",
-    "again": "again, for its action had ended",
-    "team": "as its team had decided",
-}
-"""The causes of decisions in words."""
 _BELIEFS = 64
 """Beliefs that are kept at hand."""
 
@@ -124,6 +111,7 @@ class RecordedRun:
         self._read()
         self._names = names_of(record)
         self._spaces = {path: self._space(path) for path in self._ensembles}
+        self._wired = {path: wired(self._models.get(path)) for path in self._ensembles}
         self._spells = {path: self._spells_of(each) for path, each in self._ensembles.items()}
         self._tell_events()
 
@@ -216,13 +204,13 @@ class RecordedRun:
             decisions = ensemble.decisions
             step = -(-len(decisions.times) // _MOST) or 1
             pairs = list(zip(decisions.times, decisions.entries, strict=True))[::step]
-            found += [(time, (decision, step)) for time, decision in pairs]
+            causes = self._causes(ensemble, step)
+            found += [(time, (decision, step, cause)) for (time, decision), cause in zip(pairs, causes, strict=True)]
             if step > 1:
                 self.remark(f"{ensemble.path}: on the timeline one decision stands for {step:,}")
             found += zip(ensemble.modes.times, ensemble.modes.entries, strict=True)
             found += zip(ensemble.idles.times, ensemble.idles.entries, strict=True)
-            told = enumerate(self._spells[ensemble.path][:_MOST], 1)
-            for number, spell in told:
+            for number, spell in enumerate(self._spells[ensemble.path][:_MOST], 1):
                 found += [(time, (ensemble.path, number, spell)) for time in (spell.begin, spell.end)]
         found += zip(self._faults.times, self._faults.entries, strict=True)
         lives = [each.message for each in self._record.messages(["lives"])] if "lives" in self._record.topics else []
@@ -261,7 +249,7 @@ class RecordedRun:
 
     def _event(self, number: int, time: int, each: Any) -> Event:
         seconds = self._seconds(time)
-        if isinstance(each, tuple) and len(each) == 3:
+        if isinstance(each, tuple) and isinstance(each[-1], Spell):
             path, spell_number, spell = each
             begins = time == spell.begin
             return Event(
@@ -273,12 +261,12 @@ class RecordedRun:
             assert self._manager is not None
             return Event(*(number, seconds, "predicate", self._manager.path, each[0]), status=value_of(each[1]))
         if isinstance(each, tuple):
-            decision, count = each
+            decision, count, cause = each
             return Event(
                 *(number, seconds, "decision", decision.ensemble, decision.action_name),
-                detail=_CAUSES.get(decision.cause, decision.cause),
+                detail=cause,
                 life=decision.epoch,
-                at=self._decided_at(decision),
+                at="" if decision.cause == "observation" else self._decided_at(decision),
                 count=count,
             )
         if isinstance(each, ActionLife):
@@ -497,7 +485,7 @@ class RecordedRun:
             state=state,
             factors=factors,
             observation=self._observed(each.path, decision.observation),
-            cause=_CAUSES.get(decision.cause, decision.cause),
+            cause=self._cause(each, each.decisions.place(time)),
             decided=self._seconds(decision.time),
             reward=decision.reward,
             value=self._return(decision, current),
@@ -513,6 +501,22 @@ class RecordedRun:
             return observed(self._models[path].controller.symbols.observation_space, observation)
         found = self._names.get(path, Names()).observation(observation)
         return found or str(observation)
+
+    def _causes(self, each: EnsembleTracks, step: int) -> list[str]:
+        """Return the cause of each decision, or of each so many, in words."""
+        return [self._cause(each, place) for place in range(0, len(each.decisions.times), step)]
+
+    def _cause(self, each: EnsembleTracks, place: int) -> str:
+        """Return the cause of a decision by its place, in words."""
+        decision: Decision = each.decisions.entries[place]
+        before: Decision | None = each.decisions.entries[place - 1] if place > 0 else None
+        ended: Ended | None = each.ends.at(decision.time) if decision.cause == "again" else None
+        return cause_in_words(
+            decision.cause,
+            observed=self._observed(each.path, decision.observation) or "",
+            changed=changes(self._wired[each.path], None if before is None else before.state, decision.state),
+            ended=None if ended is None or before is None or ended.action != before.action_name else ended,
+        )
 
     def _decided_at(self, decision: Decision) -> str:
         """Return the state or observation of a decision, by name."""

@@ -44,6 +44,7 @@ class Output:
     Attributes:
         action_names: By index; empty where the controller itself knows them.
         acted: The last action that was published in this episode, or None.
+        cause: The kind of stimulus on which it was decided, as in `Decision`.
         overdue: Nanoseconds from the first of the ticks that were missed to the present one.
     """
 
@@ -66,6 +67,7 @@ class Output:
         "_tape",
         "acted",
         "action_names",
+        "cause",
         "overdue",
         "record",
     )
@@ -74,6 +76,7 @@ class Output:
         space = controller.symbols.action_space
         self.action_names: Sequence[str] = () if space is None else space.names
         self.acted: int | None = None
+        self.cause = ""
         self.overdue = 0
         self._controller = controller
         self._deadline = deadline
@@ -143,6 +146,7 @@ class Output:
             self._note(step, time, cause, observation, state)
         self._do(Action(time, step.epoch, step.action, state))
         self.acted = step.action
+        self.cause = cause
         if step.reward is not None:
             self._rewards.emit(Reward(time, step.epoch, step.reward))
         if self._has_belief:
@@ -177,6 +181,7 @@ class Output:
         if self._tape is not None:
             self._note(step, time, cause, observation, state)
         self.acted = action = step.action
+        self.cause = cause
         if reward is not None:
             self._rewards.emit(Reward(time, step.epoch, reward))
         if self._has_belief:
@@ -203,6 +208,7 @@ class Output:
         if self._tape is not None:
             self._tape.decided(self, time, epoch, "state", state, None, None, action, None)
         self.acted = action
+        self.cause = "state"
         assert self._actions is not None
         self._actions.emit_last(Action(time, epoch, action, state))
         return True
@@ -279,6 +285,7 @@ class Output:
         if self._tape is not None:
             self._tape.decided(self, action.time, action.epoch, "team", None, None, belief, action.index, None)
         self.acted = action.index
+        self.cause = "team"
         self._emit(action)
         if belief is not None:
             self._beliefs.emit(Belief(action.time, belief))

@@ -635,13 +635,27 @@ def spread(histogram: Histogram) -> Spread:
     )
 
 
+_LAYER = {
+    "role": "this agent is",
+    "leader": "led by",
+    "term": "the leader's term",
+    "step": "step",
+    "commits": "steps committed",
+    "late": "messages that came late",
+}
+"""What is told of an ensemble that a team decides, in words."""
+
+
 def _teams(members: list[Member]) -> dict[str, dict[str, str]]:
     """Return how an agent's team is: agents and their links, and where each ensemble's agreement stands."""
     told: dict[str, dict[str, str]] = {}
     for member in members:
         statistics, transport = member.statistics(), member.link.transport.statistics()
         for agent in member.team.names:
-            facts = {"link": "itself" if agent == member.agent else "live" if agent in statistics.live else "lost"}
+            if agent == member.agent:
+                told[f"agent {agent}"] = {"is": "this agent"}
+                continue
+            facts = {"link": "live" if agent in statistics.live else "lost"}
             rounds = transport.round_trips.get(agent)
             if rounds:
                 facts["round trip"] = f"{1e3 * rounds.quantile(0.5):.3g} ms"
@@ -653,10 +667,9 @@ def _teams(members: list[Member]) -> dict[str, dict[str, str]]:
             **({"dropped": dropped} if dropped else {}),
         }
         for name, layer in statistics.layers.items():
+            words = {**_LAYER, "term": _LAYER["term"] if hasattr(layer, "leader") else "episode"}
             facts = {
-                key.replace("_", " "): str(value)
-                for key in ("role", "term", "leader", "step", "commits", "late")
-                if (value := getattr(layer, key, None)) is not None
+                word: str(value) for key, word in words.items() if (value := getattr(layer, key, None)) is not None
             }
             told[f"ensemble {name}"] = facts
     return told

@@ -11,6 +11,7 @@ from decided import ensemble
 from places import EXAMPLES
 from sentences import refused
 from shown import a_robot
+from team_robots import two
 
 import mdm
 from mdm import Ensemble, Error
@@ -41,6 +42,15 @@ def test_factors_say_which_predicates_tell_them():
     top = mdm.load_system(EXAMPLES / "patrol" / "patrol.toml", callbacks=False).ensembles["top"]
     found = {each.name: each.told_by for each in factors_of(top.controller.symbols.state_space, top)}
     assert found == {"person": ("PersonIsWaiting",), "intruder": ("IntruderIsSeen",), "fire": ("FireIsSeen",)}
+
+
+def test_a_factor_of_places_is_told_by_the_predicate_of_each_in_the_order_of_its_symbols():
+    patrol = mdm.load_system(EXAMPLES / "patrol" / "patrol.toml", callbacks=False).ensembles["patrol"]
+    (position,) = [
+        each for each in factors_of(patrol.controller.symbols.state_space, patrol) if each.name == "position"
+    ]
+    assert position.told_by == tuple(f"{symbol}.reached" for symbol in position.symbols)
+    assert len(position.symbols) == 6
 
 
 def test_without_a_model_the_wiring_says_which_predicates_tell_a_factor(tmp_path):
@@ -253,3 +263,19 @@ def test_observations_are_told_with_their_times_and_how_often_each_came():
         [(float(second), "hear-left") for second in range(3, 10)] + [(10.0, "hear-right")]
     )
     assert detail.tally == (("hear-left", 9), ("hear-right", 1))
+
+
+def test_of_a_team_it_says_in_words_how_each_agent_and_its_agreement_are():
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        await two(runtime)
+        await asyncio.sleep(3.0)
+        return live.frame().team
+
+    told = run_virtual(main)
+    assert told["agent right"] == {"is": "this agent"}  # the last one that tells, of two in one runtime
+    assert told["agent left"]["link"] == "live"
+    (ensemble_,) = [facts for of, facts in told.items() if of.startswith("ensemble ")]
+    assert set(ensemble_) >= {"this agent is", "led by", "the leader's term", "step"}
+    assert ensemble_["this agent is"] in {"leading", "following"}

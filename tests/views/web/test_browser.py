@@ -7,12 +7,14 @@ import re
 from itertools import pairwise
 
 import browsers
+import msgspec
 import pytest
 from decided import ensemble
 from served import TOKEN, shown
 from shown import a_robot
 from team_file import write
 from team_processes import on_free_ports, up
+from told import Told, served
 from transports import free_port
 
 import mdm
@@ -20,7 +22,8 @@ from mdm import Ensemble
 from mdm.models import POMDP
 from mdm.policies import AlphaVectors, DeterministicPolicy
 from mdm.recording import Record
-from mdm.snapshots import RecordedRun
+from mdm.snapshots import Detail, Frame, RecordedRun
+from mdm.snapshots.scene import FactorScene, PredicateScene
 from mdm.team.transport.certificates import make_certificates
 from mdm.testing import run_virtual
 from mdm.views.web import PageServer
@@ -367,6 +370,34 @@ def test_predicates_that_the_chosen_ensemble_decides_on_come_first_and_have_lane
         assert "2 ensembles, 1 predicate, " in await page.get_attribute(".timeline canvas", "aria-label")
 
     seen(look_at, mdm.load_system(a_robot(tmp_path)))
+
+
+def test_a_factor_told_by_places_says_by_which_predicate_and_that_the_map_tells_it():
+    class Patrol(Told):
+        def scene(self):
+            factor = FactorScene("position", ("Hall", "Lab"), ("Hall.reached", "Lab.reached"))
+            (of,) = super().scene().ensembles
+            told = "told by the robot's pose on the map, unknown after 0.5 s"
+            predicates = tuple(PredicateScene(f"{room}.reached", told) for room in ("Hall", "Lab"))
+            of = msgspec.structs.replace(of, factors=(factor,))
+            return msgspec.structs.replace(super().scene(), ensembles=(of,), predicates=predicates)
+
+        def frame(self, close=()):
+            detail = Detail(state="Lab", factors=(("position", "Lab"),))
+            team = {"agent ada": {"is": "this agent"}, "ensemble patrol": {"the leader's term": "3"}}
+            return Frame(12.0, self._frames, (False, True), (0.0, 0.0), details={"patrol": detail}, team=team)
+
+    async def program():
+        async with served(Patrol(("patrol",))) as address, browsers.browser() as (look, wrong):
+            page = await look(address)
+            await page.wait_for_selector(".chip")
+            assert await text(page, ".chip") == "position Lab ← Lab.reached, told by the robot's pose on the map"
+            team = await text(page, "[aria-label=Team]")
+            assert "● agent ada is this agent" in team
+            assert "One agent leads for a term" in team
+            assert wrong == []
+
+    asyncio.run(program())
 
 
 def test_the_timeline_tells_of_what_the_pointer_is_on(tmp_path):

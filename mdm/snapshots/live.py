@@ -47,6 +47,8 @@ _VALUED = 10_000
 """States up to which the policy is asked for its value."""
 _SECOND = 1_000_000_000
 _encode = msgspec.json.Encoder().encode
+_UNSEEN: Any = object()
+"""In place of the value of a predicate that has not been looked at, and may be unknown."""
 _ALL = 50
 """Ensembles up to which each frame looks at all: to look at one costs ten microseconds, and a thousand have turns."""
 _TURNS = 20
@@ -207,7 +209,7 @@ class LiveRun:
         self._owners: list[tuple[PredicateManager, str]] = []
         self._places: list[Places] = []
         self._members: list[Member] = []
-        self._values: tuple[bool | None, ...] = ()
+        self._values: tuple[Any, ...] = ()
         self._changed: list[float] = []
         self._counted = -_SECOND
         self._statistics: StatisticsFrame | None = None
@@ -294,17 +296,22 @@ class LiveRun:
         actors = [actor for actor in descendants(runtime.root) if actor.life in {"running", "restarting", "stopping"}]
         ensembles = [actor for actor in actors if isinstance(actor, Ensemble)]
         if [each.ensemble for each in self._ensembles] != ensembles:
-            known = {id(each.ensemble): each for each in self._ensembles}
-            self._ensembles = [known.get(id(ensemble)) or self._met(ensemble) for ensemble in ensembles]
+            met = {id(each.ensemble): each for each in self._ensembles}
+            self._ensembles = [met.get(id(ensemble)) or self._met(ensemble) for ensemble in ensembles]
             self._by_path = {each.path: each for each in self._ensembles}
             self._frames = [each.frame(self._seconds, self.now) for each in self._ensembles]
             self._encoded = [msgspec.Raw(_encode(frame)) for frame in self._frames]
         self._managers = [actor for actor in actors if isinstance(actor, PredicateManager)]
         self._places = [actor for actor in actors if isinstance(actor, Places)]
         self._members = [actor for actor in actors if isinstance(actor, Member)]
+        known = {
+            (id(manager), name): (value, changed)
+            for (manager, name), value, changed in zip(self._owners, self._values, self._changed, strict=True)
+        }
         self._owners = [(manager, name) for manager in self._managers for name in manager.values()]
-        self._values = (None,) * len(self._owners)
-        self._changed = [self.now] * len(self._owners)
+        found = [known.get((id(manager), name), (_UNSEEN, self.now)) for manager, name in self._owners]
+        self._values = tuple([value for value, _ in found])
+        self._changed = [changed for _, changed in found]
         scene = self._made_scene(ensembles)
         if scene != self._scene:
             self._scene = scene

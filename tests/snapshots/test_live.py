@@ -265,6 +265,30 @@ def test_observations_are_told_with_their_times_and_how_often_each_came():
     assert detail.tally == (("hear-left", 9), ("hear-right", 1))
 
 
+def test_an_actor_that_comes_later_leaves_predicates_as_they_were_and_unknown_is_told_from_the_start():
+    manager = mdm.PredicateManager()
+    manager.sensor("Near", initial=True)
+    manager.sensor("Lit")
+
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        await runtime.start(manager)
+        live.frame()
+        await asyncio.sleep(5.0)
+        await runtime.start(ensemble())
+        frame = live.frame()
+        manager.sense("Lit", False)
+        await asyncio.sleep(1.0)
+        live.frame()
+        return frame, [(each.time, each.name, each.status) for each in live.ring if each.kind == "predicate"]
+
+    frame, told = run_virtual(main)
+    assert frame.predicates == (True, None)
+    assert frame.changed == (0.0, 0.0)
+    assert told == [(0.0, "Near", "true"), (0.0, "Lit", "unknown"), (6.0, "Lit", "false")]
+
+
 def test_of_a_team_it_says_in_words_how_each_agent_and_its_agreement_are():
     async def main(runtime):
         live = LiveRun(runtime)

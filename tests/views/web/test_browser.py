@@ -400,6 +400,32 @@ def test_a_factor_told_by_places_says_by_which_predicate_and_that_the_map_tells_
     asyncio.run(program())
 
 
+def test_a_lane_of_a_predicate_says_from_when_on_it_is_known():
+    class Late(Told):
+        def frame(self, close=()):
+            return Frame(12.0, self._frames, (True, None), (6.0, 9.0))
+
+    async def program():
+        async with served(Late()) as address, browsers.browser() as (look, wrong):
+            page = await look(address)
+            await page.wait_for_selector("[role=option]")
+            await page.keyboard.press("0")  # all of the time
+            canvas = page.locator(".timeline canvas")
+            box = await canvas.bounding_box()
+            for share, row, words in (
+                (0.25, 0, "ada: Near is not known before 00:06.0"),
+                (0.75, 0, "ada: Near true from 00:06.0"),
+                (0.6, 1, "bob: Near is not known before 00:09.0"),
+                (0.9, 1, "bob: Near unknown from 00:09.0"),
+            ):
+                place = {"x": 118 + (box["width"] - 118) * share, "y": 24 + 2 * 46 + 18 * row + 8}
+                await canvas.hover(position=place)
+                await page.wait_for_function(f"() => document.querySelector('.tip')?.innerText === '{words}'")
+            assert wrong == []
+
+    asyncio.run(program())
+
+
 def test_the_timeline_tells_of_what_the_pointer_is_on(tmp_path):
     async def run(runtime):
         await runtime.start(mdm.load_system(a_robot(tmp_path)))

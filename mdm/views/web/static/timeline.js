@@ -182,6 +182,14 @@ export function Timeline({ scene, frame, history, selected, view, setView, choos
   </section>`;
 }
 
+// The changes of a predicate: where none is kept any more, for many others have changed since, its value is known from its frame.
+function changesOf(scene, frame, history, name) {
+  const changes = history.predicates.get(name);
+  if (changes?.length) return changes;
+  const place = scene.predicates.findIndex((each) => each.name === name), value = frame.predicates[place];
+  return value === undefined || scene.source === "record" ? [] : [{ time: frame.changed[place] ?? frame.time, status: value === null ? "unknown" : String(value) }];
+}
+
 function step(span, room) {
   const least = span / Math.max(2, room / 90);
   for (const each of [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 21600, 86400]) if (each >= least) return each;
@@ -325,11 +333,20 @@ function draw(canvas, { scene, frame, history, lanes, predicates, selected, begi
     context.fillRect(0, top + LANE - 3, wide, 1);
   });
   predicates.forEach((name, row) => {
-    const top = base + row * THIN, changes = history.predicates.get(name) ?? [];
+    const top = base + row * THIN, changes = changesOf(scene, frame, history, name);
     context.font = font(11);
     context.fillStyle = tint.ink;
     context.fillText(clip(context, name, LEFT - 14), 6, top + 7);
     hit(0, LEFT - 6, top, top + 14, name);
+    const known = changes[0]?.time ?? frame.time;
+    if (known > Math.max(begin, 0)) {   // dots, which are none of the values
+      const right = Math.min(wide, x(known));
+      context.fillStyle = tint.soft;
+      for (let at = Math.max(LEFT, x(0)); at < right; at += 8) context.fillRect(at, top + 7, 1.5, 1.5);
+      context.font = font(9);
+      if (right - Math.max(LEFT, x(0)) > 110) { context.clearRect(right - 86, top + 1, 84, 13); context.fillText("not known before", right - 84, top + 7.5); }
+      hit(Math.max(LEFT, x(0)), right, top, top + 14, `${name} is not known before ${clock(known)}`);
+    }
     let drawn = -1;
     for (let place = Math.max(0, from(changes, begin, (each) => each.time) - 1); place < changes.length && changes[place].time <= end; place += 1) {
       const { time, status } = changes[place], to = changes[place + 1]?.time ?? Math.max(time, scene.source === "record" ? until : frame.time);

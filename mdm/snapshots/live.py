@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import time as times
+from bisect import bisect_left
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -53,6 +54,12 @@ _ALL = 50
 """Ensembles up to which each frame looks at all: to look at one costs ten microseconds, and a thousand have turns."""
 _TURNS = 20
 """Ensembles that have their turn in a frame, whatever has changed; a quarter of them where a second has passed."""
+_CHANGED = 100
+"""Ensembles that have changed and are looked at in a frame: of more, the others are in the next ones.
+
+Those whose mode has changed are looked at besides. So a frame keeps decisions waiting for some milliseconds, and comes
+several times a second, where a thousand ensembles decide all the time.
+"""
 
 
 def remedy_of(kind: str) -> str:
@@ -93,6 +100,7 @@ class _Ensemble:
         "lookout",
         "path",
         "stale",
+        "urgent",
         "wired",
     )
 
@@ -100,6 +108,7 @@ class _Ensemble:
         self.ensemble = ensemble
         self.lookout = lookout
         self.stale = True
+        self.urgent = False
         self.path = ensemble.path
         self.actions = ensemble.channel("action", Action)
         self.decisions = 0  # the first picture tells those so far, by the last of them
@@ -113,7 +122,7 @@ class _Ensemble:
 
     def frame(self, seconds: Callable[[int], float], now: float) -> EnsembleFrame:
         """Return how the ensemble is."""
-        self.stale = False
+        self.stale = self.urgent = False
         ensemble = self.ensemble
         self.lookout.observe()
         odd = self.lookout.look(now)
@@ -200,9 +209,10 @@ class LiveRun:
         self._seen = -1
         self._ensembles: list[_Ensemble] = []
         self._by_path: dict[str, _Ensemble] = {}
+        self._place_of: dict[str, int] = {}
         self._frames: list[EnsembleFrame] = []
         self._encoded: list[msgspec.Raw] = []
-        self._turn = 0
+        self._turn = self._next = 0
         self._turned = self._epoch
         self._managers: list[PredicateManager] = []
         self._predicates: list[PredicateScene] = []
@@ -247,7 +257,7 @@ class LiveRun:
 
     def _is_stale(self, path: str) -> None:
         if (found := self._by_path.get(path)) is not None:
-            found.stale = True
+            found.stale = found.urgent = True
 
     # -- Events --------------------------------------------------------------------------------------------------
 
@@ -299,6 +309,7 @@ class LiveRun:
             met = {id(each.ensemble): each for each in self._ensembles}
             self._ensembles = [met.get(id(ensemble)) or self._met(ensemble) for ensemble in ensembles]
             self._by_path = {each.path: each for each in self._ensembles}
+            self._place_of = {each.path: place for place, each in enumerate(self._ensembles)}
             self._frames = [each.frame(self._seconds, self.now) for each in self._ensembles]
             self._encoded = [msgspec.Raw(_encode(frame)) for frame in self._frames]
         self._managers = [actor for actor in actors if isinstance(actor, PredicateManager)]
@@ -420,14 +431,17 @@ class LiveRun:
         count = _TURNS if now - self._turned < _SECOND else max(_TURNS, size // 4)
         first, self._turn, self._turned = self._turn, (self._turn + count) % size, now
         due = {(first + place) % size for place in range(count)}
+        due.update([self._place_of[path] for path in close if path in self._place_of])
         # Hot path: the loop over all of a thousand ensembles, in a tenth of a millisecond.
-        due.update(
-            [
-                place
-                for place, each in enumerate(ensembles)
-                if each.stale or each.decisions != each.actions.published or each.path in close
-            ]
-        )
+        changed = [
+            place for place, each in enumerate(ensembles) if each.stale or each.decisions != each.actions.published
+        ]
+        if len(changed) > _CHANGED:
+            due.update([place for place in changed if ensembles[place].urgent])
+            start = bisect_left(changed, self._next)
+            changed = (changed[start:] + changed[:start])[:_CHANGED]
+            self._next = changed[-1] + 1
+        due.update(changed)
         return sorted(due)
 
     def _look_at_predicates(self, now: int) -> None:

@@ -244,6 +244,39 @@ def test_of_a_thousand_ensembles_changes_are_seen_at_once_and_all_others_in_thei
     assert sum(looks.values()) < 20 * 40
 
 
+def test_a_thousand_ensembles_that_all_decide_are_looked_at_some_at_a_time_and_a_mode_or_what_is_close_at_once():
+    robots = [
+        Ensemble(f"robot{number:03}", policy=DeterministicPolicy([0, 1]), actions={0: lambda: None, 1: lambda: None})
+        for number in range(1000)
+    ]
+
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        for robot in robots:
+            await runtime.start(robot)
+        for _ in range(3):
+            live.frame()
+            await asyncio.sleep(0.05)
+        for round_ in range(3):
+            for robot in robots:
+                robot.publish_state(round_ % 2)
+        robots[777].stop()
+        told = []
+        for _ in range(10):
+            frames = live.frame({"robot500"}).ensembles
+            told.append({place for place, each in enumerate(frames) if each.decisions == 3})
+            assert frames[777].mode == "stopped"
+            await asyncio.sleep(0.05)
+        return told, [each for each in live.ring if each.kind == "decision"]
+
+    told, decisions = run_virtual(main)
+    assert {500, 777} <= told[0]
+    assert 100 < len(told[0]) < 160
+    assert told[-1] == set(range(1000))
+    assert sum(each.count for each in decisions) == 3000
+
+
 def test_observations_are_told_with_their_times_and_how_often_each_came():
     robot = ensemble()
 

@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 from mdm.errors import Error
 from mdm.views.web.access import HEADERS, Access
 from mdm.views.web.encryption import encryption
-from mdm.views.web.listening import LOOPBACK, listen
+from mdm.views.web.listening import LOOPBACK, counted, listen
 from mdm.views.web.session import Aside, Reader
 
 if TYPE_CHECKING:
@@ -123,6 +123,7 @@ class PageServer:
                 self._serve,
                 sock=listening,
                 ssl=context,
+                create_connection=counted(self._websockets.Connection),
                 process_request=self._answer,
                 compression=None,
                 max_size=_LARGEST,
@@ -286,12 +287,13 @@ def websockets() -> Any:
         errors = importlib.import_module("websockets.exceptions")
     except ImportError:
         raise Error("a page needs websockets: pip install 'markov-decision-making[page]'") from None
-    return _Websockets(serving.serve, errors.ConnectionClosed)
+    return _Websockets(serving.serve, serving.ServerConnection, errors.ConnectionClosed)
 
 
 class _Websockets:
-    def __init__(self, serve: Any, closed: type[Exception]) -> None:
+    def __init__(self, serve: Any, connection: Any, closed: type[Exception]) -> None:
         self.serve = serve
+        self.Connection = connection
         self.ConnectionClosed = closed
 
 

@@ -132,7 +132,7 @@ def test_commands_are_asked_twice_and_carried_out():
         button = page.get_by_role("button", name="stop", exact=True)
         await button.click()
         assert robot.mode == "deciding"
-        await page.get_by_role("button", name="No").click()
+        await page.get_by_role("button", name="No", exact=True).click()
         await page.wait_for_function("() => !document.querySelector('.ask')")
         await button.click()
         await page.get_by_role("button", name="Yes, stop").click()

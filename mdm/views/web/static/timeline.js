@@ -111,12 +111,13 @@ export function Timeline({ scene, frame, history, selected, view, setView, choos
   const hits = useRef([]);
   const [tip, show] = useState(null);
   const lanes = lanesOf(scene, selected), predicates = shownPredicates(scene, selected);
+  const courses = predicates.map((name) => changesOf(scene, frame, history, name));
   const [first, last] = extent;
   const span = view.span;
   const end = view.follow ? frame.time : view.end;
   const begin = end - span;
   const middle = go && begin <= frame.time && frame.time <= end ? frame.time : (begin + end) / 2;   // of a record the time that is shown
-  useEffect(() => { hits.current = draw(box.current, { scene, frame, history, lanes, predicates, selected, begin, end, last }) ?? []; });
+  useEffect(() => { hits.current = draw(box.current, { scene, frame, history, lanes, predicates, courses, selected, begin, end, last }) ?? []; });
   const timeAt = (event) => {
     const { left, width } = box.current.getBoundingClientRect();
     return begin + (Math.max(0, event.clientX - left - LEFT) / Math.max(1, width - LEFT)) * span;
@@ -197,7 +198,7 @@ function step(span, room) {
 }
 
 // Draws; returns what is where, in words, the smaller of things that lie over each other last.
-function draw(canvas, { scene, frame, history, lanes, predicates, selected, begin, end, last: until }) {
+function draw(canvas, { scene, frame, history, lanes, predicates, courses, selected, begin, end, last: until }) {
   if (!canvas || !canvas.clientWidth) return [];
   const wide = canvas.clientWidth, base = HEAD + LANE * Math.max(1, lanes.length), tall = base + THIN * predicates.length + 4;
   const hits = [];
@@ -333,7 +334,7 @@ function draw(canvas, { scene, frame, history, lanes, predicates, selected, begi
     context.fillRect(0, top + LANE - 3, wide, 1);
   });
   predicates.forEach((name, row) => {
-    const top = base + row * THIN, changes = changesOf(scene, frame, history, name);
+    const top = base + row * THIN, changes = courses[row];
     context.font = font(11);
     context.fillStyle = tint.ink;
     context.fillText(clip(context, name, LEFT - 14), 6, top + 7);

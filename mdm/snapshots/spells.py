@@ -63,11 +63,10 @@ def spells(
         *_lasting(tracks, end, composed),
         *_unmoved(tracks, end, observation, state),
     ]
+    modes = zip(tracks.modes.times, tracks.modes.entries, strict=True)
     deciding = [
         (since, until)
-        for mode, since, until in zip(
-            tracks.modes.entries, tracks.modes.times, [*tracks.modes.times[1:], end + 1], strict=True
-        )
+        for (since, mode), (until, _) in pairwise([*modes, (end + 1, None)])
         if mode.mode == "deciding" and since < until
     ]
     cut = [

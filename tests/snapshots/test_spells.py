@@ -115,6 +115,10 @@ def test_much_of_what_is_judged_is_odd():
     assert rules == {"repeated", "lasting", "unmoved"}
 
 
+def test_of_an_ensemble_of_which_only_the_name_is_known_nothing_is_odd():
+    assert spells(EnsembleTracks("robot"), 10 * SECOND, set(), str, str) == []
+
+
 def test_a_short_break_ends_no_spell_but_that_of_another_rule_or_action():
     one, two = Spell(0, 10, "repeated", "a", "first"), Spell(14, 20, "repeated", "a", "second")
     assert joined([two, one], 4) == [Spell(0, 20, "repeated", "a", "first")]

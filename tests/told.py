@@ -63,6 +63,9 @@ class Kept(Told):
         self.commands.append((kind, back))
         return min(max(seconds + (-2.0 if back else 2.0), 0.0), 60.0)
 
+    async def course(self, ensemble, first, last):
+        return None
+
     def after(self, cursor, most):
         return self.ring.after(cursor, most)
 

@@ -143,7 +143,7 @@ class Places(Actor):
                 raise ConfigError(f"the place {name!r} reads as {stands}: give it another name", key=name)
         for name in (*self._rooms, *goals):
             self.predicates.sensor(name)
-        self.predicates.declared.age((*self._rooms, *goals), max_age)
+        self.predicates.declared.age((*self._rooms, *goals), max_age, "the robot's pose on the map")
         for name in self._rooms:
             self.predicates.event(f"{name}.entered")
             self.predicates.event(f"{name}.left")

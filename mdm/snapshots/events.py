@@ -1,4 +1,4 @@
-"""The events of a run: actions, decisions, modes, faults and changes of predicates, for as many as there is room."""
+"""The events of a run: actions, decisions, modes, faults, predicates and oddities, as many as there is room for."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 __all__ = ["KINDS", "Event", "Ring", "value_of"]
 
-Kind = Literal["mode", "fault", "idle", "life", "decision", "predicate"]
+Kind = Literal["mode", "fault", "idle", "life", "decision", "predicate", "odd"]
 
-KINDS: tuple[Kind, ...] = ("mode", "fault", "idle", "life", "decision", "predicate")
+KINDS: tuple[Kind, ...] = ("mode", "fault", "idle", "life", "decision", "predicate", "odd")
 
 _ROOM: dict[Kind, int] = {
     "mode": 5_000,
@@ -24,6 +24,7 @@ _ROOM: dict[Kind, int] = {
     "life": 20_000,
     "decision": 20_000,
     "predicate": 20_000,
+    "odd": 2_000,
 }
 
 
@@ -40,11 +41,12 @@ class Event(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
         time: In seconds since the run's second 0.
         kind: What it is.
         source: The ensemble's path; of a fault, the actor's; of a predicate, its manager's.
-        name: The mode, the kind of the fault, the action, or the predicate as the scene names it.
+        name: The mode, the kind of the fault, the action, the predicate as the scene names it, or the rule by which
+            something looks odd.
         detail: In words; of a decision, its cause.
         status: Of an action, ``running`` or how it ended; of an ensemble, ``idle`` or ``busy``; of a predicate,
-            ``true``, ``false`` or ``unknown``.
-        life: The number of the action's life, or of the decision.
+            ``true``, ``false`` or ``unknown``; of what looks odd, ``odd`` or ``over``.
+        life: The number of the action's life, of the decision, or of the spell over which something looks odd.
         remedy: What to do about a fault.
         count: Of decisions, how many this one stands for.
         at: Of a decision, in which state or on which observation it was made, in words.

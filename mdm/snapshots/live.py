@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import time as times
+from bisect import bisect_left
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -19,6 +21,7 @@ from mdm.maps.places import Places
 from mdm.messages import Action, ActionLife, Observation, Progress, Reward, State
 from mdm.runtime.actor import descendants
 from mdm.snapshots.beliefs import belief_frame, grid_factors
+from mdm.snapshots.causes import cause_in_words, changes, wired
 from mdm.snapshots.events import Ring, value_of
 from mdm.snapshots.floors import floors_of, robot_frame
 from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, Frame, LifeFrame, Spread, StatisticsFrame
@@ -37,7 +40,7 @@ if TYPE_CHECKING:
     from mdm.runtime import Actor, Histogram, Runtime
     from mdm.runtime.channel import Subscription
 
-__all__ = ["LiveRun", "factors_of", "remedy_of"]
+__all__ = ["LiveRun", "expected_return", "factors_of", "remedy_of"]
 
 _LISTED = 64
 """Symbols of a factor that are listed in a scene."""
@@ -45,10 +48,18 @@ _VALUED = 10_000
 """States up to which the policy is asked for its value."""
 _SECOND = 1_000_000_000
 _encode = msgspec.json.Encoder().encode
+_UNSEEN: Any = object()
+"""In place of the value of a predicate that has not been looked at, and may be unknown."""
 _ALL = 50
 """Ensembles up to which each frame looks at all: to look at one costs ten microseconds, and a thousand have turns."""
 _TURNS = 20
 """Ensembles that have their turn in a frame, whatever has changed; a quarter of them where a second has passed."""
+_CHANGED = 100
+"""Ensembles that have changed and are looked at in a frame: of more, the others are in the next ones.
+
+Those whose mode has changed are looked at besides. So a frame keeps decisions waiting for some milliseconds, and comes
+several times a second, where a thousand ensembles decide all the time.
+"""
 
 
 def remedy_of(kind: str) -> str:
@@ -81,21 +92,29 @@ class _Ensemble:
         "_key",
         "actions",
         "believed",
+        "cause",
+        "decided",
         "decisions",
         "detail",
         "ensemble",
         "lookout",
         "path",
         "stale",
+        "urgent",
+        "wired",
     )
 
     def __init__(self, ensemble: Ensemble, lookout: Lookout) -> None:
         self.ensemble = ensemble
         self.lookout = lookout
         self.stale = True
+        self.urgent = False
         self.path = ensemble.path
         self.actions = ensemble.channel("action", Action)
         self.decisions = 0  # the first picture tells those so far, by the last of them
+        self.cause = ""  # of the last decision, in words
+        self.decided: Action | None = None  # the last decision that was seen
+        self.wired = wired(ensemble)
         self.detail: tuple[Any, Detail] | None = None
         self.believed: tuple[Any, Any] | None = None
         self._key: tuple[Any, ...] = ()
@@ -103,7 +122,7 @@ class _Ensemble:
 
     def frame(self, seconds: Callable[[int], float], now: float) -> EnsembleFrame:
         """Return how the ensemble is."""
-        self.stale = False
+        self.stale = self.urgent = False
         ensemble = self.ensemble
         self.lookout.observe()
         odd = self.lookout.look(now)
@@ -115,6 +134,25 @@ class _Ensemble:
         if self._frame is None or key != self._key:
             self._key, self._frame = key, self._made(seconds, waiting, decisions, living, odd)
         return self._frame
+
+    def look_at_cause(self, action: Action, count: int) -> str:
+        """Return why the last decision was made then, in words, and take it as the one before the next.
+
+        Args:
+            action: The decision.
+            count: How many there were since the last one that was seen.
+        """
+        ensemble = self.ensemble
+        before, self.decided = self.decided if count == 1 else None, action
+        changed, ended = "", None
+        if before is not None:
+            changed = changes(self.wired, before.state, action.state)
+            ended = self.lookout.ended
+            if ended is not None and ended.action != ensemble.control.output.name_of(before.index):
+                ended = None  # of a plain function nothing is heard
+        cause = ensemble.control.output.cause
+        self.cause = cause_in_words(cause, observed=self.lookout.latest, changed=changed, ended=ended)
+        return self.cause
 
     def decided_at(self, action: Action) -> str:
         """Return the state or observation of a decision, by name; empty where neither is known."""
@@ -171,16 +209,17 @@ class LiveRun:
         self._seen = -1
         self._ensembles: list[_Ensemble] = []
         self._by_path: dict[str, _Ensemble] = {}
+        self._place_of: dict[str, int] = {}
         self._frames: list[EnsembleFrame] = []
         self._encoded: list[msgspec.Raw] = []
-        self._turn = 0
+        self._turn = self._next = 0
         self._turned = self._epoch
         self._managers: list[PredicateManager] = []
         self._predicates: list[PredicateScene] = []
         self._owners: list[tuple[PredicateManager, str]] = []
         self._places: list[Places] = []
         self._members: list[Member] = []
-        self._values: tuple[bool | None, ...] = ()
+        self._values: tuple[Any, ...] = ()
         self._changed: list[float] = []
         self._counted = -_SECOND
         self._statistics: StatisticsFrame | None = None
@@ -218,7 +257,7 @@ class LiveRun:
 
     def _is_stale(self, path: str) -> None:
         if (found := self._by_path.get(path)) is not None:
-            found.stale = True
+            found.stale = found.urgent = True
 
     # -- Events --------------------------------------------------------------------------------------------------
 
@@ -248,6 +287,9 @@ class LiveRun:
             found.lookout.hear(life)
             found.stale = True
 
+    def _on_odd(self, path: str, time: float, rule: str, status: str, number: int, text: str) -> None:
+        self.ring.add(time, "odd", path, rule, detail=text, status=status, life=number)
+
     # -- The scene -----------------------------------------------------------------------------------------------
 
     def scene(self) -> Scene:
@@ -264,17 +306,23 @@ class LiveRun:
         actors = [actor for actor in descendants(runtime.root) if actor.life in {"running", "restarting", "stopping"}]
         ensembles = [actor for actor in actors if isinstance(actor, Ensemble)]
         if [each.ensemble for each in self._ensembles] != ensembles:
-            known = {id(each.ensemble): each for each in self._ensembles}
-            self._ensembles = [known.get(id(ensemble)) or self._met(ensemble) for ensemble in ensembles]
+            met = {id(each.ensemble): each for each in self._ensembles}
+            self._ensembles = [met.get(id(ensemble)) or self._met(ensemble) for ensemble in ensembles]
             self._by_path = {each.path: each for each in self._ensembles}
+            self._place_of = {each.path: place for place, each in enumerate(self._ensembles)}
             self._frames = [each.frame(self._seconds, self.now) for each in self._ensembles]
             self._encoded = [msgspec.Raw(_encode(frame)) for frame in self._frames]
         self._managers = [actor for actor in actors if isinstance(actor, PredicateManager)]
         self._places = [actor for actor in actors if isinstance(actor, Places)]
         self._members = [actor for actor in actors if isinstance(actor, Member)]
+        known = {
+            (id(manager), name): (value, changed)
+            for (manager, name), value, changed in zip(self._owners, self._values, self._changed, strict=True)
+        }
         self._owners = [(manager, name) for manager in self._managers for name in manager.values()]
-        self._values = (None,) * len(self._owners)
-        self._changed = [self.now] * len(self._owners)
+        found = [known.get((id(manager), name), (_UNSEEN, self.now)) for manager, name in self._owners]
+        self._values = tuple([value for value, _ in found])
+        self._changed = [changed for _, changed in found]
         scene = self._made_scene(ensembles)
         if scene != self._scene:
             self._scene = scene
@@ -282,7 +330,7 @@ class LiveRun:
 
     def _met(self, ensemble: Ensemble) -> _Ensemble:
         ensemble.action.observer = self._on_life
-        lookout = Lookout(ensemble, self._seconds)
+        lookout = Lookout(ensemble, self._seconds, partial(self._on_odd, ensemble.path))
         for life in ensemble.action.lives.living:  # which began before this was known
             time = self._seconds(life.action.time)
             self.ring.add(time, "life", ensemble.path, life.name, status="running", life=life.number)
@@ -331,11 +379,14 @@ class LiveRun:
                 self._frames[place], self._encoded[place] = frame, msgspec.Raw(_encode(frame))
             if each.decisions != frame.decisions:
                 last: Any = each.actions.last
+                count = frame.decisions - each.decisions
+                cause = each.look_at_cause(last, count)
                 self.ring.add(
                     *(self._seconds(last.time), "decision", each.path, frame.action),
+                    detail=cause,
                     life=frame.epoch,
-                    count=frame.decisions - each.decisions,
-                    at=each.decided_at(last),
+                    count=count,
+                    at="" if each.ensemble.control.output.cause == "observation" else each.decided_at(last),
                 )
                 each.decisions = frame.decisions
         self._look_at_predicates(now)
@@ -380,14 +431,17 @@ class LiveRun:
         count = _TURNS if now - self._turned < _SECOND else max(_TURNS, size // 4)
         first, self._turn, self._turned = self._turn, (self._turn + count) % size, now
         due = {(first + place) % size for place in range(count)}
+        due.update([self._place_of[path] for path in close if path in self._place_of])
         # Hot path: the loop over all of a thousand ensembles, in a tenth of a millisecond.
-        due.update(
-            [
-                place
-                for place, each in enumerate(ensembles)
-                if each.stale or each.decisions != each.actions.published or each.path in close
-            ]
-        )
+        changed = [
+            place for place, each in enumerate(ensembles) if each.stale or each.decisions != each.actions.published
+        ]
+        if len(changed) > _CHANGED:
+            due.update([place for place in changed if ensembles[place].urgent])
+            start = bisect_left(changed, self._next)
+            changed = (changed[start:] + changed[:start])[:_CHANGED]
+            self._next = changed[-1] + 1
+        due.update(changed)
         return sorted(due)
 
     def _look_at_predicates(self, now: int) -> None:
@@ -452,9 +506,10 @@ class LiveRun:
             else observed(
                 symbols.observation_space, observation.values if observation.index is None else observation.index
             ),
+            cause=each.cause,
             decided=None if action is None else self._seconds(action.time),
             reward=None if reward is None or action is None or reward.epoch != action.epoch else reward.value,
-            value=_value(controller, action.state if decided_on else current),
+            value=expected_return(controller, action.state if decided_on else current),
             belief=believed,
             search=_searched(each.ensemble.control.planner),
             observations=each.lookout.history,
@@ -568,7 +623,7 @@ def _factors(space: Space | None, state: State | None) -> tuple[tuple[str, str |
     return tuple([(factor.name, None if value is None else factor.names[value]) for factor, value in pairs])
 
 
-def _value(controller: Any, at: Any) -> float | None:
+def expected_return(controller: Any, at: Any) -> float | None:
     """Return the expected return by the policy's own values, where it has some and asking costs little."""
     states = controller.symbols.num_states
     if at is None or states is None or states > _VALUED or not hasattr(controller.policy, "value"):
@@ -601,13 +656,27 @@ def spread(histogram: Histogram) -> Spread:
     )
 
 
+_LAYER = {
+    "role": "this agent is",
+    "leader": "led by",
+    "term": "the leader's term",
+    "step": "step",
+    "commits": "steps committed",
+    "late": "messages that came late",
+}
+"""What is told of an ensemble that a team decides, in words."""
+
+
 def _teams(members: list[Member]) -> dict[str, dict[str, str]]:
     """Return how an agent's team is: agents and their links, and where each ensemble's agreement stands."""
     told: dict[str, dict[str, str]] = {}
     for member in members:
         statistics, transport = member.statistics(), member.link.transport.statistics()
         for agent in member.team.names:
-            facts = {"link": "itself" if agent == member.agent else "live" if agent in statistics.live else "lost"}
+            if agent == member.agent:
+                told[f"agent {agent}"] = {"is": "this agent"}
+                continue
+            facts = {"link": "live" if agent in statistics.live else "lost"}
             rounds = transport.round_trips.get(agent)
             if rounds:
                 facts["round trip"] = f"{1e3 * rounds.quantile(0.5):.3g} ms"
@@ -619,10 +688,9 @@ def _teams(members: list[Member]) -> dict[str, dict[str, str]]:
             **({"dropped": dropped} if dropped else {}),
         }
         for name, layer in statistics.layers.items():
+            words = {**_LAYER, "term": _LAYER["term"] if hasattr(layer, "leader") else "episode"}
             facts = {
-                key.replace("_", " "): str(value)
-                for key in ("role", "term", "leader", "step", "commits", "late")
-                if (value := getattr(layer, key, None)) is not None
+                word: str(value) for key, word in words.items() if (value := getattr(layer, key, None)) is not None
             }
             told[f"ensemble {name}"] = facts
     return told

@@ -33,13 +33,23 @@ class Lookout:
     Args:
         ensemble: The ensemble.
         seconds: Of a time in nanoseconds, the seconds since the run's second 0.
+        tell: Told when something begins to look odd, and when it has ceased, by the second, the rule, ``odd`` or
+            ``over``, the number of the spell, and the words. Each is a new spell when it was over for `WINDOW` seconds.
 
     Attributes:
         odd: What looked odd at the last look, in words.
     """
 
-    def __init__(self, ensemble: Ensemble, seconds: Callable[[int], float]) -> None:
+    def __init__(
+        self,
+        ensemble: Ensemble,
+        seconds: Callable[[int], float],
+        tell: Callable[[float, str, str, int, str], object] = lambda *_: None,
+    ) -> None:
         self.odd: tuple[str, ...] = ()
+        self._tell = tell
+        self._spells: dict[tuple[str, int | str], tuple[int, float]] = {}
+        self._told = 0
         self._ensemble = ensemble
         self._seconds = seconds
         believes = ensemble.controller.takes != "state"
@@ -93,28 +103,50 @@ class Lookout:
         while now - self._repeats[0][0] > WINDOW:
             self._repeats.popleft()
         decides = ensemble.safety.modes.mode == "deciding"
-        self.odd = tuple([text for text in self._found(now) if text]) if decides else ()
+        found = [each for each in self._found(now) if each[1]] if decides else []
+        self.odd = tuple([text for _, text in found])
+        self._tell_spells(now, dict(found))
         return self.odd
 
-    def _found(self, now: float) -> list[str]:
+    def _tell_spells(self, now: float, found: dict[tuple[str, int | str], str]) -> None:
+        for key, text in found.items():
+            if key not in self._spells:
+                self._told += 1
+                self._tell(now, key[0], "odd", self._told, text)
+                self._spells[key] = self._told, now
+            number, _ = self._spells[key]
+            self._spells[key] = number, now
+        for key, (number, last) in [*self._spells.items()]:
+            if now - last > WINDOW:
+                del self._spells[key]
+                self._tell(last, key[0], "over", number, "")
+
+    def _found(self, now: float) -> list[tuple[tuple[str, int | str], str]]:
+        """Return what may look odd, in words, by the rule and by the life or the action that it is of."""
         ensemble = self._ensemble
-        found = []
+        found: list[tuple[tuple[str, int | str], str]] = []
         times = self._repeats[-1][1] - self._repeats[0][1]
         if times:
             acted = ensemble.control.output.acted
-            found.append(repeated("" if acted is None else ensemble.control.output.name_of(acted), times))
+            name = "" if acted is None else ensemble.control.output.name_of(acted)
+            found.append((("repeated", name), repeated(name, times)))
         for life in ensemble.action.lives.living:
             if not life.secures and life.binding.ensemble is None:
                 since = self._seconds(life.action.time)
-                found.append(lasting(life.name, now - since, self._ended))
+                found.append((("lasting", life.number), lasting(life.name, now - since, self._ended)))
         if self._seen and now - self._seen[-1].time < WINDOW:
-            found.append(unmoved(self._seen, self._name, self._state))
+            found.append((("unmoved", ""), unmoved(self._seen, self._name, self._state)))
         return found
 
     @property
     def history(self) -> tuple[tuple[float, str], ...]:
         """The last observations that were seen, with their times in seconds."""
         return tuple([(time, self._name(symbol)) for time, symbol in self._history])
+
+    @property
+    def ended(self) -> Ended | None:
+        """The life of an action that ended last; None where there was none."""
+        return self._ended[-1] if self._ended else None
 
     @property
     def latest(self) -> str:

@@ -7,6 +7,7 @@ where robots that do well do not come.
 from __future__ import annotations
 
 from collections import Counter
+from math import ceil, inf
 from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,7 +18,21 @@ from mdm.beliefs import Support
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = ["KEPT", "SEEN", "WINDOW", "Ended", "Seen", "lasting", "likeliest", "repeated", "unmoved"]
+__all__ = [
+    "KEPT",
+    "MOVED",
+    "OFTEN",
+    "SEEN",
+    "SHORT",
+    "WINDOW",
+    "Ended",
+    "Seen",
+    "lasting",
+    "lasts_long",
+    "likeliest",
+    "repeated",
+    "unmoved",
+]
 
 WINDOW = 5.0
 """Seconds in which decisions that repeat are counted."""
@@ -26,11 +41,11 @@ KEPT = 200
 SEEN = 40
 """Observations by which it is judged whether a belief moves."""
 
-_OFTEN = 10
+OFTEN = 10
 """Decisions in the window, each made only because the action of the one before had ended."""
 _FACTOR = 5.0
 """Times the usual duration of an action from which on it lasts long."""
-_SHORT, _LONG = 10.0, 30.0
+SHORT, _LONG = 10.0, 30.0
 """Seconds below which no action lasts long: one whose usual duration is known, and one that has never ended."""
 _OWN, _OTHERS = 3, 2
 """Ended lives that it takes to know how long an action usually takes: its own, or those of the others."""
@@ -40,7 +55,7 @@ _STATES = 10_000
 """States up to which a belief is searched for its likeliest one, which costs their number."""
 _SURE = 0.9
 """The probability of the likeliest state from which on a belief may well stand still, whatever noise is observed."""
-_MOVED = 1e-3
+MOVED = 1e-3
 """By how much the probability of the likeliest state changes at least where a belief moves."""
 
 
@@ -70,7 +85,7 @@ def repeated(action: str, times: int) -> str:
         action: The action.
         times: How often it was decided in the last `WINDOW` seconds only because it had ended.
     """
-    if times < _OFTEN:
+    if times < OFTEN:
         return ""
     return f"decided {action} {times} times in the last {WINDOW:g} s, each time because it had just ended"
 
@@ -86,20 +101,33 @@ def lasting(action: str, seconds: float, ended: Sequence[Ended]) -> str:
         seconds: How long it has been live.
         ended: The ended lives of its ensemble, `KEPT` at most.
     """
-    if seconds < _SHORT:
+    if seconds < SHORT:
         return ""
+    limit, of, usual = _usual(action, ended)
+    if seconds < limit:
+        return ""
+    if of == action:
+        return f"{action} has lasted for {_words(seconds)}; it usually takes {_words(usual)}"
+    return f"{action} has lasted for {_words(seconds)} and has never ended; other actions took {_words(usual)} at most"
+
+
+def lasts_long(action: str, ended: Sequence[Ended]) -> float:
+    """Return from how many nanoseconds on an action lasts long; infinity where nothing tells it."""
+    limit, _, _ = _usual(action, ended)
+    return limit if limit == inf else ceil(limit * 1e9)
+
+
+def _usual(action: str, ended: Sequence[Ended]) -> tuple[float, str, float]:
+    """Return from how many seconds on an action lasts long, by whose time, its own or that of others, and that time."""
     own = [each for each in ended if each.action == action]
     done = [each.seconds for each in own if each.status == "succeeded"]
     if len(done) >= _OWN and 2 * len(done) > len(own):
         usual = median(done)
-        if seconds < _FACTOR * usual:
-            return ""
-        return f"{action} has lasted for {_words(seconds)}; it usually takes {_words(usual)}"
+        return max(SHORT, _FACTOR * usual), action, usual
     others = [each.seconds for each in ended if each.status == "succeeded" and each.action != action]
-    if own or len(others) < _OTHERS or seconds < max(_LONG, _FACTOR * max(others)):
-        return ""
-    most = _words(max(others))
-    return f"{action} has lasted for {_words(seconds)} and has never ended; other actions took {most} at most"
+    if own or len(others) < _OTHERS:
+        return inf, "", 0.0
+    return max(_LONG, _FACTOR * max(others)), "", max(others)
 
 
 def unmoved(seen: Sequence[Seen], observation: Callable[[object], str], state: Callable[[int], str]) -> str:
@@ -116,7 +144,7 @@ def unmoved(seen: Sequence[Seen], observation: Callable[[object], str], state: C
         return ""
     chances = [each.chance for each in seen]
     tally = Counter(each.observation for each in seen).most_common(3)
-    if max(chances) >= _SURE or max(chances) - min(chances) >= _MOVED or len(tally) < 2 or tally[1][1] < _RARE:
+    if max(chances) >= _SURE or max(chances) - min(chances) >= MOVED or len(tally) < 2 or tally[1][1] < _RARE:
         return ""
     came = ", ".join(f"{observation(symbol)} {count} times" for symbol, count in tally)
     last = seen[-1]

@@ -29,18 +29,22 @@ from mdm.recording.names import Names, names_of
 from mdm.recording.stimuli import Said
 from mdm.replay import replay
 from mdm.snapshots.beliefs import belief_frame, grid_factors
+from mdm.snapshots.causes import cause_in_words, changes, wired
+from mdm.snapshots.course import Course, course_of, sampled
 from mdm.snapshots.events import Event, value_of
 from mdm.snapshots.floors import floors_of, robot_at
 from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, Frame, LifeFrame, StatisticsFrame
-from mdm.snapshots.live import factors_of, remedy_of
+from mdm.snapshots.live import expected_return, factors_of, remedy_of
 from mdm.snapshots.observations import HISTORY, at_state, most_frequent, observed, on_observing
-from mdm.snapshots.oddities import KEPT, SEEN, WINDOW, Ended, Seen, lasting, likeliest, repeated, unmoved
+from mdm.snapshots.oddities import KEPT, SEEN, WINDOW, Ended, Seen, lasting, repeated, unmoved
 from mdm.snapshots.scene import EnsembleScene, PredicateScene, Scene
-from mdm.snapshots.why import Why, why_recorded
+from mdm.snapshots.spells import Spell, joined, spells
+from mdm.snapshots.tracks import EnsembleTracks, Track
+from mdm.snapshots.why import Why, is_as_recorded, why_recorded
 from mdm.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping
 
     from mdm.actors import Ensemble, PredicateManager
     from mdm.maps import Places
@@ -50,104 +54,13 @@ if TYPE_CHECKING:
 
 __all__ = ["RecordedRun", "Step"]
 
-Step = Literal["decision", "change", "fault", "mode"]
+Step = Literal["decision", "change", "fault", "mode", "odd"]
 
 _TOPICS = ("stimuli", "decisions", "lives", "modes", "faults", "idles")
 _MOST = 50_000
 """Events of a kind that are shown; of more decisions one stands for several."""
-_CAUSES = {
-    "start": "as it started",
-    "resume": "as it went on",
-    "reset": "after a reset",
-    "state": "on a change of its state",
-    "observation": "on an observation",
-    "belief": "on a belief that was told",
-    "tick": "at a tick of its rate",
-    "episode": "as a new episode began",
-    "release": "as it left its safe mode",
-    "again": "again, for its action had ended",
-    "team": "as its team had decided",
-}
-"""The causes of decisions in words."""
 _BELIEFS = 64
 """Beliefs that are kept at hand."""
-
-
-class _Track:
-    """What is known of one subject at each time: entries by their times."""
-
-    def __init__(self) -> None:
-        self.times: list[int] = []
-        self.entries: list[Any] = []
-
-    def add(self, time: int, entry: Any) -> None:
-        self.times.append(time)
-        self.entries.append(entry)
-
-    def last(self, time: int, most: int) -> slice:
-        """Return where the last entries by a time are, so many at most."""
-        end = self.place(time) + 1
-        return slice(max(0, end - most), end)
-
-    def place(self, time: int) -> int:
-        """Return the place of the last entry by a time; -1 where there is none."""
-        return bisect_right(self.times, time) - 1
-
-    def at(self, time: int) -> Any:
-        """Return the last entry by a time; None where there is none."""
-        place = self.place(time)
-        return None if place < 0 else self.entries[place]
-
-
-class _Ensemble:
-    """What happened to an ensemble."""
-
-    def __init__(self, path: str) -> None:
-        self.path = path
-        self.modes = _Track()
-        self.idles = _Track()
-        self.lives = _Track()
-        self.decisions = _Track()
-        self.changes = _Track()
-        self.ends = _Track()
-        self.repeats = _Track()
-        self.observations: defaultdict[Any, list[int]] = defaultdict(list)
-        self.observed = _Track()
-        self.seen = _Track()
-        self._living: dict[int, ActionLife] = {}
-
-    def add(self, message: Decision | ActionLife | Mode | Idle) -> None:
-        if isinstance(message, Decision):  # whose belief is read again where one is looked at
-            kept = message if message.belief is None else msgspec.structs.replace(message, belief=None)
-            if not self.decisions.entries or self.decisions.entries[-1].action_name != message.action_name:
-                self.changes.add(message.time, message.action_name)
-            self.decisions.add(message.time, kept)
-            if message.cause == "again":
-                self.repeats.add(message.time, message.action_name)
-            if message.observation is not None:
-                self._observe(message)
-        elif isinstance(message, Mode):
-            self.modes.add(message.time, message)
-        elif isinstance(message, Idle):
-            self.idles.add(message.time, message)
-        else:
-            self._live(message)
-
-    def _observe(self, decision: Decision) -> None:
-        symbol = decision.observation
-        self.observations[symbol].append(decision.time)
-        self.observed.add(decision.time, symbol)
-        found = likeliest(decision.belief)
-        if found is not None:
-            self.seen.add(decision.time, (symbol, *found))
-
-    def _live(self, life: ActionLife) -> None:
-        if life.status == "running":
-            self._living[life.life] = life
-        else:
-            begun = self._living.pop(life.life, life)
-            self.ends.add(life.time, Ended(life.action, (life.time - begun.time) / 1e9, life.status))
-        self.lives.add(life.time, tuple(self._living.values()))
 
 
 class RecordedRun:
@@ -182,22 +95,31 @@ class RecordedRun:
         self._title = title or record.path.name
         self._system = system
         self._models = {ensemble.path: ensemble for ensemble in (ensembles or {}).values()}
+        self._as_recorded = {path for path, model in self._models.items() if is_as_recorded(record, model)}
         self._manager = predicates
         self._places = places
         self._epoch, self._end = record.span
         self.first, self.last = 0.0, self._seconds(self._end)
-        self._ensembles: dict[str, _Ensemble] = {}
-        self._faults = _Track()
-        self._poses, self._journeys = _Track(), _Track()
-        self._said: dict[type[Any], _Track] = {PoseUpdate: self._poses, Journey: self._journeys}
+        self._ensembles: dict[str, EnsembleTracks] = {}
+        self._faults = Track()
+        self._poses, self._journeys = Track(), Track()
+        self._said: dict[type[Any], Track] = {PoseUpdate: self._poses, Journey: self._journeys}
         self._predicates: list[str] = []
-        self._values = _Track()
+        self._values = Track()
         self._beliefs: OrderedDict[tuple[str, int], Any] = OrderedDict()
         self._remarks: list[str] = []
         self._read()
         self._names = names_of(record)
         self._spaces = {path: self._space(path) for path in self._ensembles}
+        self._wired = {path: wired(self._models.get(path)) for path in self._ensembles}
+        self._spells = {path: self._spells_of(each) for path, each in self._ensembles.items()}
         self._tell_events()
+
+    def _spells_of(self, each: EnsembleTracks) -> list[Spell]:
+        """Return when something looked odd of an ensemble; a break as short as the time that is judged is none."""
+        names = self._observer(each.path), self._namer(each.path)
+        found = spells(each, self._end, self._composed(each.path), *names)
+        return joined(found, round(WINDOW * 1e9))
 
     def _tell_events(self) -> None:
         self._encoded = [msgspec.json.encode(event) for event in self._made_events()]
@@ -247,10 +169,10 @@ class RecordedRun:
         if record.lost:
             self._remarks.append(f"{record.lost:,} messages are lost: from there on it may not be as it was")
 
-    def _of(self, path: str) -> _Ensemble:
+    def _of(self, path: str) -> EnsembleTracks:
         found = self._ensembles.get(path)
         if found is None:
-            found = self._ensembles[path] = _Ensemble(path)
+            found = self._ensembles[path] = EnsembleTracks(path)
         return found
 
     def _space(self, path: str) -> Space | None:
@@ -259,6 +181,15 @@ class RecordedRun:
             return space
         names = self._names.get(path, Names()).states
         return Space.single("state", list(names)) if names else None
+
+    def _observer(self, path: str) -> Callable[[object], str]:
+        """Return what names an ensemble's observations."""
+        return lambda symbol: self._observed(path, symbol) or ""
+
+    def _namer(self, path: str) -> Callable[[int], str]:
+        """Return what names an ensemble's states."""
+        space = self._spaces[path]
+        return str if space is None else space.names.__getitem__
 
     def _listed(self, path: str, what: str) -> list[str]:
         """Return the names of an ensemble's symbols, as the head of a record has them."""
@@ -274,11 +205,14 @@ class RecordedRun:
             decisions = ensemble.decisions
             step = -(-len(decisions.times) // _MOST) or 1
             pairs = list(zip(decisions.times, decisions.entries, strict=True))[::step]
-            found += [(time, (decision, step)) for time, decision in pairs]
+            causes = self._causes(ensemble, step)
+            found += [(time, (decision, step, cause)) for (time, decision), cause in zip(pairs, causes, strict=True)]
             if step > 1:
                 self.remark(f"{ensemble.path}: on the timeline one decision stands for {step:,}")
             found += zip(ensemble.modes.times, ensemble.modes.entries, strict=True)
             found += zip(ensemble.idles.times, ensemble.idles.entries, strict=True)
+            for number, spell in enumerate(self._spells[ensemble.path][:_MOST], 1):
+                found += [(time, (ensemble.path, number, spell)) for time in (spell.begin, spell.end)]
         found += zip(self._faults.times, self._faults.entries, strict=True)
         lives = [each.message for each in self._record.messages(["lives"])] if "lives" in self._record.topics else []
         begins = {(life.ensemble, life.life): life.time for life in lives if life.status == "running"}
@@ -316,16 +250,24 @@ class RecordedRun:
 
     def _event(self, number: int, time: int, each: Any) -> Event:
         seconds = self._seconds(time)
+        if isinstance(each, tuple) and isinstance(each[-1], Spell):
+            path, spell_number, spell = each
+            begins = time == spell.begin
+            return Event(
+                *(number, seconds, "odd", path, spell.rule, spell.text if begins else ""),
+                status="odd" if begins else "over",
+                life=spell_number,
+            )
         if isinstance(each, tuple) and isinstance(each[0], str):
             assert self._manager is not None
             return Event(*(number, seconds, "predicate", self._manager.path, each[0]), status=value_of(each[1]))
         if isinstance(each, tuple):
-            decision, count = each
+            decision, count, cause = each
             return Event(
                 *(number, seconds, "decision", decision.ensemble, decision.action_name),
-                detail=_CAUSES.get(decision.cause, decision.cause),
+                detail=cause,
                 life=decision.epoch,
-                at=self._decided_at(decision),
+                at="" if decision.cause == "observation" else self._decided_at(decision),
                 count=count,
             )
         if isinstance(each, ActionLife):
@@ -468,7 +410,7 @@ class RecordedRun:
             counts[end.status] += 1
         return dict(counts)
 
-    def _ensemble_frame(self, each: _Ensemble, time: int) -> EnsembleFrame:
+    def _ensemble_frame(self, each: EnsembleTracks, time: int) -> EnsembleFrame:
         mode: Mode | None = each.modes.at(time)
         idle: Idle | None = each.idles.at(time)
         place = each.decisions.place(time)
@@ -486,7 +428,7 @@ class RecordedRun:
             odd=() if mode is None or mode.mode != "deciding" else self._odd(each, time),
         )
 
-    def _odd(self, each: _Ensemble, time: int) -> tuple[str, ...]:
+    def _odd(self, each: EnsembleTracks, time: int) -> tuple[str, ...]:
         """Return what looks odd at a time, in words."""
         decision: Decision | None = each.decisions.at(time)
         found = []
@@ -502,9 +444,7 @@ class RecordedRun:
         if each.seen.times[last] and time - each.seen.times[last][-1] < WINDOW * 1e9:
             pairs = zip(each.seen.times[last], each.seen.entries[last], strict=True)
             seen = [Seen(self._seconds(at), *entry) for at, entry in pairs]
-            space = self._spaces[each.path]
-            name: Any = str if space is None else space.names.__getitem__
-            found.append(unmoved(seen, lambda symbol: self._observed(each.path, symbol) or "", name))
+            found.append(unmoved(seen, self._observer(each.path), self._namer(each.path)))
         return tuple([text for text in found if text])
 
     def _composed(self, path: str) -> frozenset[str]:
@@ -515,13 +455,13 @@ class RecordedRun:
         pairs = zip(action.names, action.bindings, strict=True)
         return frozenset([name for name, binding in pairs if binding.ensemble is not None])
 
-    def _history(self, each: _Ensemble, time: int) -> tuple[tuple[float, str], ...]:
+    def _history(self, each: EnsembleTracks, time: int) -> tuple[tuple[float, str], ...]:
         """Return the last observations by a time, by name."""
         last = each.observed.last(time, HISTORY)
         pairs = zip(each.observed.times[last], each.observed.entries[last], strict=True)
         return tuple([(self._seconds(at), self._observed(each.path, symbol) or "") for at, symbol in pairs])
 
-    def _tally(self, each: _Ensemble, time: int) -> tuple[tuple[str, int], ...]:
+    def _tally(self, each: EnsembleTracks, time: int) -> tuple[tuple[str, int], ...]:
         """Return how often each observation came by a time."""
         counts: Counter[str] = Counter()
         for symbol, times in each.observations.items():
@@ -529,11 +469,12 @@ class RecordedRun:
                 counts[self._observed(each.path, symbol) or ""] += count
         return most_frequent(counts)
 
-    def _detail(self, each: _Ensemble, time: int) -> Detail:
+    def _detail(self, each: EnsembleTracks, time: int) -> Detail:
         decision: Decision | None = each.decisions.at(time)
         if decision is None:
             return Detail()
         space = self._spaces[each.path]
+        current = self._belief(each.path, decision)
         factors: tuple[tuple[str, str | None], ...] = ()
         state = None
         if decision.state is not None:
@@ -545,10 +486,11 @@ class RecordedRun:
             state=state,
             factors=factors,
             observation=self._observed(each.path, decision.observation),
-            cause=_CAUSES.get(decision.cause, decision.cause),
+            cause=self._cause(each, each.decisions.place(time)),
             decided=self._seconds(decision.time),
             reward=decision.reward,
-            belief=belief_frame(self._belief(each.path, decision), space),
+            value=self._return(decision, current),
+            belief=belief_frame(current, space),
             observations=self._history(each, time),
             tally=self._tally(each, time),
         )
@@ -561,6 +503,22 @@ class RecordedRun:
         found = self._names.get(path, Names()).observation(observation)
         return found or str(observation)
 
+    def _causes(self, each: EnsembleTracks, step: int) -> list[str]:
+        """Return the cause of each decision, or of each so many, in words."""
+        return [self._cause(each, place) for place in range(0, len(each.decisions.times), step)]
+
+    def _cause(self, each: EnsembleTracks, place: int) -> str:
+        """Return the cause of a decision by its place, in words."""
+        decision: Decision = each.decisions.entries[place]
+        before: Decision | None = each.decisions.entries[place - 1] if place > 0 else None
+        ended: Ended | None = each.ends.at(decision.time) if decision.cause == "again" else None
+        return cause_in_words(
+            decision.cause,
+            observed=self._observed(each.path, decision.observation) or "",
+            changed=changes(self._wired[each.path], None if before is None else before.state, decision.state),
+            ended=None if ended is None or before is None or ended.action != before.action_name else ended,
+        )
+
     def _decided_at(self, decision: Decision) -> str:
         """Return the state or observation of a decision, by name."""
         if decision.state is None:
@@ -571,15 +529,43 @@ class RecordedRun:
         """Return the belief of a decision, which the record is asked for anew."""
         key = path, decision.time
         if key not in self._beliefs:
-            found = None
-            for each in self._record.messages(["decisions"], decision.time, decision.time + 1):
-                message = each.message
-                if message.ensemble == path and message.epoch == decision.epoch:
-                    found = message.belief
-            self._beliefs[key] = found
+            self._beliefs[key] = self._read_belief(decision)
             if len(self._beliefs) > _BELIEFS:
                 self._beliefs.popitem(last=False)
         return self._beliefs[key]
+
+    def _read_belief(self, decision: Decision) -> Any:
+        if not self._ensembles[decision.ensemble].believes:
+            return None
+        found = None
+        for each in self._record.messages(["decisions"], decision.time, decision.time + 1):
+            message = each.message
+            if message.ensemble == decision.ensemble and message.epoch == decision.epoch:
+                found = message.belief
+        return found
+
+    def _return(self, decision: Decision, current: Any) -> float | None:
+        """Return the expected return from a decision on; None where its policy is not known, or does not tell it."""
+        if decision.ensemble not in self._as_recorded:
+            return None
+        controller = self._models[decision.ensemble].controller
+        return expected_return(controller, decision.state if controller.takes == "state" else current)
+
+    async def course(self, ensemble: str, first: float, last: float) -> Course | None:
+        """Return how an ensemble's decisions went from a second to another one, read on a thread.
+
+        Returns:
+            None where there is no such ensemble.
+        """
+        if ensemble not in self._ensembles:
+            return None
+        return await asyncio.to_thread(self._course, ensemble, self._time(first), self._time(max(first, last)))
+
+    def _course(self, path: str, first: int, last: int) -> Course:
+        decisions = self._ensembles[path].decisions
+        places, count = sampled(decisions.times, first, last)
+        told = [decisions.entries[place] for place in places]
+        return course_of(told, count, self._seconds, self._read_belief, self._return, self._namer(path))
 
     # -- Events --------------------------------------------------------------------------------------------------
 
@@ -589,24 +575,26 @@ class RecordedRun:
         return self._encoded[cursor:end], end
 
     def step(self, kind: Step, seconds: float, *, back: bool = False) -> float:
-        """Return the time of the next decision, fault or change of a mode, or of the one before; the same for none.
+        """Return the time of the next event of a kind, or of the one before; the same where there is none.
 
-        A ``change`` is a decision for another action than that of the decision before it of the same ensemble.
+        An ``odd`` is where something begins to look odd, a ``change`` is a decision for another action than that of the
+        decision before it of the same ensemble.
         """
         time = self._time(seconds)
-        tracks = {
-            "decision": [each.decisions for each in self._ensembles.values()],
-            "change": [each.changes for each in self._ensembles.values()],
-            "mode": [each.modes for each in self._ensembles.values()],
-            "fault": [self._faults],
+        times = {
+            "decision": [each.decisions.times for each in self._ensembles.values()],
+            "change": [each.changes.times for each in self._ensembles.values()],
+            "mode": [each.modes.times for each in self._ensembles.values()],
+            "fault": [self._faults.times],
+            "odd": [[spell.begin for spell in found] for found in self._spells.values()],
         }.get(kind)
-        if tracks is None:
-            raise Error(f"there is no step to a {kind}: decision, change, fault, mode")
+        if times is None:
+            raise Error(f"there is no step to a {kind}: decision, change, fault, mode, odd")
         found = []
-        for track in tracks:
-            place = bisect_left(track.times, time) - 1 if back else bisect_right(track.times, time)
-            if 0 <= place < len(track.times):
-                found.append(track.times[place])
+        for each in times:
+            place = bisect_left(each, time) - 1 if back else bisect_right(each, time)
+            if 0 <= place < len(each):
+                found.append(each[place])
         if not found:
             return self._seconds(time)
         return self._seconds(max(found) if back else min(found))

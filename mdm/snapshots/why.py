@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mdm.explanation import Case
     from mdm.recording.reader import Record
 
-__all__ = ["Why", "case_of", "named", "why", "why_recorded"]
+__all__ = ["Why", "case_of", "is_as_recorded", "named", "why", "why_recorded"]
 
 
 class Why(msgspec.Struct, frozen=True):
@@ -60,6 +60,12 @@ def why(case: Case) -> Why:
     return Why(str(told), tuple([(each.name, each.value) for each in told.values]), told.epoch)
 
 
+def is_as_recorded(record: Record, ensemble: Ensemble) -> bool:
+    """Whether an ensemble has the model, policy and options that decided in a record, as far as that tells."""
+    known = record.metadata.get(f"ensemble {ensemble.path}", {}).get("configuration")
+    return known is None or known == ensemble.controller.configuration
+
+
 def why_recorded(record: Record, ensemble: Ensemble, seconds: float) -> Why:
     """Return why an ensemble decided last by a second of a record.
 
@@ -70,8 +76,7 @@ def why_recorded(record: Record, ensemble: Ensemble, seconds: float) -> Why:
     """
     try:
         place, decisions = found(record, ensemble.path, seconds)
-        known = record.metadata.get(f"ensemble {ensemble.path}", {}).get("configuration")
-        if known is not None and known != ensemble.controller.configuration:
+        if not is_as_recorded(record, ensemble):
             raise Error("model, policy or options that can be loaded are not those that decided")
         return why(named(ensemble, retraced(ensemble.controller, decisions, place).case()))
     except Error as error:

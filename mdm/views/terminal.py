@@ -218,10 +218,14 @@ class Terminal:
         for event in [*islice(past, most)][::-1]:
             style = "red" if event.kind == "fault" or event.status in {"failed", "timed_out", "abandoned"} else ""
             words = f"{event.status} {event.detail}".strip() + (f" → {event.remedy}" if event.remedy else "")
+            sign, name = "⚠ " * (event.kind == "fault"), event.name
+            if event.kind == "odd":
+                style, sign, words = "yellow", "? ", event.detail
+                name = "looks odd" if event.status == "odd" else "looks odd no more"
             table.add_row(
                 self._text((seconds(event.time), "bright_black")),
                 self._text((event.source, "")),
-                self._text((f"{'⚠ ' if event.kind == 'fault' else ''}{event.name}", style or "bold")),
+                self._text((f"{sign}{name}", style or "bold")),
                 self._text((words, style)),
             )
         return table

@@ -503,7 +503,7 @@ def test_a_lost_pose_is_input_that_is_too_old():
         actions={"Go": lambda: None, "Come": lambda: None},
         safe_action=lambda: None,
     )
-    assert predicates.declared.definition("Hall") == "set by code, unknown after 0.5 s"
+    assert predicates.declared.definition("Hall") == "told by the robot's pose on the map, unknown after 0.5 s"
 
     async def main(runtime):
         await runtime.start(places)

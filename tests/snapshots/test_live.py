@@ -11,6 +11,7 @@ from decided import ensemble
 from places import EXAMPLES
 from sentences import refused
 from shown import a_robot
+from team_robots import two
 
 import mdm
 from mdm import Ensemble, Error
@@ -41,6 +42,15 @@ def test_factors_say_which_predicates_tell_them():
     top = mdm.load_system(EXAMPLES / "patrol" / "patrol.toml", callbacks=False).ensembles["top"]
     found = {each.name: each.told_by for each in factors_of(top.controller.symbols.state_space, top)}
     assert found == {"person": ("PersonIsWaiting",), "intruder": ("IntruderIsSeen",), "fire": ("FireIsSeen",)}
+
+
+def test_a_factor_of_places_is_told_by_the_predicate_of_each_in_the_order_of_its_symbols():
+    patrol = mdm.load_system(EXAMPLES / "patrol" / "patrol.toml", callbacks=False).ensembles["patrol"]
+    (position,) = [
+        each for each in factors_of(patrol.controller.symbols.state_space, patrol) if each.name == "position"
+    ]
+    assert position.told_by == tuple(f"{symbol}.reached" for symbol in position.symbols)
+    assert len(position.symbols) == 6
 
 
 def test_without_a_model_the_wiring_says_which_predicates_tell_a_factor(tmp_path):
@@ -234,6 +244,39 @@ def test_of_a_thousand_ensembles_changes_are_seen_at_once_and_all_others_in_thei
     assert sum(looks.values()) < 20 * 40
 
 
+def test_a_thousand_ensembles_that_all_decide_are_looked_at_some_at_a_time_and_a_mode_or_what_is_close_at_once():
+    robots = [
+        Ensemble(f"robot{number:03}", policy=DeterministicPolicy([0, 1]), actions={0: lambda: None, 1: lambda: None})
+        for number in range(1000)
+    ]
+
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        for robot in robots:
+            await runtime.start(robot)
+        for _ in range(3):
+            live.frame()
+            await asyncio.sleep(0.05)
+        for round_ in range(3):
+            for robot in robots:
+                robot.publish_state(round_ % 2)
+        robots[777].stop()
+        told = []
+        for _ in range(10):
+            frames = live.frame({"robot500"}).ensembles
+            told.append({place for place, each in enumerate(frames) if each.decisions == 3})
+            assert frames[777].mode == "stopped"
+            await asyncio.sleep(0.05)
+        return told, [each for each in live.ring if each.kind == "decision"]
+
+    told, decisions = run_virtual(main)
+    assert {500, 777} <= told[0]
+    assert 100 < len(told[0]) < 160
+    assert told[-1] == set(range(1000))
+    assert sum(each.count for each in decisions) == 3000
+
+
 def test_observations_are_told_with_their_times_and_how_often_each_came():
     robot = ensemble()
 
@@ -253,3 +296,43 @@ def test_observations_are_told_with_their_times_and_how_often_each_came():
         [(float(second), "hear-left") for second in range(3, 10)] + [(10.0, "hear-right")]
     )
     assert detail.tally == (("hear-left", 9), ("hear-right", 1))
+
+
+def test_an_actor_that_comes_later_leaves_predicates_as_they_were_and_unknown_is_told_from_the_start():
+    manager = mdm.PredicateManager()
+    manager.sensor("Near", initial=True)
+    manager.sensor("Lit")
+
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        await runtime.start(manager)
+        live.frame()
+        await asyncio.sleep(5.0)
+        await runtime.start(ensemble())
+        frame = live.frame()
+        manager.sense("Lit", False)
+        await asyncio.sleep(1.0)
+        live.frame()
+        return frame, [(each.time, each.name, each.status) for each in live.ring if each.kind == "predicate"]
+
+    frame, told = run_virtual(main)
+    assert frame.predicates == (True, None)
+    assert frame.changed == (0.0, 0.0)
+    assert told == [(0.0, "Near", "true"), (0.0, "Lit", "unknown"), (6.0, "Lit", "false")]
+
+
+def test_of_a_team_it_says_in_words_how_each_agent_and_its_agreement_are():
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        await two(runtime)
+        await asyncio.sleep(3.0)
+        return live.frame().team
+
+    told = run_virtual(main)
+    assert told["agent right"] == {"is": "this agent"}  # the last one that tells, of two in one runtime
+    assert told["agent left"]["link"] == "live"
+    (ensemble_,) = [facts for of, facts in told.items() if of.startswith("ensemble ")]
+    assert set(ensemble_) >= {"this agent is", "led by", "the leader's term", "step"}
+    assert ensemble_["this agent is"] in {"leading", "following"}

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 
+import msgspec
 import numpy as np
+import pytest
 from decided import ensemble
 
 import mdm
@@ -12,17 +14,37 @@ from mdm import Ensemble
 from mdm.models import POMDP
 from mdm.policies import AlphaVectors, DeterministicPolicy
 from mdm.recording import Record
-from mdm.snapshots import LiveRun, RecordedRun
+from mdm.snapshots import Event, LiveRun, RecordedRun
 from mdm.testing import run_virtual
+
+
+def compare_spells(live, run):
+    """Compare when something began to look odd, and when that was over, live and from the record, which steps to it."""
+    recorded = [msgspec.json.decode(each, type=Event) for each in run.after(0, 10**9)[0]]
+    lists = [[(each.source, each.name) for each in events if each.status == "odd"] for events in (live, recorded)]
+    assert lists[0] == lists[1]
+    for event in recorded:
+        if event.kind != "odd" or event.time > run.last - 6.0:  # of which the end was not seen
+            continue
+        key = event.source, event.name, event.status, event.life
+        (seen,) = [each for each in live if (each.source, each.name, each.status, each.life) == key]
+        assert abs(seen.time - event.time) < 1.5  # live it is counted from one look to the next
+    begins = sorted({each.time for each in recorded if each.status == "odd"})
+    at, found = 0.0, []
+    while (after := run.step("odd", at)) != at:
+        found.append(after)
+        at = after
+    assert found == begins
 
 
 def looked(actors, seconds, path, script=None):
     """Run actors, and return what looked odd of each ensemble at each second: live, and from the record."""
-    live = {}
+    live, lives = {}, []
 
     async def main(runtime):
         run = LiveRun(runtime)
         run.open()
+        lives.append(run)
         for actor in actors:
             await runtime.start(actor)
         task = asyncio.get_running_loop().create_task(script(*actors)) if script else None
@@ -39,6 +61,7 @@ def looked(actors, seconds, path, script=None):
 
     run_virtual(main, record=path)
     run = RecordedRun(Record(path))
+    compare_spells(list(lives[0].ring), run)
     recorded = {
         second: {
             of.path: each.odd
@@ -84,6 +107,11 @@ def test_an_action_that_hangs_is_told_live_and_from_the_record(tmp_path):
     for told in (live, recorded):
         assert told[16] == {}
         assert told[30]["robot"][0].endswith("it usually takes 2.0 s")
+    run = RecordedRun(Record(tmp_path / "run.mcap"))
+    begins = 7.0 + 3 * 0.2 + 10.0  # the three that ended, the pauses, and five times as long as usual
+    assert run.step("odd", 0.0) == pytest.approx(begins, abs=1e-6)
+    assert run.frame(begins - 1e-3).ensembles[0].odd == ()
+    assert run.frame(begins).ensembles[0].odd == ("0 has lasted for 10 s; it usually takes 2.0 s",)
 
 
 def test_a_model_that_cannot_tell_states_apart_is_told_live_and_from_the_record(tmp_path):

@@ -72,6 +72,20 @@ def test_events_are_those_up_to_the_frame():
     assert "act10 " not in text  # there is room for the last ones alone
 
 
+def test_where_something_begins_to_look_odd_is_an_event_with_its_words():
+    terminal = Terminal(SCENE)
+    facts = {"detail": "go has lasted for 10 s", "life": 1}
+    terminal.hear(
+        [
+            Event(1, 10.0, "odd", "top", "lasting", status="odd", **facts),
+            Event(2, 20.0, "odd", "top", "lasting", status="over", life=1),
+        ]
+    )
+    text = printed(terminal)
+    assert re.search(r"00:10.0 top +\? looks odd +go has lasted for 10 s", text)
+    assert re.search(r"00:20.0 top +\? looks odd no more", text)
+
+
 def test_the_choice_stays_within_the_list_and_the_lines_within_the_width():
     terminal = Terminal(SCENE)
     terminal.choose(-1)

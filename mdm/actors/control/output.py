@@ -45,6 +45,7 @@ class Output:
         action_names: By index; empty where the controller itself knows them.
         factor_names: The names of values by factor, of ``state`` and ``observation``, where the controller has none.
         acted: The last action that was published in this episode, or None.
+        cause: The kind of stimulus on which it was decided, as in `Decision`.
         overdue: Nanoseconds from the first of the ticks that were missed to the present one.
     """
 
@@ -67,6 +68,7 @@ class Output:
         "_tape",
         "acted",
         "action_names",
+        "cause",
         "factor_names",
         "overdue",
         "record",
@@ -77,6 +79,7 @@ class Output:
         self.action_names: Sequence[str] = () if space is None else space.names
         self.factor_names: dict[str, dict[str, tuple[str, ...]]] = {}
         self.acted: int | None = None
+        self.cause = ""
         self.overdue = 0
         self._controller = controller
         self._deadline = deadline
@@ -146,6 +149,7 @@ class Output:
             self._note(step, time, cause, observation, state)
         self._do(Action(time, step.epoch, step.action, state))
         self.acted = step.action
+        self.cause = cause
         if step.reward is not None:
             self._rewards.emit(Reward(time, step.epoch, step.reward))
         if self._has_belief:
@@ -180,6 +184,7 @@ class Output:
         if self._tape is not None:
             self._note(step, time, cause, observation, state)
         self.acted = action = step.action
+        self.cause = cause
         if reward is not None:
             self._rewards.emit(Reward(time, step.epoch, reward))
         if self._has_belief:
@@ -206,6 +211,7 @@ class Output:
         if self._tape is not None:
             self._tape.decided(self, time, epoch, "state", state, None, None, action, None)
         self.acted = action
+        self.cause = "state"
         assert self._actions is not None
         self._actions.emit_last(Action(time, epoch, action, state))
         return True
@@ -282,6 +288,7 @@ class Output:
         if self._tape is not None:
             self._tape.decided(self, action.time, action.epoch, "team", None, None, belief, action.index, None)
         self.acted = action.index
+        self.cause = "team"
         self._emit(action)
         if belief is not None:
             self._beliefs.emit(Belief(action.time, belief))

@@ -50,7 +50,7 @@ class Declarations:
         self._used: set[str] = set()
         self.held_for: dict[str, int] = {}
         self.max_age: dict[str, int] = {}
-        self._ages: dict[str, float] = {}
+        self._ages: dict[str, tuple[float, str]] = {}
 
     def add(
         self, name: str, kind: Kind, part: Callable[[Network], None], *formulas: Formula, sensed: bool = False
@@ -120,9 +120,15 @@ class Declarations:
         """Whether a name is an event that code raises."""
         return self._kinds.get(name) == "event" and not self._formulas[name]
 
-    def age(self, names: Iterable[str], seconds: float) -> None:
-        """Take it that the sensors of these predicates let them become unknown after so many seconds."""
-        self._ages.update(dict.fromkeys(names, seconds))
+    def age(self, names: Iterable[str], seconds: float, teller: str) -> None:
+        """Take it that an actor tells these predicates, and lets them become unknown after so many seconds.
+
+        Args:
+            names: The predicates.
+            seconds: The seconds.
+            teller: Tells them, in words.
+        """
+        self._ages.update(dict.fromkeys(names, (seconds, teller)))
 
     def use(self, *names: str) -> None:
         """Ask for names that are known by their form, so that the network has them; call this before the start."""
@@ -150,8 +156,10 @@ class Declarations:
         if formulas:
             held = f", held for {self.held_for[name] / 1e9:g} s" if name in self.held_for else ""
             return f"{formulas[0]}{held}"
-        seconds = self.max_age[name] / 1e9 if name in self.max_age else self._ages.get(name)
-        aged = "" if seconds is None else f", unknown after {seconds:g} s"
+        if name in self._ages:
+            seconds, teller = self._ages[name]
+            return f"told by {teller}, unknown after {seconds:g} s"
+        aged = f", unknown after {self.max_age[name] / 1e9:g} s" if name in self.max_age else ""
         return f"{'raised' if kind == 'event' else 'set'} by code{aged}"
 
     def inputs_of(self, name: str) -> set[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 import sys
 import time as times
 from contextlib import contextmanager, suppress
@@ -32,7 +33,8 @@ _PATIENCE = 5.0
 """Seconds that one picture waits for an ensemble and, of a team, for all agents: they come to its page one by one."""
 _BATCH = 100
 """Events that one message may bring, and there are hardly more: of a run that is old a thousand come with each."""
-_STEPS = {"d": "decision", "n": "change", "f": "fault", "m": "mode"}
+_STEPS = {"d": "decision", "n": "change", "f": "fault", "m": "mode", "o": "odd"}
+_KEY = re.compile("\x1b\\[.|.", re.DOTALL)
 _ARROWS = {"\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left"}
 
 
@@ -71,7 +73,7 @@ async def _watch_record(shown: RecordedRun, at: float | None, *, once: bool) -> 
             if playing:
                 time = min(shown.last, time + now - before)
             before = now
-            status = "▶ playing" if playing else "❚❚ space plays, d n f m step, q ends"
+            status = "▶ playing" if playing else "❚❚ space plays, d n f m o step, q ends"
             draw(terminal, shown.frame(time, terminal.close), status)
             if once:
                 return
@@ -168,7 +170,8 @@ def _keys() -> Iterator[Any]:
 
     def read() -> None:
         text = os.read(descriptor, 64).decode(errors="replace")
-        pressed.put_nowait(_ARROWS.get(text, text[:1]))
+        for key in _KEY.findall(text):  # several, where they were pressed faster than pictures are drawn
+            pressed.put_nowait(_ARROWS.get(key, key))
 
     async def key(period: float) -> str:
         with suppress(TimeoutError):

@@ -1,4 +1,4 @@
-"""Where a page listens: a socket that takes so many connections at once, and so many a second, and closes the others.
+"""Where a page listens, and for how many: so many connections at once, and so many a second; others are closed.
 
 A page for other machines is reached by strangers, before they have told any secret: their connections, and handshakes,
 are to cost a robot neither its files nor its time.
@@ -18,7 +18,7 @@ from mdm.errors import Error
 from mdm.views.web.ports import in_use
 from mdm.views.web.session import Allowance
 
-__all__ = ["LOOPBACK", "Listening", "is_loopback", "listen"]
+__all__ = ["LOOPBACK", "Counted", "Crowd", "Listening", "counted", "is_loopback", "listen"]
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 """The names by which a machine calls itself, and nobody else."""
@@ -30,13 +30,32 @@ _BURST = 250.0
 """Connections a second, and some more at once: a browser asks for some twenty files, by a connection each."""
 
 
+class Crowd:
+    """Counts connections, so that no more are taken than a robot can afford."""
+
+    def __init__(self) -> None:
+        self._inside = 0
+        self._allowance = Allowance(_RATE, _BURST)
+
+    def enter(self) -> bool:
+        """Whether one more connection may come; it counts from now on until it leaves."""
+        if self._inside >= _MOST or not self._allowance.take():
+            return False
+        self._inside += 1
+        return True
+
+    def leave(self) -> None:
+        """Count a connection no more."""
+        self._inside -= 1
+
+
 class Listening(socket.socket):
-    """A socket that listens, and takes no more connections than a robot can afford."""
+    """A socket that listens, and takes no more than a robot can afford, where the event loop has it accept."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._taken: list[socket.socket] = []
-        self._allowance = Allowance(_RATE, _BURST)
+        self._crowd = Crowd()
 
     def accept(self) -> tuple[socket.socket, Any]:
         """Take a connection.
@@ -46,12 +65,49 @@ class Listening(socket.socket):
                 has hung up.
         """
         connection, address = super().accept()
-        self._taken = [each for each in self._taken if each.fileno() >= 0]
-        if len(self._taken) >= _MOST or not self._allowance.take():
+        for each in [each for each in self._taken if each.fileno() < 0]:
+            self._taken.remove(each)
+            self._crowd.leave()
+        if not self._crowd.enter():
             connection.close()
             raise ConnectionAbortedError(errno.ECONNABORTED, "too many connections")
         self._taken.append(connection)
         return connection, address
+
+
+class Counted(asyncio.Protocol):
+    """A connection that is counted from its beginning, of an event loop that accepts without a socket of Python's.
+
+    Such a loop tells of a connection behind its handshake of TLS, where there is one: until then it counts nowhere.
+
+    Attributes:
+        crowd: Counts connections.
+    """
+
+    crowd: Crowd
+    _counts = False
+
+    def connection_made(self, transport: Any) -> None:
+        """Take a connection in, or close it."""
+        self._counts = self.crowd.enter()
+        if self._counts:
+            super().connection_made(transport)
+        else:
+            transport.abort()
+
+    def connection_lost(self, error: Exception | None) -> None:
+        """Count it no more."""
+        if self._counts:
+            self._counts = False
+            self.crowd.leave()
+            super().connection_lost(error)
+
+
+def counted(base: type[Any]) -> type[Any]:
+    """Return the class of connections of a page by that of websockets: counted, where the running loop takes it to."""
+    if isinstance(asyncio.get_running_loop(), asyncio.BaseEventLoop):  # which has `Listening` accept
+        return base
+    return type("Connection", (Counted, base), {"crowd": Crowd()})
 
 
 async def listen(host: str, port: int) -> Listening:

@@ -7,6 +7,7 @@ import importlib
 import logging
 import os
 import time as times
+from collections import deque
 from contextlib import suppress
 from http import HTTPStatus
 from pathlib import Path
@@ -16,16 +17,16 @@ from urllib.parse import urlsplit
 from mdm.errors import Error
 from mdm.views.web.access import HEADERS, Access
 from mdm.views.web.encryption import encryption
-from mdm.views.web.listening import LOOPBACK, listen
+from mdm.views.web.listening import LOOPBACK, counted, listen
 from mdm.views.web.session import Aside, Reader
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
     from mdm.team.transport.access import Access as Certificate
     from mdm.views.web.session import LiveSource, RecordSource, Said
 
-__all__ = ["PORT", "PageServer"]
+__all__ = ["PORT", "PageServer", "pause"]
 
 PORT = 8765
 """The port where none is given."""
@@ -34,6 +35,8 @@ _RATE = 20.0
 """Frames a second, at most."""
 _SHARE = 0.02
 """The share of the event loop's time that frames may take: those of large systems come less often."""
+_COSTS = 5
+"""Frames by the cheapest of which it is judged what one costs: another program may have held up any of them."""
 _HEARTBEAT = 1.0
 """Seconds after which a running system is looked at though nobody else looks, so that its past has no gap."""
 _LARGEST = 16_384
@@ -100,6 +103,7 @@ class PageServer:
         self._next: asyncio.Future[tuple[int, bytes]] | None = None
         self._due = 0.0
         self._made = 0.0
+        self._costs: deque[float] = deque(maxlen=_COSTS)
         self._beat: asyncio.TimerHandle | None = None
         self._websockets = websockets()
 
@@ -119,6 +123,7 @@ class PageServer:
                 self._serve,
                 sock=listening,
                 ssl=context,
+                create_connection=counted(self._websockets.Connection),
                 process_request=self._answer,
                 compression=None,
                 max_size=_LARGEST,
@@ -252,9 +257,9 @@ class PageServer:
             future.set_exception(Error(f"the page has failed: {type(error).__name__}: {error}"))
             return
         loop = asyncio.get_running_loop()
-        cost = times.perf_counter() - before
+        self._costs.append(times.perf_counter() - before)
         self._made = loop.time()
-        self._due = self._made + max(1 / _RATE, cost / _SHARE)
+        self._due = self._made + pause(self._costs)
         future.set_result((self._source.generation, encoded))
 
     def _watch(self) -> None:
@@ -264,6 +269,11 @@ class PageServer:
                 self._source.frame(())
             self._made = loop.time()
         self._beat = loop.call_later(_HEARTBEAT, self._watch)
+
+
+def pause(costs: Collection[float]) -> float:
+    """Return for how many seconds no frame is made, by what the last ones have cost."""
+    return min(max(1 / _RATE, min(costs) / _SHARE), _HEARTBEAT)
 
 
 def websockets() -> Any:
@@ -277,12 +287,13 @@ def websockets() -> Any:
         errors = importlib.import_module("websockets.exceptions")
     except ImportError:
         raise Error("a page needs websockets: pip install 'markov-decision-making[page]'") from None
-    return _Websockets(serving.serve, errors.ConnectionClosed)
+    return _Websockets(serving.serve, serving.ServerConnection, errors.ConnectionClosed)
 
 
 class _Websockets:
-    def __init__(self, serve: Any, closed: type[Exception]) -> None:
+    def __init__(self, serve: Any, connection: Any, closed: type[Exception]) -> None:
         self.serve = serve
+        self.Connection = connection
         self.ConnectionClosed = closed
 
 

@@ -67,6 +67,14 @@ class Why(_Said, frozen=True):
     time: float | None = None
 
 
+class Course(_Said, frozen=True):
+    """Tell how an ensemble's decisions went from a second of a record to another one."""
+
+    ensemble: Path
+    first: float
+    last: float
+
+
 class Command(_Said, frozen=True):
     """Command an ensemble; not after a time, in nanoseconds since 1970, by which whoever asks waits no longer."""
 
@@ -83,10 +91,10 @@ class Sense(_Said, frozen=True):
     before: Time | None = None
 
 
-Aside = Why | Command | Sense
+Aside = Why | Course | Command | Sense
 """What may take its time, and is answered beside the frames."""
 
-Said = Drawn | At | Step | Why | Command | Sense
+Said = Drawn | At | Step | Why | Course | Command | Sense
 
 _decode = msgspec.json.Decoder(Said).decode
 _encode = msgspec.json.Encoder().encode
@@ -132,6 +140,9 @@ class RecordSource(Source, Protocol):
 
     def after(self, cursor: int, most: int) -> tuple[list[bytes], int]:
         """Return the events behind a cursor."""
+
+    async def course(self, ensemble: str, first: float, last: float) -> Any:
+        """Return how an ensemble's decisions went over some time."""
 
 
 class Allowance:
@@ -181,6 +192,7 @@ class Reader:
         self._messages = Allowance(120, 240)
         self._commands = Allowance(5, 10)
         self._explaining = asyncio.Lock()
+        self._looking_back = asyncio.Lock()
         self.close: tuple[str, ...] = ()
 
     def greeting(self) -> bytes:
@@ -217,6 +229,13 @@ class Reader:
             async with self._explaining:  # in the order in which they were asked for
                 why = await self._source.explain(said.ensemble, said.time)
             return [_encode({"why": why, "ensemble": said.ensemble})]
+        if isinstance(said, Course):
+            if self._newest is not None:
+                raise Error("a running system has no past")
+            async with self._looking_back:  # which reads the record, so that there is one at a time
+                course = await self._source.course(said.ensemble, said.first, said.last)
+            told = {"course": course, "ensemble": said.ensemble, "first": said.first, "last": said.last}
+            return [_encode(told)]
         self.close = said.close
         if self._newest is not None:
             if not isinstance(said, Drawn):

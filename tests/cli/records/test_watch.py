@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import select
 import subprocess
 import sys
 from collections import deque
@@ -15,6 +17,7 @@ from shown import a_robot
 
 import mdm
 from mdm.cli import main
+from mdm.policies import DeterministicPolicy
 from mdm.snapshots import Detail, EnsembleFrame, Event, Frame, Scene
 from mdm.snapshots.scene import EnsembleScene
 from mdm.team.transport.certificates import make_certificates
@@ -40,6 +43,56 @@ def test_a_record_is_shown_at_a_second(record, capsys):
     assert "00:04.5 of 00:30.0" in out
     assert "▶ deciding" in out
     assert "top/walk" in out
+
+
+def test_a_key_leads_to_where_something_first_looked_odd(tmp_path):
+    """In a terminal of its own, whose screen another program than ours keeps."""
+    pyte = pytest.importorskip("pyte")
+    pty = pytest.importorskip("pty")
+    spans = iter([2.0, 3.0, 2.0, 1e9])
+
+    async def go():
+        await asyncio.sleep(next(spans))
+
+    robot = mdm.Ensemble(
+        "robot", policy=DeterministicPolicy([0]), actions={0: mdm.Binding(go, then="decide", pause=0.2)}
+    )
+
+    async def run(runtime):
+        await runtime.start(robot)
+        robot.publish_state(0)
+        await asyncio.sleep(60)
+
+    run_virtual(run, record=tmp_path / "run.mcap")
+    ours, theirs = pty.openpty()
+    environment = os.environ | {"TERM": "xterm", "COLUMNS": "120", "LINES": "30"}
+    command = [sys.executable, "-m", "mdm", "watch", str(tmp_path / "run.mcap")]
+    screen = pyte.Screen(120, 30)
+    stream = pyte.ByteStream(screen)
+
+    def until(words):
+        for _ in range(200):  # pictures, of which there are four a second
+            if any(words in line for line in screen.display):
+                return
+            assert select.select([ours], [], [], 30)[0], screen.display
+            stream.feed(os.read(ours, 65_536))
+        raise AssertionError((words, screen.display))
+
+    with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, env=environment) as process:
+        try:
+            until("00:00.0 of")
+            os.write(ours, b"o")
+            until("00:17.6 of")
+            until("looks odd: 0 has lasted for 10 s")
+            os.write(ours, b"\x1b[CO\x1b[Dq")  # at once, as of somebody who is quick
+            while process.poll() is None:
+                if select.select([ours], [], [], 0.1)[0]:
+                    os.read(ours, 65_536)
+        finally:
+            process.kill()
+    os.close(ours)
+    os.close(theirs)
+    assert process.returncode == 0
 
 
 def test_a_running_system_is_shown_in_another_process():

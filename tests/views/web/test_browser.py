@@ -7,12 +7,14 @@ import re
 from itertools import pairwise
 
 import browsers
+import msgspec
 import pytest
 from decided import ensemble
 from served import TOKEN, shown
 from shown import a_robot
 from team_file import write
 from team_processes import on_free_ports, up
+from told import Told, served
 from transports import free_port
 
 import mdm
@@ -20,7 +22,8 @@ from mdm import Ensemble
 from mdm.models import POMDP
 from mdm.policies import AlphaVectors, DeterministicPolicy
 from mdm.recording import Record
-from mdm.snapshots import RecordedRun
+from mdm.snapshots import Detail, Frame, RecordedRun
+from mdm.snapshots.scene import FactorScene, PredicateScene
 from mdm.team.transport.certificates import make_certificates
 from mdm.testing import run_virtual
 from mdm.views.web import PageServer
@@ -129,7 +132,7 @@ def test_commands_are_asked_twice_and_carried_out():
         button = page.get_by_role("button", name="stop", exact=True)
         await button.click()
         assert robot.mode == "deciding"
-        await page.get_by_role("button", name="No").click()
+        await page.get_by_role("button", name="No", exact=True).click()
         await page.wait_for_function("() => !document.querySelector('.ask')")
         await button.click()
         await page.get_by_role("button", name="Yes, stop").click()
@@ -369,6 +372,60 @@ def test_predicates_that_the_chosen_ensemble_decides_on_come_first_and_have_lane
     seen(look_at, mdm.load_system(a_robot(tmp_path)))
 
 
+def test_a_factor_told_by_places_says_by_which_predicate_and_that_the_map_tells_it():
+    class Patrol(Told):
+        def scene(self):
+            factor = FactorScene("position", ("Hall", "Lab"), ("Hall.reached", "Lab.reached"))
+            (of,) = super().scene().ensembles
+            told = "told by the robot's pose on the map, unknown after 0.5 s"
+            predicates = tuple(PredicateScene(f"{room}.reached", told) for room in ("Hall", "Lab"))
+            of = msgspec.structs.replace(of, factors=(factor,))
+            return msgspec.structs.replace(super().scene(), ensembles=(of,), predicates=predicates)
+
+        def frame(self, close=()):
+            detail = Detail(state="Lab", factors=(("position", "Lab"),))
+            team = {"agent ada": {"is": "this agent"}, "ensemble patrol": {"the leader's term": "3"}}
+            return Frame(12.0, self._frames, (False, True), (0.0, 0.0), details={"patrol": detail}, team=team)
+
+    async def program():
+        async with served(Patrol(("patrol",))) as address, browsers.browser() as (look, wrong):
+            page = await look(address)
+            await page.wait_for_selector(".chip")
+            assert await text(page, ".chip") == "position Lab ← Lab.reached, told by the robot's pose on the map"
+            team = await text(page, "[aria-label=Team]")
+            assert "● agent ada is this agent" in team
+            assert "One agent leads for a term" in team
+            assert wrong == []
+
+    asyncio.run(program())
+
+
+def test_a_lane_of_a_predicate_says_from_when_on_it_is_known():
+    class Late(Told):
+        def frame(self, close=()):
+            return Frame(12.0, self._frames, (True, None), (6.0, 9.0))
+
+    async def program():
+        async with served(Late()) as address, browsers.browser() as (look, wrong):
+            page = await look(address)
+            await page.wait_for_selector("[role=option]")
+            await page.keyboard.press("0")  # all of the time
+            canvas = page.locator(".timeline canvas")
+            box = await canvas.bounding_box()
+            for share, row, words in (
+                (0.25, 0, "ada: Near is not known before 00:06.0"),
+                (0.75, 0, "ada: Near true from 00:06.0"),
+                (0.6, 1, "bob: Near is not known before 00:09.0"),
+                (0.9, 1, "bob: Near unknown from 00:09.0"),
+            ):
+                place = {"x": 118 + (box["width"] - 118) * share, "y": 24 + 2 * 46 + 18 * row + 8}
+                await canvas.hover(position=place)
+                await page.wait_for_function(f"() => document.querySelector('.tip')?.innerText === '{words}'")
+            assert wrong == []
+
+    asyncio.run(program())
+
+
 def test_the_timeline_tells_of_what_the_pointer_is_on(tmp_path):
     async def run(runtime):
         await runtime.start(mdm.load_system(a_robot(tmp_path)))
@@ -413,6 +470,91 @@ def test_the_timeline_tells_of_what_the_pointer_is_on(tmp_path):
             told = await text(page, ".timeline .told")
             assert re.match(r"[0-9:.]+ top decided [01], decision [0-9]+, ", told)
             assert "in state" in told
+            assert await browsers.barriers(page) == []
+            assert wrong == []
+        await server.close()
+
+    asyncio.run(program())
+
+
+def test_over_time_is_of_the_whole_record_though_nobody_has_gone_through_it_and_of_the_time_that_is_zoomed_to(tmp_path):
+    robot, heard = ensemble(), []
+
+    async def run(runtime):
+        await runtime.start(robot)
+        for number in range(100):
+            await asyncio.sleep(1)
+            robot.publish_observation("hear-right" if number % 7 == 3 else "hear-left")
+            heard.append((runtime.now() / 1e9, *robot.controller.decided_by))
+
+    run_virtual(run, record=tmp_path / "run.mcap")
+    record = Record(tmp_path / "run.mcap")
+    began = record.span[0] / 1e9
+    chances = {round(time - began, 3): dict(zip("lr", belief, strict=True)) for time, *belief in heard}
+
+    async def program():
+        server = PageServer(RecordedRun(record), port=0, live=False, token=TOKEN)
+        await server.open()
+        async with browsers.browser() as (look, wrong):
+            page = await look(server.address)
+            await page.wait_for_function("() => mdmPage.course?.course")
+            await page.wait_for_selector("[aria-label='Over time'] .u-over")
+            course = await page.evaluate("mdmPage.course.course")
+            left = course["beliefs"][course["states"].index("tiger-left")]
+            assert len(course["times"]) == 101
+            for time, chance in list(zip(course["times"], left, strict=True))[1:]:
+                assert chance == pytest.approx(chances[round(time, 3)]["l"], abs=1e-4)
+            assert await page.get_by_role("button", name="keep to now").count() == 0
+            for _ in range(3):
+                await page.keyboard.press("+")
+            await page.wait_for_function("() => mdmPage.course.last < 20")
+            assert len(await page.evaluate("mdmPage.course.course.times")) == 13
+            place = await page.locator("[aria-label='Over time'] .u-over").first.bounding_box()
+            await page.mouse.click(place["x"] + place["width"] / 2, place["y"] + 20)
+            await page.wait_for_function("() => Math.abs(mdmPage.frame.time - 6.25) < 0.2")
+            assert await browsers.barriers(page) == []
+            assert wrong == []
+        await server.close()
+
+    asyncio.run(program())
+
+
+def test_a_key_and_a_button_lead_to_where_something_first_looked_odd_and_the_timeline_marks_it(tmp_path):
+    spans = iter([2.0, 3.0, 2.0, 1e9])
+
+    async def go():
+        await asyncio.sleep(next(spans))
+
+    robot = Ensemble("robot", policy=DeterministicPolicy([0]), actions={0: mdm.Binding(go, then="decide", pause=0.2)})
+
+    async def run(runtime):
+        await runtime.start(robot)
+        robot.publish_state(0)
+        await asyncio.sleep(60)
+
+    run_virtual(run, record=tmp_path / "run.mcap")
+    begins = 2.0 + 3.0 + 2.0 + 3 * 0.2 + 10.0
+
+    async def program():
+        recorded = RecordedRun(Record(tmp_path / "run.mcap"))
+        server = PageServer(recorded, port=0, live=False, token=TOKEN)
+        await server.open()
+        async with browsers.browser() as (look, wrong):
+            page = await look(server.address)
+            await page.wait_for_function(UNTIL)
+            assert await page.locator(".headline .odd").count() == 0
+            await page.get_by_role("button", name="odd ▶").click()
+            await page.wait_for_function(f"() => Math.abs(mdmPage.frame.time - {begins}) < 1e-6")
+            await page.wait_for_selector(".headline .odd")
+            assert "0 has lasted for 10 s; it usually takes 2.0 s" in await text(page, ".headline")
+            await page.keyboard.press("o")
+            await page.wait_for_function("() => document.querySelector('.ended').innerText.includes('no further')")
+            canvas = await page.locator(".timeline canvas").bounding_box()
+            place = {"x": 118 + (canvas["width"] - 118) * begins / recorded.last + 5, "y": 30}
+            await page.locator(".timeline canvas").hover(position=place)
+            await page.wait_for_function(
+                "() => document.querySelector('.tip')?.innerText.includes('looks odd from 00:17')"
+            )
             assert await browsers.barriers(page) == []
             assert wrong == []
         await server.close()

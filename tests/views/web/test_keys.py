@@ -33,11 +33,11 @@ def test_the_keys_of_a_record_work_at_its_own_controls(of):
             page = await look(address)
             await page.wait_for_selector("[role=option]")
             await page.get_by_label(of, exact=True).focus()
-            for key, second in (("d", 2), ("n", 4), ("f", 6), ("m", 8), ("Shift+d", 6)):
+            for key, second in (("d", 2), ("n", 4), ("f", 6), ("m", 8), ("o", 10), ("Shift+d", 8)):
                 await page.keyboard.press(key)
                 await at(page, second)
             assert kept.commands == [
-                *((kind, False) for kind in ("decision", "change", "fault", "mode")),
+                *((kind, False) for kind in ("decision", "change", "fault", "mode", "odd")),
                 ("decision", True),
             ]
             await page.keyboard.press("w")
@@ -47,16 +47,16 @@ def test_the_keys_of_a_record_work_at_its_own_controls(of):
                 await page.wait_for_function("() => mdmPage.speed === 2")
                 return
             await page.keyboard.press("ArrowRight")
+            await at(page, 9)
+            await page.keyboard.press("ArrowLeft")
+            await page.keyboard.press("ArrowLeft")
             await at(page, 7)
-            await page.keyboard.press("ArrowLeft")
-            await page.keyboard.press("ArrowLeft")
-            await at(page, 5)
             await page.keyboard.press("ArrowDown")
             await page.wait_for_function("() => mdmPage.selected === 'bob/patrol'")
             await page.keyboard.press("ArrowUp")
             await page.wait_for_function("() => mdmPage.selected === 'ada/patrol'")
             await page.keyboard.press("Space")
-            await page.wait_for_function("() => mdmPage.playing && mdmPage.frame.time > 5.2")
+            await page.wait_for_function("() => mdmPage.playing && mdmPage.frame.time > 7.2")
             await page.keyboard.press("Space")
             await page.wait_for_function("() => !mdmPage.playing")
 
@@ -127,8 +127,8 @@ def test_the_list_of_keys_has_those_that_do_something_and_a_step_says_where_ther
         async with served(Kept()) as address:
             page = await look(address)
             listed, words = await keys(page)
-            assert listed[:4] == ["d", "n", "f", "m"]
-            assert "With shift, d, n, f and m" in words
+            assert listed[:5] == ["d", "n", "f", "m", "o"]
+            assert "With shift, d, n, f, m and o" in words
             assert "freeze" not in words
             for key, words in (("Shift+d", "no earlier decision"), ("Shift+m", "no earlier change of a mode")):
                 await page.keyboard.press(key)

@@ -10,6 +10,7 @@ from served import TOKEN, get, shown, socket
 from shown import a_robot
 
 import mdm
+from mdm.views.web.server import pause
 
 websockets = pytest.importorskip("websockets")
 
@@ -158,3 +159,10 @@ def test_what_the_page_cannot_show_is_told_and_the_robot_goes_on():
         assert runtime.root.life == "running"
 
     shown(main)
+
+
+def test_frames_come_by_what_one_costs_and_not_by_what_has_held_one_up():
+    assert pause([0.0001]) == pytest.approx(0.05)  # 20 a second, at most
+    assert pause([0.004] * 5) == pytest.approx(0.2)  # a fiftieth of the time
+    assert pause([0.004] * 4 + [0.5]) == pytest.approx(0.2)
+    assert pause([0.5]) == 1.0  # as often as it is looked at though nobody looks

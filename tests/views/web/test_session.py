@@ -139,6 +139,7 @@ def test_a_command_that_comes_too_late_is_refused():
         said(say="command", command="x" * 1001, ensemble="robot"),
         said(say="command", command="stop", ensemble="robot", before=-1),
         said(say="at", time=1.0),
+        said(say="course", ensemble="robot", first=0.0, last=1.0),
         b"\xff\xfe",
     ],
 )

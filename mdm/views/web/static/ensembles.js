@@ -1,7 +1,7 @@
 // The headline, the tree of ensembles, and one of them at close range.
 import { html, useEffect, useRef, useState } from "./vendor/htm-preact.js";
 import { VirtualList } from "./list.js";
-import { called, clock, number, percent, seconds, SIGNS, since, standing } from "./words.js";
+import { called, clock, feeding, number, percent, seconds, SIGNS, since, standing } from "./words.js";
 
 const PAUSE = 2;   // Seconds without anything to do that nobody need be told of.
 
@@ -101,7 +101,7 @@ export function Detail({ scene, frame, path, why, ask, lost, control, command })
     <dl>
       <dt>live</dt><dd>${each.live?.length ? each.live.map((life) => `${life.action}, for ${seconds(frame.time - life.since)}${life.remaining == null ? "" : `, ${number(life.remaining)} m to go`}`).join("; ") : html`<span class="soft">no action lasts</span>`}</dd>
       <dt>decided</dt><dd>${each.decisions || each.epoch > -1 ? html`<b>${each.action}</b> <span class="soft number">decision ${each.epoch}${detail.decided == null ? "" : `, ${seconds(frame.time - detail.decided)} ago`}${detail.cause ? `, ${detail.cause}` : ""}</span>` : html`<span class="soft">nothing yet</span>`}</dd>
-      ${detail.state != null && html`<dt>in state</dt><dd>${detail.factors?.length ? html`<span class="chips">${detail.factors.map(([factor, value]) => html`<span class="chip" key=${factor} title=${sources(of, factor).join(", ")}>${factor} <b>${value ?? "unknown"}</b>${sources(of, factor).length === 1 ? html` <span class="soft">← ${sources(of, factor)[0]}</span>` : ""}</span>`)}</span>` : html`<b>${detail.state}</b>`}</dd>`}
+      ${detail.state != null && html`<dt>in state</dt><dd>${detail.factors?.length ? html`<span class="chips">${detail.factors.map(([factor, value]) => html`<span class="chip" key=${factor} title=${sources(of, factor).join(", ")}>${factor} <b>${value ?? "unknown"}</b>${source(scene, of, factor, value) && html` <span class="soft">← ${source(scene, of, factor, value)}</span>`}</span>`)}</span>` : html`<b>${detail.state}</b>`}</dd>`}
       ${detail.observation != null && html`<dt>observed</dt><dd><b>${detail.observation}</b></dd>`}
       ${detail.tally?.length > 0 && html`<dt>so far</dt><dd class="number">${detail.tally.map(([name, count]) => `${name} ${count.toLocaleString("en")} ${count === 1 ? "time" : "times"}`).join(", ")}</dd>`}
       ${detail.reward != null && html`<dt>expected reward</dt><dd class="number">${number(detail.reward)}</dd>`}
@@ -126,6 +126,16 @@ function hinders(word, { mode }) {
 
 // The predicates that tell a factor of the state.
 const sources = (of, factor) => of.factors?.find((each) => each.name === factor)?.told_by ?? [];
+
+// The predicate that tells a factor its value: the only one, or the one that stands for the value; and what tells that one.
+function source(scene, of, factor, value) {
+  const names = sources(of, factor), { symbols } = of.factors?.find((each) => each.name === factor) ?? {};
+  const name = names.length === 1 ? names[0] : symbols?.length === names.length ? names[symbols.indexOf(value)] : null;
+  if (!name) return null;
+  const known = feeding(scene, of).map((place) => scene.predicates[place]).find((each) => each.name === name || each.name.endsWith(`: ${name}`) || each.name.endsWith(`/${name}`));
+  const [, teller] = /^(told by [^,]*)/.exec(known?.definition ?? "") ?? [];
+  return teller ? `${name}, ${teller}` : name;
+}
 
 function Why({ told, question }) {
   const box = useRef(null);

@@ -60,8 +60,10 @@ export function Team({ team }) {
   const entries = Object.entries(team ?? {});
   if (!entries.length) return null;
   return html`<section class="panel" aria-label="Team"><h2>Team</h2><table><tbody>
-    ${entries.map(([of, facts]) => html`<tr key=${of}><th scope="row">${({ lost: "✕ ", "none yet": "○ " })[facts.link] ?? (facts.link ? "● " : "")}${of}</th><td>${Object.entries(facts).map(([key, value]) => `${key} ${value}`).join(", ")}</td></tr>`)}
-  </tbody></table></section>`;
+    ${entries.map(([of, facts]) => html`<tr key=${of}><th scope="row">${({ lost: "✕ ", "none yet": "○ " })[facts.link] ?? (facts.link || facts.is ? "● " : "")}${of}</th><td>${Object.entries(facts).map(([key, value]) => `${key} ${value}`).join(", ")}</td></tr>`)}
+  </tbody></table>
+  ${entries.some(([, facts]) => facts["the leader's term"]) && html`<p class="soft legend">A step is one decision of the team on one joint input, and committed when no later leader can decide otherwise. One agent leads for a term; each further term has the next number.</p>`}
+  </section>`;
 }
 
 export function Counts({ statistics, path }) {

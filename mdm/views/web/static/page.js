@@ -12,7 +12,7 @@ import { clock } from "./words.js";
 
 const told = {
   scene: null, frame: null, cursor: 0, link: "lost", reason: "", ended: null, selected: null, frozen: false, playing: false, speed: 1,
-  why: null, asked: null, said: null, help: false, history: new History(), seen: new Seen(),
+  why: null, asked: null, said: null, help: false, history: new History(), seen: new Seen(), course: null,
   view: { follow: true, span: 30, end: 0 }, scheme: document.documentElement.dataset.scheme ?? "", scenes: 0,
 };
 let waiting = false;   // A frame is asked for and has not come.
@@ -23,7 +23,7 @@ let coming = null;     // A scene, until the first frame of it has come: a frame
 let isAnew = false;    // The connection is new, and nothing has come through it.
 let fuller = null;     // The picture before ensembles went, and when they went.
 const link = new Connection((message) => { try { receive(message); } finally { schedule(); } }, (state, reason) => {
-  told.link = state; told.reason = reason; waiting = false; coming = null; stepped = later = null;
+  told.link = state; told.reason = reason; waiting = false; coming = null; stepped = later = null; courseOf = null;
   if (state === "open") { told.cursor = 0; isAnew = true; } else { told.asked = null; told.playing = false; keep(); }
   schedule();
 });
@@ -32,6 +32,9 @@ let later = null;      // A step that waits for the frame that is asked for.
 let stepped = null;    // The step that is asked for, and from where.
 let questions = 0;     // How often somebody has asked why.
 let askedOf = -1;      // The number of the decision when why was asked.
+let courseOf = null;   // Of a record, the ensemble and the time of which the course is asked for, as text.
+let drawn = "";        // The ensemble and the time that the timeline shows, as text, and since when it has been them.
+let drawnSince = 0;
 let asked = null;      // When the decision was made of which it is told why.
 const place = () => told.scene.ensembles.findIndex((each) => each.path === told.selected);
 const decided = () => told.frame?.details?.[told.selected]?.decided;
@@ -39,6 +42,7 @@ const isRecord = () => told.scene?.source === "record";
 const BRIEF = 2_500;   // Milliseconds for which it is told that there is no further step.
 const DONE = 6_000;    // Milliseconds for which it is told that a command is carried out; a refusal stays.
 const SHUTS = 10_000;   // Milliseconds before the end of a program in which it takes its ensembles down.
+const STILL = 200;     // Milliseconds for which the timeline stands still before the course of what it shows is asked for.
 const isOpen = () => told.link === "open";
 const close = () => (told.selected ? [told.selected] : []);
 
@@ -53,18 +57,22 @@ function receive(message) {
     isAnew = false;
     if (coming) enter(coming);
     coming = null;
+    if (isRecord() && told.frame?.time !== message.frame.time) bringIntoSight(message.frame.time);
     told.frame = message.frame;
     if (stepped?.time === message.frame.time) stay(stepped);
     stepped = null;
     for (const event of message.events) told.history.add(event);
     const more = message.cursor > told.cursor;
     told.cursor = message.cursor;
-    told.seen.add(told.selected, message.frame, message.frame.ensembles[place()]?.epoch ?? 0);
+    if (!isRecord()) told.seen.add(told.selected, message.frame, message.frame.ensembles[place()]?.epoch ?? 0);
     if (isRecord() && !told.playing && told.why && asked !== decided()) why();   // of the decision shown now
     if (isRecord() && more && wanted == null) wanted = told.frame.time;   // until all events are here
   } else if (message.refused || message.done) {
     told.said = message;
     if (message.done) setTimeout(() => { if (told.said === message) { told.said = null; schedule(); } }, DONE);
+  } else if ("course" in message) {
+    courseOf = null;
+    told.course = message;
   } else if ("why" in message && message.ensemble === told.selected) {
     told.why = { ...message, decided: decidedAt(message), question: questions };
   }
@@ -79,7 +87,7 @@ function enter(scene) {
   told.scenes += 1;
   if (!scene.ensembles.some((each) => each.path === told.selected)) told.selected = scene.ensembles[0]?.path ?? null;
   document.title = `${scene.title || "robot"} - mdm`;
-  if (told.scenes === 1 && isRecord()) { told.view.span = Math.max(1, scene.last - scene.first); told.view.end = scene.last; }
+  if (told.scenes === 1 && isRecord()) told.view = { follow: false, span: Math.max(1, scene.last - scene.first), end: scene.last };
 }
 
 const isShutting = () => fuller && performance.now() - fuller.since < SHUTS;
@@ -100,9 +108,33 @@ function ask(time) {
 
 // Where there is no further step, that is said for a moment.
 function stay({ kind, back }) {
-  const text = `no ${back ? "earlier" : "further"} ${{ change: "decision for another action", mode: "change of a mode" }[kind] ?? kind}`;
+  const text = `no ${back ? "earlier" : "further"} ${{ change: "decision for another action", mode: "change of a mode", odd: "thing that looks odd" }[kind] ?? kind}`;
   told.ended = text;
   setTimeout(() => { if (told.ended === text) { told.ended = null; schedule(); } }, BRIEF);
+}
+
+// Of a record, the view moves with the time that is shown, once that has left it.
+function bringIntoSight(time) {
+  const { span, end } = told.view;
+  if (time < end - span - 1e-9 || time > end + 1e-9) told.view = { follow: false, span, end: Math.min(told.scene.last, Math.max(told.scene.first + span, time + span / 2)) };
+}
+
+// The time of a record that the timeline shows.
+function lookedAt() {
+  const { first, last } = told.scene, { span, end } = told.view;
+  const from = Math.max(first, Math.min(last, end - span)), until = Math.max(from, Math.min(last, end));
+  return [from, until];
+}
+
+// The course of the chosen ensemble over the time that is looked at is asked for once that stands still.
+function follow() {
+  const [first, last] = lookedAt(), shown = JSON.stringify([told.selected, first, last]), now = performance.now();
+  if (shown !== drawn) { drawn = shown; drawnSince = now; }
+  const { ensemble, first: from, last: until } = told.course ?? {};
+  if (courseOf || !told.selected || shown === JSON.stringify([ensemble, from, until])) return;
+  if (now - drawnSince < STILL) { setTimeout(schedule, STILL); return; }
+  courseOf = shown;
+  link.say({ say: "course", ensemble: told.selected, first, last });
 }
 
 function step(kind, back) {
@@ -132,6 +164,7 @@ function schedule() {
 function afterwards() {
   if (!told.scene || told.link !== "open") return;
   if (!isRecord()) { if (!waiting && !told.frozen) ask(null); return; }
+  follow();
   if (later && !waiting) { const { kind, back } = later; later = null; step(kind, back); return; }
   const now = performance.now();
   if (told.playing && told.frame) {
@@ -228,6 +261,7 @@ const KEYS = {
   n: ["to the next decision for another action, past those that are the same", (back) => step("change", back), "record"],
   f: ["to the next fault", (back) => step("fault", back), "record"],
   m: ["to the next change of a mode", (back) => step("mode", back), "record"],
+  o: ["to where the next thing begins to look odd", (back) => step("odd", back), "record"],
   ArrowLeft: ["a second back", () => go(heading() - 1), "record"],
   ArrowRight: ["a second on", () => go(heading() + 1), "record"],
   " ": [{ record: "play or pause", live: "freeze the picture, or go on" }, freeze],
@@ -244,8 +278,9 @@ const heading = () => wanted ?? (waiting && asking != null ? asking : told.frame
 const works = ([, , where]) => !where || where === told.scene?.source;
 
 function zoom(factor) {
-  const wide = told.view.span * factor;
-  told.view = { ...told.view, span: Math.max(0.05, wide), end: told.view.end - (told.view.span - wide) / 2 };
+  const { span, end } = told.view, wide = Math.max(0.05, span * factor), shown = told.frame.time;
+  const at = isRecord() && end - span <= shown && shown <= end ? shown : end - span / 2;
+  told.view = { ...told.view, span: wide, end: at + ((end - at) / span) * wide };
   schedule();
 }
 
@@ -291,7 +326,7 @@ function Help() {
   keys.sort(([one], [two]) => (one === "0") - (two === "0"));   // a number comes first in any object
   return html`<section class="panel wide" aria-label="Keys"><div class="head"><h2>Keys</h2></div><dl>
     ${keys.map(([key, [text]]) => html`<dt key=${key}><kbd>${{ " ": "space", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" }[key] ?? key}</kbd></dt><dd>${text[told.scene?.source] ?? text}</dd>`)}</dl>
-    ${isRecord() && html`<p class="soft">With shift, <kbd>d</kbd>, <kbd>n</kbd>, <kbd>f</kbd> and <kbd>m</kbd> go to the one before.</p>`}</section>`;
+    ${isRecord() && html`<p class="soft">With shift, <kbd>d</kbd>, <kbd>n</kbd>, <kbd>f</kbd>, <kbd>m</kbd> and <kbd>o</kbd> go to the one before.</p>`}</section>`;
 }
 
 function Controls() {
@@ -305,9 +340,16 @@ function Controls() {
     <select aria-label="Speed" value=${told.speed} onChange=${(event) => { told.speed = Number(event.currentTarget.value); schedule(); }}>${[0.1, 0.5, 1, 2, 5, 10, 60].map((each) => html`<option value=${each} selected=${each === told.speed}>${each}×</option>`)}</select>
     <input type="range" aria-label="Time" disabled=${lost} min=${scene.first} max=${scene.last} step="0.001" value=${frame.time} aria-valuetext=${clock(frame.time)} onInput=${(event) => go(Number(event.currentTarget.value))} />
     <span class="number">${clock(frame.time)}</span>
-    ${[["decision", "d"], ["change", "n", "other action"], ["fault", "f"], ["mode", "m"]].map(([kind, key, word = kind]) => html`<span key=${kind}><button disabled=${lost} aria-label=${`${word} before`} title=${`shift ${key}`} onClick=${() => step(kind, true)}>◀</button> <button disabled=${lost} title=${key} onClick=${() => step(kind, false)}>${word} ▶</button></span>`)}
+    ${[["decision", "d"], ["change", "n", "other action"], ["fault", "f"], ["mode", "m"], ["odd", "o"]].map(([kind, key, word = kind]) => html`<span key=${kind}><button disabled=${lost} aria-label=${`${word} before`} title=${`shift ${key}`} onClick=${() => step(kind, true)}>◀</button> <button disabled=${lost} title=${key} onClick=${() => step(kind, false)}>${word} ▶</button></span>`)}
     <span class="ended" role="status">${told.ended}</span>
   </div>`;
+}
+
+// The course of the chosen ensemble: of a record that of all the time that is looked at, else as far as it was seen.
+function courseShown() {
+  if (!isRecord()) return { course: told.seen.path === told.selected ? told.seen.course() : null, version: told.seen.times[told.seen.times.length - 1] };
+  const { ensemble, course, first, last } = told.course ?? {};
+  return ensemble === told.selected ? { course, version: `${first} ${last}`, range: [first, last] } : { course: null };
 }
 
 function Page() {
@@ -320,13 +362,13 @@ function Page() {
     <main id="main" class=${isOpen() ? "" : "past"}>
       ${told.help && html`<${Help} />`}
       ${told.said && html`<p class=${`said wide ${told.said.refused ? "refused" : ""}`} role="status">${told.said.refused ? `✕ refused: ${told.said.refused}` : `✓ done: ${told.said.done}`}</p>`}
-      ${(scene.remarks ?? []).map((text) => html`<p class="said wide" key=${text}>ⓘ ${text}</p>`)}
+      ${(scene.remarks ?? []).map((text) => html`<p class="said wide" key=${text}>Note: ${text}</p>`)}
       <${Part} name="the timeline"><${Timeline} scene=${scene} frame=${frame} history=${told.history} selected=${told.selected} view=${told.view} extent=${extent()}
         setView=${(view) => { told.view = view; schedule(); }} choose=${choose} go=${isRecord() ? go : null} scheme=${told.scheme} /><//>
       <div class="column"><${Part} name="the tree of ensembles"><${Tree} scene=${scene} frame=${frame} selected=${told.selected} choose=${choose} /><//>
         <${Part} name="the faults"><${Faults} faults=${told.history.faults} frame=${frame} go=${isRecord() ? go : null} /><//></div>
       <div class="column"><${Part} name="the ensemble"><${Detail} scene=${scene} frame=${frame} path=${told.selected} why=${told.why} ask=${ponder} lost=${!isOpen()} control=${scene.control} command=${command} /><//>
-        <${Part} name="the course of the belief"><${Plots} seen=${told.seen} path=${told.selected} scheme=${told.scheme} /><//></div>
+        <${Part} name="the course of the belief"><${Plots} ...${courseShown()} path=${told.selected} time=${frame.time} go=${isRecord() ? go : null} scheme=${told.scheme} /><//></div>
       <div class="column third">${scene.floors?.length > 0 && html`<${Part} name="the floor"><${Floor} floors=${scene.floors} frame=${frame} scheme=${told.scheme} /><//>`}
         <${Part} name="the team"><${Team} team=${frame.team} /><//>
         <${Part} name="the predicates"><${Predicates} scene=${scene} frame=${frame} path=${told.selected} lost=${!isOpen()} control=${scene.control} sense=${sense} /><//>

@@ -18,7 +18,7 @@ export class History {
   }
 
   lane(path) {
-    if (!this.lanes.has(path)) this.lanes.set(path, { modes: [], lives: [], open: new Map(), decisions: [], ends: [] });
+    if (!this.lanes.has(path)) this.lanes.set(path, { modes: [], lives: [], open: new Map(), decisions: [], odds: [], doubts: new Map() });
     return this.lanes.get(path);
   }
 
@@ -38,6 +38,14 @@ export class History {
     const lane = this.lane(event.source);
     if (event.kind === "mode") lane.modes.push(event);
     else if (event.kind === "decision") lane.decisions.push(event);
+    else if (event.kind === "odd" && event.status === "odd") {
+      const spell = { from: event.time, to: null, text: event.detail };
+      lane.odds.push(spell);
+      lane.doubts.set(event.life, spell);
+    } else if (event.kind === "odd") {
+      const spell = lane.doubts.get(event.life);
+      if (spell) { spell.to = event.time; lane.doubts.delete(event.life); }
+    }
     else if (event.kind === "life") {
       if (event.status === "running") {
         const life = { from: event.time, to: null, action: event.name, status: "running", detail: "" };
@@ -103,11 +111,13 @@ export function Timeline({ scene, frame, history, selected, view, setView, choos
   const hits = useRef([]);
   const [tip, show] = useState(null);
   const lanes = lanesOf(scene, selected), predicates = shownPredicates(scene, selected);
+  const courses = predicates.map((name) => changesOf(scene, frame, history, name));
   const [first, last] = extent;
   const span = view.span;
-  const end = view.follow ? (scene.source === "record" ? Math.min(last, Math.max(span + first, frame.time + span / 2)) : frame.time) : view.end;
+  const end = view.follow ? frame.time : view.end;
   const begin = end - span;
-  useEffect(() => { hits.current = draw(box.current, { scene, frame, history, lanes, predicates, selected, begin, end, last }) ?? []; });
+  const middle = go && begin <= frame.time && frame.time <= end ? frame.time : (begin + end) / 2;   // of a record the time that is shown
+  useEffect(() => { hits.current = draw(box.current, { scene, frame, history, lanes, predicates, courses, selected, begin, end, last }) ?? []; });
   const timeAt = (event) => {
     const { left, width } = box.current.getBoundingClientRect();
     return begin + (Math.max(0, event.clientX - left - LEFT) / Math.max(1, width - LEFT)) * span;
@@ -115,7 +125,7 @@ export function Timeline({ scene, frame, history, selected, view, setView, choos
   const zoom = (factor, about) => {
     const wide = Math.max(0.05, Math.min(Math.max(10, (last - first) * 1.2), span * factor));
     if (view.follow && about == null) return setView({ ...view, span: wide });
-    const at = about ?? (begin + end) / 2;
+    const at = about ?? middle;
     setView({ follow: false, span: wide, end: at + ((end - at) / span) * wide });
   };
   useEffect(() => {
@@ -162,15 +172,23 @@ export function Timeline({ scene, frame, history, selected, view, setView, choos
   };
   return html`<section class="panel wide timeline" aria-label="Timeline">
     <div class="head"><h2>Timeline</h2><span class="commands">
-      <span class="soft">▶ decides ■ safe ○ stopped | decision, ✕ failed, ⚠ fault${predicates.length > 0 && "; predicates: ▬ true, ─ false, ▨ unknown"}</span>
+      <span class="soft">▶ decides ■ safe ○ stopped | decision, ✕ failed, ⚠ fault, ? looks odd${predicates.length > 0 && "; predicates: ▬ true, ─ false, ▨ unknown"}</span>
       <button onClick=${() => zoom(0.5)} title="+" aria-label="Zoom in">+</button><button onClick=${() => zoom(2)} title="-" aria-label="Zoom out">−</button>
       <button onClick=${() => setView({ follow: false, span: Math.max(1, last - first), end: last })} title="0">all</button>
-      <button aria-pressed=${view.follow} onClick=${() => setView({ ...view, follow: !view.follow, end })}>follow</button></span></div>
+      ${!go && html`<button aria-pressed=${view.follow} onClick=${() => setView({ ...view, follow: !view.follow, end })}>keep to now</button>`}</span></div>
     <div class="held"><canvas ref=${box} tabindex="0" role="img" aria-label=${`Timeline from ${clock(begin)} to ${clock(end)} of ${counted(lanes, "ensemble")}, ${counted(predicates, "predicate")}, ${counted(history.faults, "fault")}`}
       onPointerDown=${down} onPointerMove=${move} onPointerUp=${up} onPointerLeave=${() => show(null)} onKeyDown=${keys}></canvas>
       ${tip && html`<div class="tip number" role="tooltip" style=${`left:${tip.x}px;top:${tip.y}px`}>${tip.text}</div>`}</div>
     <p class="told soft number">${(selected && decision(history, selected, frame.time)) || "Nothing is decided yet."}${faultsAt(history, frame.time)}</p>
   </section>`;
+}
+
+// The changes of a predicate: where none is kept any more, for many others have changed since, its value is known from its frame.
+function changesOf(scene, frame, history, name) {
+  const changes = history.predicates.get(name);
+  if (changes?.length) return changes;
+  const place = scene.predicates.findIndex((each) => each.name === name), value = frame.predicates[place];
+  return value === undefined || scene.source === "record" ? [] : [{ time: frame.changed[place] ?? frame.time, status: value === null ? "unknown" : String(value) }];
 }
 
 function step(span, room) {
@@ -180,7 +198,7 @@ function step(span, room) {
 }
 
 // Draws; returns what is where, in words, the smaller of things that lie over each other last.
-function draw(canvas, { scene, frame, history, lanes, predicates, selected, begin, end, last: until }) {
+function draw(canvas, { scene, frame, history, lanes, predicates, courses, selected, begin, end, last: until }) {
   if (!canvas || !canvas.clientWidth) return [];
   const wide = canvas.clientWidth, base = HEAD + LANE * Math.max(1, lanes.length), tall = base + THIN * predicates.length + 4;
   const hits = [];
@@ -256,6 +274,19 @@ function draw(canvas, { scene, frame, history, lanes, predicates, selected, begi
         context.fillText(clip(context, `${bad ? "✕ " : ""}${life.action}`, right - left - 6), left + 4, top + 20.5);
       }
     }
+    for (const odd of lane.odds) {
+      const left = Math.max(LEFT, x(odd.from)), right = Math.min(wide, Math.max(x(odd.to ?? frame.time), left + 6));
+      if (odd.from > end || right <= LEFT || (odd.to ?? frame.time) < begin) continue;
+      hit(left, right, top, top + 12, `? ${path} looks odd from ${clock(odd.from)}${odd.to == null ? "" : ` to ${clock(odd.to)}`}\n${odd.text}`);
+      context.fillStyle = tint.wait;
+      for (let at = left; at < right; at += 6) context.fillRect(at, top + 9.5, Math.min(4, right - at), 2.5);
+      if (odd.from < begin) continue;
+      context.fillRect(left, top - 1, 12, 12);
+      context.fillStyle = tint.paper;
+      context.font = font(11, 700);
+      context.fillText("?", left + 3.2, top + 5.5);
+      context.font = font(11);
+    }
     const decisions = lane.decisions;
     let shown = -99;
     for (let index = from(decisions, begin, (each) => each.time); index < decisions.length && decisions[index].time <= end;) {
@@ -303,11 +334,20 @@ function draw(canvas, { scene, frame, history, lanes, predicates, selected, begi
     context.fillRect(0, top + LANE - 3, wide, 1);
   });
   predicates.forEach((name, row) => {
-    const top = base + row * THIN, changes = history.predicates.get(name) ?? [];
+    const top = base + row * THIN, changes = courses[row];
     context.font = font(11);
     context.fillStyle = tint.ink;
     context.fillText(clip(context, name, LEFT - 14), 6, top + 7);
     hit(0, LEFT - 6, top, top + 14, name);
+    const known = changes[0]?.time ?? frame.time;
+    if (known > Math.max(begin, 0)) {   // dots, which are none of the values
+      const right = Math.min(wide, x(known));
+      context.fillStyle = tint.soft;
+      for (let at = Math.max(LEFT, x(0)); at < right; at += 8) context.fillRect(at, top + 7, 1.5, 1.5);
+      context.font = font(9);
+      if (right - Math.max(LEFT, x(0)) > 110) { context.clearRect(right - 86, top + 1, 84, 13); context.fillText("not known before", right - 84, top + 7.5); }
+      hit(Math.max(LEFT, x(0)), right, top, top + 14, `${name} is not known before ${clock(known)}`);
+    }
     let drawn = -1;
     for (let place = Math.max(0, from(changes, begin, (each) => each.time) - 1); place < changes.length && changes[place].time <= end; place += 1) {
       const { time, status } = changes[place], to = changes[place + 1]?.time ?? Math.max(time, scene.source === "record" ? until : frame.time);

@@ -1,0 +1,127 @@
+"""Spells over which something looked odd, against a judgement of all that has happened at each time."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+
+from mdm.messages import ActionLife, Decision, Mode
+from mdm.snapshots.oddities import Ended, Seen, lasting, repeated, unmoved
+from mdm.snapshots.spells import Spell, joined, spells
+from mdm.snapshots.tracks import EnsembleTracks
+
+SECOND = 1_000_000_000
+
+
+def happened(seed):
+    """Return messages of a run of two minutes, of much that is odd."""
+    rng = random.Random(seed)
+    messages, time, epoch, life, belief, living = [], 0, 0, 0, 0.5, {}
+    messages.append(Mode(0, "robot", "deciding", (), 0))
+    while time < 120 * SECOND:
+        kind = rng.choice(["burst", "observe", "begin", "end", "mode", "wait"])
+        if kind == "burst":
+            action = rng.choice("ab")
+            for _ in range(rng.randint(5, 30)):
+                time += rng.randint(0, 800_000_000)
+                cause = "again" if rng.random() < 0.9 else "tick"
+                messages.append(Decision(time, "robot", epoch, cause, None, None, None, 0, action, None))
+                epoch += 1
+        elif kind == "observe":
+            moves = rng.random() < 0.3
+            for _ in range(rng.randint(5, 60)):
+                time += rng.randint(0, 900_000_000)
+                belief = rng.random() if moves else belief
+                symbol = rng.randint(0, 1)
+                state = np.array([belief, 1 - belief])
+                messages.append(Decision(time, "robot", epoch, "observation", None, symbol, state, 0, "c", None))
+                epoch += 1
+        elif kind == "begin":
+            life += 1
+            living[life] = rng.choice("abcd")
+            messages.append(ActionLife(time, "robot", life, living[life], "running"))
+        elif kind == "end" and living:
+            number = rng.choice(list(living))
+            messages.append(
+                ActionLife(time, "robot", number, living.pop(number), rng.choice(["succeeded", "succeeded", "failed"]))
+            )
+        elif kind == "mode" and rng.random() < 0.3:
+            messages.append(Mode(time, "robot", rng.choice(["deciding", "safe"]), (), time))
+            time += rng.randint(0, SECOND)
+            messages.append(Mode(time, "robot", "deciding", (), time))
+        else:
+            time += rng.randint(0, 15 * SECOND)
+    return messages
+
+
+def judged(messages, time):
+    """Return the rules by which something looks odd at a time, and what of, by all messages until then."""
+    past = [each for each in messages if each.time <= time]
+    if [each for each in past if isinstance(each, Mode)][-1].mode != "deciding":
+        return set()
+    decisions = [each for each in past if isinstance(each, Decision)]
+    found = set()
+    if decisions:
+        name = decisions[-1].action_name
+        lately = [each for each in decisions if each.time > time - 5 * SECOND and each.cause == "again"]
+        if repeated(name, sum(each.action_name == name for each in lately)):
+            found.add(("repeated", name))
+    begun, ended = {}, []
+    for each in past:
+        if isinstance(each, ActionLife) and each.status == "running":
+            begun[each.life] = each
+        elif isinstance(each, ActionLife):
+            ended.append(Ended(each.action, (each.time - begun.pop(each.life).time) / 1e9, each.status))
+    for each in begun.values():
+        if each.action != "d" and lasting(each.action, (time - each.time) / 1e9, ended[-200:]):
+            found.add(("lasting", each.action))
+    observed = [each for each in decisions if each.belief is not None][-40:]
+    seen = [
+        Seen(each.time / 1e9, each.observation, int(np.argmax(each.belief)), float(max(each.belief)))
+        for each in observed
+    ]
+    if seen and time - observed[-1].time < 5 * SECOND and unmoved(seen, str, str):
+        found.add(("unmoved", ""))
+    return found
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_something_is_in_a_spell_whenever_it_looks_odd_and_at_no_other_time(seed):
+    messages = happened(seed)
+    tracks = EnsembleTracks("robot")
+    for each in messages:
+        tracks.add(each)
+    end = messages[-1].time
+    found = spells(tracks, end, {"d"}, str, str)
+    assert all(each.begin < each.end and each.text for each in found)
+    rng = random.Random(seed)
+    edges = {time for each in found for time in (each.begin - 1, each.begin, each.end - 1, each.end)}
+    times = [rng.randint(0, end) for _ in range(150)] + [each for each in edges if 0 <= each <= end]
+    for time in times:
+        within = {(each.rule, each.of) for each in found if each.begin <= time < each.end}
+        assert within == judged(messages, time), time
+    assert {each.rule for each in found} <= {"repeated", "lasting", "unmoved"}
+
+
+def test_much_of_what_is_judged_is_odd():
+    rules = set()
+    for seed in range(12):
+        tracks = EnsembleTracks("robot")
+        for each in happened(seed):
+            tracks.add(each)
+        rules |= {each.rule for each in spells(tracks, 120 * SECOND, {"d"}, str, str)}
+    assert rules == {"repeated", "lasting", "unmoved"}
+
+
+def test_of_an_ensemble_of_which_only_the_name_is_known_nothing_is_odd():
+    assert spells(EnsembleTracks("robot"), 10 * SECOND, set(), str, str) == []
+
+
+def test_a_short_break_ends_no_spell_but_that_of_another_rule_or_action():
+    one, two = Spell(0, 10, "repeated", "a", "first"), Spell(14, 20, "repeated", "a", "second")
+    assert joined([two, one], 4) == [Spell(0, 20, "repeated", "a", "first")]
+    assert joined([one, two], 3) == [one, two]
+    other = two._replace(of="b")
+    assert joined([one, other], 4) == [one, other]

@@ -18,6 +18,7 @@ UNTESTED_ALONE = {
     "faults.py": "declares kinds alone, which test_reference compares with the code",
     "version.py": "a line: test_public",
     "recording/stimuli.py": "declares messages: test_schemas",
+    "recording/part.py": "one file of a record: test_reader",
     "runtime/tape.py": "declares a protocol alone, which test_recorder and test_player follow",
     "replay/driver.py": "what plays a record: test_replay and test_random_systems",
     "replay/teammates.py": "what plays a team's part of a record: test_replay of mdm replay",

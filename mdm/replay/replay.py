@@ -16,7 +16,7 @@ import msgspec
 
 from mdm.errors import Error
 from mdm.recording import Record
-from mdm.recording.reader import Gap
+from mdm.recording.part import Gap
 from mdm.recording.recorder import environment
 from mdm.recording.stimuli import Began, Finished, Joined, Received, Unsent
 from mdm.replay.clock import ReplayClock

@@ -34,9 +34,9 @@ demo: $(DEMO)
 	@echo 'A robot patrols a floor for 40 seconds (examples/patrol/patrol.py; --help tells more)'
 	@$(BIN)/python examples/patrol/patrol.py $(DEMO_OPTIONS)
 
-# In parallel, on two workers more than there are processors, for some tests wait for other processes. For one file, call
+# In parallel, on a worker more than there are processors, for some tests wait for other processes. For one file, call
 # pytest itself. Hundreds of tests start a Python of their own: without compiled modules on disk each of them compiles the package.
-WORKERS = -n $$($(PYTHON) -c 'import os; print(min(8, os.cpu_count() + 2))') --dist worksteal
+WORKERS = -n $$($(PYTHON) -c 'import os; print(min(8, os.cpu_count() + 1))') --dist worksteal
 test test-fast: export PYTHONDONTWRITEBYTECODE :=
 test: $(READY)
 	$(BIN)/python -m pytest $(WORKERS)

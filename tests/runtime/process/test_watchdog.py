@@ -31,26 +31,33 @@ class Lines:
     debug = warning = info
 
 
-def hold_asleep(seconds):
-    time.sleep(seconds)
+def hold_asleep(is_enough):
+    while not is_enough():
+        time.sleep(0.05)
 
 
-def hold_busily(seconds):
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
+def hold_busily(is_enough):
+    while not is_enough():
         pass
 
 
-def robot(hold, seconds):
-    calls = []
+def enough(told, count, seconds):
+    """Return a function that says whether so many are told and so many seconds over; a minute is always enough."""
+    begun = time.monotonic()
+    return lambda: begun + (seconds if len(told) >= count else 60) <= time.monotonic()
+
+
+def robot(hold, told):
+    calls, ended = [], []
 
     def grab():
         calls.append(time.monotonic())
         if len(calls) == 3:
-            hold(seconds)
+            hold(enough(told, 1, 1.1))
+            ended.append(time.monotonic())
 
     made = Ensemble("robot", policy=DeterministicPolicy([0], 1), actions={"grab": grab}, drive=FixedRate(20.0))
-    return made, calls
+    return made, calls, ended
 
 
 def ours():
@@ -65,30 +72,31 @@ def test_a_loop_that_is_held_is_reported_in_time_with_what_holds_it(hold, uvloop
     lines = Lines()
 
     async def main():
-        made, calls = robot(hold, 1.1)
+        made, calls, ended = robot(hold, lines.faults)
         async with Runtime(log=lines, watchdog=0.3) as runtime:
             faults = probe(runtime.faults)
             await runtime.start(made)
             made.publish_state(0)
             while len(calls) < 5 or len(faults) < 2:
                 await asyncio.sleep(0.01)
-            return calls, faults, runtime.statistics(), made.control.statistics()
+            return calls[2], ended[0], faults, runtime.statistics(), made.control.statistics()
 
-    calls, faults, statistics, control = run(main, uvloop=uvloop)
+    begun, ended, faults, statistics, control = run(main, uvloop=uvloop)
+    held = ended - begun
     (told, first), (_, second) = lines.faults
-    assert 0.3 <= told - calls[2] + 0.001 < 0.6  # long before the loop turned again, and by 0.1 s on an idle machine
+    assert begun + 0.299 <= told < ended  # before the loop turned again
     assert [fault.kind for fault in faults] == ["stall", "stall"]
     assert [fault.detail for fault in faults] == [first["detail"], second["detail"]]
     assert "the event loop has not turned for 0.3 s: it is held at" in first["detail"]
     assert f"in {hold.__name__}" in first["detail"]
-    assert "in grab (hold(seconds))" in first["detail"]
+    assert "in grab (hold(enough(told, 1, 1.1)))" in first["detail"]
     assert first["detail"].index(hold.__name__) < first["detail"].index("in grab")
     assert "run_forever" not in first["detail"] or uvloop
-    assert "the event loop stood still for 1" in second["detail"]
+    assert "the event loop stood still for " in second["detail"]
     assert statistics.loop.stalls == 1
-    assert 0.9 < statistics.loop.delays.maximum < 1.5
-    assert control.missed >= 17
-    assert 0.85 < control.latency.maximum < 1.5
+    assert held - 0.2 < statistics.loop.delays.maximum
+    assert control.missed >= 20 * held - 5
+    assert held - 0.25 < control.latency.maximum
 
 
 def test_a_loop_that_turns_is_left_in_peace_and_no_thread_is_left():
@@ -128,26 +136,26 @@ def test_the_emergency_is_called_in_time_once_each_stall_and_its_failure_is_told
         raise SystemExit("no relay")
 
     async def main():
-        async with Runtime(log=lines, watchdog=0.1, emergency=emergency, emergency_after=0.3) as runtime:
-            faults, began = probe(runtime.faults), []
-            for _ in range(2):
-                began.append(time.monotonic())
-                time.sleep(0.7)  # noqa: ASYNC251 - which is what is tried
-                while len(faults) < 4 * len(began):
+        async with Runtime(log=lines, watchdog=0.3, emergency=emergency, emergency_after=1.0) as runtime:
+            faults, held = probe(runtime.faults), []
+            for count in (1, 2):
+                begun = time.monotonic()
+                hold_asleep(enough(called, count, 1.4))
+                held.append((begun, time.monotonic()))
+                while len(faults) < 4 * count:
                     await asyncio.sleep(0.01)
-            began.append(time.monotonic())
-            time.sleep(0.2)  # noqa: ASYNC251 - long enough to be told
+            hold_asleep(enough(lines.faults, 9, 0.4))  # long enough to be told
             while len(faults) < 10:
                 await asyncio.sleep(0.01)
-            return began, faults
+            return held, faults
 
-    began, faults = run(main)
+    held, faults = run(main)
     assert [name for _, name in called] == ["mdm:emergency"] * 2
-    for begun, (when, _) in zip(began, called, strict=False):
-        assert 0.3 <= when - begun + 0.001 < 0.6
+    for (begun, ended), (when, _) in zip(held, called, strict=True):
+        assert begun + 0.999 <= when < ended
     assert [fault.kind for fault in faults] == ["stall", "emergency", "emergency", "stall"] * 2 + ["stall"] * 2
     assert faults[1].source == "runtime"
-    assert faults[1].detail == "the event loop has not turned for 0.3 s"
+    assert faults[1].detail == "the event loop has not turned for 1 s"
     assert faults[2].detail.startswith("`emergency` failed: SystemExit: no relay (at ")
     assert len(lines.faults) == len(faults)
     assert ours() == []

@@ -31,6 +31,8 @@ __all__ = ["TeamRun"]
 _GONE = EnsembleFrame("stopped", 0.0)
 _AGAIN = 0.5
 _WAITS = 5.0
+_SILENT = 5.0
+"""Seconds without a frame after which an agent counts as lost, though its process may be there."""
 _VALID = 2.5
 """Seconds after which an agent carries out a command no more: fewer than its answer is waited for."""
 
@@ -89,7 +91,13 @@ class _Agent:
 
     async def _look(self, socket: Socket) -> None:
         while True:
-            told = _decode(await socket.receive())
+            try:
+                async with asyncio.timeout(_SILENT):
+                    received = await socket.receive()
+            except TimeoutError:
+                socket.abort()  # a process that is held would not take leave
+                return
+            told = _decode(received)
             if told.scene is not None:
                 self.scene, self.frame = told.scene, None  # the last frame is of the scene before
                 self._team.generation += 1

@@ -196,7 +196,7 @@ def test_more_commands_than_an_agent_takes_are_refused_before_it_hangs_up():
 
 
 @asynccontextmanager
-async def hanging(scene):
+async def hanging(scene, frame=None):
     """Serve the page of an agent that hangs once it has shown itself; yield its address, and what it was asked."""
     from websockets.asyncio.server import serve
 
@@ -208,6 +208,8 @@ async def hanging(scene):
 
     async def show(connection):
         await connection.send(msgspec.json.encode({"scene": scene}), text=True)
+        if frame is not None:
+            await connection.send(msgspec.json.encode({"frame": frame}), text=True)
         async for message in connection:
             note(json.loads(message))
 
@@ -247,6 +249,23 @@ def test_an_agent_that_hangs_refuses_in_time_and_keeps_nobody_else_waiting(monke
             await server.close()
 
     commanded(program, ada)
+
+
+def test_an_agent_whose_process_is_held_is_lost(monkeypatch):
+    monkeypatch.setattr("mdm.views.web.team._SILENT", 0.5)
+
+    async def program(team):
+        await until(lambda: team.frame().missing == ())
+        async with hanging(team.scene(), team.frame()) as (address, _):
+            held = TeamRun({"ada": address})
+            held.open()
+            await until(lambda: held.frame().missing == () and held.scene().ensembles)
+            await until(lambda: held.frame().missing == ("ada",))
+            (told,) = [event.detail for event in held.ring if event.kind == "mode"]
+            assert told == "agent 'ada' does not answer"
+            await held.stop()
+
+    commanded(program, agent("ada"))
 
 
 def test_an_agent_that_is_gone_refuses_at_once():

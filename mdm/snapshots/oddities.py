@@ -46,7 +46,7 @@ OFTEN = 10
 _FACTOR = 5.0
 """Times the usual duration of an action from which on it lasts long."""
 SHORT, _LONG = 10.0, 30.0
-"""Seconds below which no action lasts long: one whose usual duration is known, and one that has never ended."""
+"""Seconds below which no action lasts long: one whose usual duration is known, and one that has hardly ever ended."""
 _OWN, _OTHERS = 3, 2
 """Ended lives that it takes to know how long an action usually takes: its own, or those of the others."""
 _FEW, _RARE, _STILL = 20, 3, 10.0
@@ -93,8 +93,9 @@ def repeated(action: str, times: int) -> str:
 def lasting(action: str, seconds: float, ended: Sequence[Ended]) -> str:
     """Return that an action lasts long beyond its time; empty where it does not.
 
-    Its time is the median of its own lives that came to an end by themselves; where it has none, the longest of the
-    other actions'. An action that others usually end has no time of its own.
+    Its time is the median of its own lives that came to an end by themselves; where there are too few to know, the
+    longest of these and of the other actions'. An action that others usually end has no time of
+    its own.
 
     Args:
         action: The live action.
@@ -103,31 +104,31 @@ def lasting(action: str, seconds: float, ended: Sequence[Ended]) -> str:
     """
     if seconds < SHORT:
         return ""
-    limit, of, usual = _usual(action, ended)
-    if seconds < limit:
-        return ""
-    if of == action:
-        return f"{action} has lasted for {_words(seconds)}; it usually takes {_words(usual)}"
-    return f"{action} has lasted for {_words(seconds)} and has never ended; other actions took {_words(usual)} at most"
+    limit, usual = _usual(action, ended)
+    return "" if seconds < limit else f"{action} has lasted for {_words(seconds)}{usual}"
 
 
 def lasts_long(action: str, ended: Sequence[Ended]) -> float:
     """Return from how many nanoseconds on an action lasts long; infinity where nothing tells it."""
-    limit, _, _ = _usual(action, ended)
+    limit, _ = _usual(action, ended)
     return limit if limit == inf else ceil(limit * 1e9)
 
 
-def _usual(action: str, ended: Sequence[Ended]) -> tuple[float, str, float]:
-    """Return from how many seconds on an action lasts long, by whose time, its own or that of others, and that time."""
+def _usual(action: str, ended: Sequence[Ended]) -> tuple[float, str]:
+    """Return from how many seconds on an action lasts long, and in words how long it, or others, took."""
     own = [each for each in ended if each.action == action]
     done = [each.seconds for each in own if each.status == "succeeded"]
-    if len(done) >= _OWN and 2 * len(done) > len(own):
+    if own and 2 * len(done) <= len(own):
+        return inf, ""
+    if len(done) >= _OWN:
         usual = median(done)
-        return max(SHORT, _FACTOR * usual), action, usual
+        return max(SHORT, _FACTOR * usual), f"; it usually takes {_words(usual)}"
     others = [each.seconds for each in ended if each.status == "succeeded" and each.action != action]
-    if own or len(others) < _OTHERS:
-        return inf, "", 0.0
-    return max(_LONG, _FACTOR * max(others)), "", max(others)
+    if done:
+        return max(_LONG, _FACTOR * max(done + others)), f"; it took {_words(max(done))} at most before"
+    if len(others) < _OTHERS:
+        return inf, ""
+    return max(_LONG, _FACTOR * max(others)), f" and has never ended; other actions took {_words(max(others))} at most"
 
 
 def unmoved(seen: Sequence[Seen], observation: Callable[[object], str], state: Callable[[int], str]) -> str:

@@ -40,6 +40,13 @@ def test_an_action_that_has_never_ended_lasts_by_those_of_the_others():
     assert lasting("Go", 1e6, done("Help", 7.0)) == ""  # which is too little to judge by
 
 
+def test_an_action_that_has_ended_once_or_twice_lasts_by_the_longest_of_all():
+    before = done("Charge", 2.0, 2.0)
+    assert lasting("Charge", 29.9, before) == ""
+    assert lasting("Charge", 30.0, before) == "Charge has lasted for 30 s; it took 2.0 s at most before"
+    assert lasting("Charge", 49.9, [*before, *done("Drive", 10.0)]) == ""
+
+
 @given(st.lists(st.floats(0, 1e3), min_size=1, max_size=50), st.floats(0, 1e6))
 def test_an_action_that_others_end_has_no_time_of_its_own(seconds, now):
     assert lasting("Patrol", now, [*done("Patrol", *seconds, status="preempted"), *done("Help", 1.0, 2.0)]) == ""

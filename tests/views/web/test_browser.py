@@ -22,7 +22,8 @@ from mdm import Ensemble
 from mdm.models import POMDP
 from mdm.policies import AlphaVectors, DeterministicPolicy
 from mdm.recording import Record
-from mdm.snapshots import Detail, Frame, RecordedRun
+from mdm.snapshots import Detail, EnsembleFrame, Frame, RecordedRun
+from mdm.snapshots.frame import LifeFrame
 from mdm.snapshots.scene import FactorScene, PredicateScene
 from mdm.team.transport.certificates import make_certificates
 from mdm.testing import run_virtual
@@ -370,6 +371,23 @@ def test_predicates_that_the_chosen_ensemble_decides_on_come_first_and_have_lane
         assert "2 ensembles, 1 predicate, " in await page.get_attribute(".timeline canvas", "aria-label")
 
     seen(look_at, mdm.load_system(a_robot(tmp_path)))
+
+
+def test_what_ensembles_do_tells_which_are_above_each_other():
+    paths = ("ada/patrol", "bob/patrol", "bob/patrol/leg")
+    lives = [(LifeFrame(action, 3.0),) for action in ("GoEast", "Leg", "GoWest")]
+    run = Told(paths)
+    run.turn(paths, tuple([EnsembleFrame("deciding", 2.0, live=live) for live in lives]))
+
+    async def program():
+        async with served(run) as address, browsers.browser() as (look, wrong):
+            page = await look(address)
+            await page.wait_for_selector(".headline .deciding")
+            told = await text(page, ".headline span")
+            assert told == "ada/patrol: GoEast; bob/patrol: Leg \u203a bob/patrol/leg: GoWest"
+            assert wrong == []
+
+    asyncio.run(program())
 
 
 def test_a_factor_told_by_places_says_by_which_predicate_and_that_the_map_tells_it():

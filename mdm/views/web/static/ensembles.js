@@ -42,7 +42,8 @@ export function Headline({ scene, frame, lost }) {
 function doing(scene, frame) {
   const acting = frame.ensembles.map((each, place) => [scene.ensembles[place], each]).filter(([of, each]) => of && each.live?.length);
   if (!acting.length) return frame.ensembles.length === 1 ? frame.ensembles[0].action : "";
-  return acting.slice(0, 3).map(([of, each]) => `${called(of)}: ${each.live.map((life) => life.action).join(", ")}`).join(" › ");
+  const sign = ([above], [of]) => of.path.startsWith(`${above.path}/`) ? " › " : "; ";
+  return acting.slice(0, 3).map(([of, each], place, all) => `${place ? sign(all[place - 1], all[place]) : ""}${called(of)}: ${each.live.map((life) => life.action).join(", ")}`).join("");
 }
 
 function depths(ensembles) {

@@ -96,7 +96,8 @@ class Terminal:
             height: The lines that there are.
             status: Said at the top.
         """
-        parts = [self._head(frame, status), *self._alarms(frame), self._tree(frame, max(4, height // 3))]
+        remarks = [self._text((f"Note: {text}", "yellow")) for text in self.scene.remarks]
+        parts = [self._head(frame, status), *remarks, *self._alarms(frame), self._tree(frame, max(4, height // 3))]
         parts += self._detail(frame)
         left = max(3, height - sum(self._lines(part) for part in parts) - 2)
         parts += [self._predicates(frame, max(2, left // 2)), self._last(frame.time, max(2, left // 2))]

@@ -34,6 +34,13 @@ _PATIENCE = 5.0
 _BATCH = 100
 """Events that one message may bring, and there are hardly more: of a run that is old a thousand come with each."""
 _STEPS = {"d": "decision", "n": "change", "f": "fault", "m": "mode", "o": "odd"}
+_WORDS = {
+    "decision": "decision",
+    "change": "decision for another action",
+    "fault": "fault",
+    "mode": "change of mode",
+    "odd": "thing that looks odd",
+}
 _KEY = re.compile("\x1b\\[.|.", re.DOTALL)
 _ARROWS = {"\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left"}
 
@@ -66,20 +73,21 @@ async def _watch_record(shown: RecordedRun, at: float | None, *, once: bool) -> 
     terminal = Terminal(shown.scene())
     terminal.hear([msgspec.json.decode(each, type=Event) for each in shown.after(0, sys.maxsize)[0]])
     time = at if at is not None else (shown.last if once else shown.first)
-    playing, before = False, times.monotonic()
+    playing, before, told = False, times.monotonic(), ""
     with _screen(once=once) as (draw, keys):
         while True:
             now = times.monotonic()
             if playing:
                 time = min(shown.last, time + now - before)
             before = now
-            status = "▶ playing" if playing else "❚❚ space plays, d n f m o step, q ends"
+            status = "▶ playing" if playing else f"❚❚ {told}space plays, d n f m o step, q ends"
             draw(terminal, shown.frame(time, terminal.close), status)
             if once:
                 return
             key = await keys(_PERIOD)
             if key == "q":
                 return
+            told = "" if key else told
             if key == " ":
                 playing = not playing
             elif key in {"up", "down"}:
@@ -87,7 +95,16 @@ async def _watch_record(shown: RecordedRun, at: float | None, *, once: bool) -> 
             elif key in {"left", "right"}:
                 time, playing = min(shown.last, max(shown.first, time + (1 if key == "right" else -1))), False
             elif key.lower() in _STEPS:
-                time, playing = shown.step(_STEPS[key.lower()], time, back=key.isupper()), False  # type: ignore[arg-type]
+                (time, told), playing = _stepped(shown, key, time), False
+
+
+def _stepped(shown: RecordedRun, key: str, time: float) -> tuple[float, str]:
+    """Return the second to which a key steps, and what is said where nothing is there."""
+    kind, back = _STEPS[key.lower()], key.isupper()
+    to = shown.step(kind, time, back=back)  # type: ignore[arg-type]
+    if round(1e9 * (to - time)):
+        return to, ""
+    return to, f"no {'earlier' if back else 'further'} {_WORDS[kind]}; "
 
 
 async def _watch_page(url: str, authority: str | None, *, once: bool) -> None:

@@ -45,6 +45,12 @@ def test_a_record_is_shown_at_a_second(record, capsys):
     assert "top/walk" in out
 
 
+def test_one_picture_says_that_a_record_is_torn(record, capsys):
+    record.write_bytes(record.read_bytes()[:-3_000])
+    assert main(["watch", str(record), "--once"]) == 0
+    assert "Note: the record ends before its run did" in capsys.readouterr().out
+
+
 def test_a_key_leads_to_where_something_first_looked_odd(tmp_path):
     """In a terminal of its own, whose screen another program than ours keeps."""
     pyte = pytest.importorskip("pyte")
@@ -84,6 +90,8 @@ def test_a_key_leads_to_where_something_first_looked_odd(tmp_path):
             os.write(ours, b"o")
             until("00:17.6 of")
             until("looks odd: 0 has lasted for 10 s")
+            os.write(ours, b"o")
+            until("no further thing that looks odd; space plays")
             os.write(ours, b"\x1b[CO\x1b[Dq")  # at once, as of somebody who is quick
             while process.poll() is None:
                 if select.select([ours], [], [], 0.1)[0]:

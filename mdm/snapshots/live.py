@@ -33,7 +33,7 @@ from mdm.team import Member
 from mdm.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable
+    from collections.abc import Callable, Collection, Iterable, Sequence
 
     from mdm.messages import Fault, Idle, Mode
     from mdm.models import Space
@@ -500,7 +500,7 @@ class LiveRun:
         decided_on = controller.takes == "state" and action is not None and action.state is not None
         return Detail(
             state=_named(space, action.state) if decided_on else None,
-            factors=_factors(space, state),
+            factors=_factors(space, space.unravel(action.state) if decided_on and space else state and state.values),
             observation=None
             if observation is None
             else observed(
@@ -616,10 +616,10 @@ def _named(space: Space | None, index: int) -> str:
     return str(index) if space is None else space.names[index]
 
 
-def _factors(space: Space | None, state: State | None) -> tuple[tuple[str, str | None], ...]:
-    if state is None or space is None or len(state.values) != len(space.factors):
+def _factors(space: Space | None, values: Sequence[int | None] | None) -> tuple[tuple[str, str | None], ...]:
+    if values is None or space is None or len(values) != len(space.factors):
         return ()
-    pairs = zip(space.factors, state.values, strict=True)
+    pairs = zip(space.factors, values, strict=True)
     return tuple([(factor.name, None if value is None else factor.names[value]) for factor, value in pairs])
 
 

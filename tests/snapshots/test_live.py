@@ -6,8 +6,9 @@ import asyncio
 from collections import Counter
 
 import msgspec
+import numpy as np
 import pytest
-from decided import ensemble
+from decided import ensemble, nothing
 from places import EXAMPLES
 from sentences import refused
 from shown import a_robot
@@ -15,6 +16,7 @@ from team_robots import two
 
 import mdm
 from mdm import Ensemble, Error
+from mdm.models import MDP, Factor, Space
 from mdm.policies import DeterministicPolicy
 from mdm.snapshots import Frame, LiveRun, Scene
 from mdm.snapshots.live import factors_of
@@ -116,6 +118,25 @@ def test_each_fault_mode_and_lasting_action_is_an_event(tmp_path):
     expected = [(each.ensemble, each.mode) for each in heard["modes"]]
     assert modes[2:] == expected[: len(modes) - 2]
     assert len(modes) > 10
+
+
+def test_a_state_is_that_which_was_decided_on_though_another_has_come():
+    space = Space([Factor("door", ["open", "closed"]), Factor("lamp", ["off", "on"])])
+    model = MDP([np.eye(4)], np.zeros((4, 1)), discount=0.9, states=space)
+
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        robot = mdm.Ensemble("robot", policy=DeterministicPolicy([0] * 4), model=model, actions={0: nothing})
+        await runtime.start(robot)
+        robot.publish_state(1)
+        robot.stop()
+        robot.publish_state(2)
+        detail = live.frame({"robot"}).details["robot"]
+        assert detail.factors == (("door", "open"), ("lamp", "on"))
+        assert detail.state == space.names[1]
+
+    run_virtual(main)
 
 
 def test_a_belief_is_that_which_was_decided_on():

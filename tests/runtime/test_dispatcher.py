@@ -330,11 +330,11 @@ async def main():
         started.wait()
         before = resident()
         thread.join()
-        after, updates[:], began = resident(), [], time.perf_counter()
+        after, updates[:], began = resident(), [], time.process_time()
         await asyncio.sleep(0)
         while not (sensors[0].value and sensors[1].value):
             await asyncio.sleep(0)
-        took = time.perf_counter() - began
+        took = time.process_time() - began
         found = runtime.statistics().dispatcher
         print(count[0], after - before, took, len(updates), found.from_threads, found.replaced, found.lost, len(faults))
 
@@ -353,7 +353,7 @@ def test_a_flood_while_the_loop_is_held_takes_little_memory_and_little_time(kind
     count, grown, updates, taken, replaced, lost, faults = map(int, words)
     assert count == 200_000
     assert grown < 10_000_000
-    assert took < 0.5  # 0.1 on an idle machine
+    assert took < 0.5  # of the processor, which is 0.1 on an idle machine
     if kind == "predicates":
         assert (updates, taken, lost, faults) == (2, 2, 0, 0)
         assert replaced == 2 * count

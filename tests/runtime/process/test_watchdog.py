@@ -172,7 +172,7 @@ def test_an_emergency_that_does_not_end_does_not_end_the_watch():
         async with Runtime(log=None, watchdog=0.1, emergency=emergency) as runtime:
             faults = probe(runtime.faults)
             for number in (3, 6):
-                time.sleep(0.4)  # noqa: ASYNC251 - which is what is tried
+                time.sleep(1.0)  # noqa: ASYNC251 - which is what is tried
                 while len(faults) < number:
                     await asyncio.sleep(0.01)
         return faults
@@ -226,7 +226,7 @@ def test_a_watchdog_whose_alarm_fails_goes_on():
         watchdog = Watchdog(0.1, alarm, print, None)
         watchdog.open(asyncio.get_running_loop())
         for number in (2, 4):
-            time.sleep(0.3)  # noqa: ASYNC251 - which is what is tried
+            time.sleep(1.0)  # noqa: ASYNC251 - which is what is tried
             while len(told) < number:
                 await asyncio.sleep(0.01)
         watchdog.close()

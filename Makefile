@@ -10,7 +10,7 @@ BIN := $(ENVIRONMENT)/bin
 READY := $(ENVIRONMENT)/.ready
 DEMO := $(ENVIRONMENT)/.demo
 
-.PHONY: environment demo test sentences public-names test-fast test-newest wheel-test chaos lint types docs pictures bench clean
+.PHONY: environment demo test test-slow sentences public-names test-fast test-newest wheel-test chaos lint types docs pictures bench clean
 
 # The virtual environment: with all that a contributor needs, or at first with what the demo needs alone.
 $(BIN)/python:
@@ -37,9 +37,13 @@ demo: $(DEMO)
 # In parallel, on a worker more than there are processors, for some tests wait for other processes. For one file, call
 # pytest itself. Hundreds of tests start a Python of their own: without compiled modules on disk each of them compiles the package.
 WORKERS = -n $$($(PYTHON) -c 'import os; print(min(8, os.cpu_count() + 1))') --dist worksteal
-test test-fast: export PYTHONDONTWRITEBYTECODE :=
+test test-slow test-fast: export PYTHONDONTWRITEBYTECODE :=
+
+# The default ring: every behaviour, no test of more than two processor seconds. The outer ring: what is long by nature.
 test: $(READY)
-	$(BIN)/python -m pytest $(WORKERS)
+	$(BIN)/python -m pytest $(WORKERS) -m 'not slow'
+test-slow: $(READY)
+	$(BIN)/python -m pytest $(WORKERS) -m slow
 
 # The sentences of errors that tests are told, written anew: read the change of the files. For some tests alone:
 # make sentences TESTS=tests/config

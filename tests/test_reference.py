@@ -291,6 +291,19 @@ def named(pages):
 
 
 @pytest.mark.skipif(not (ROOT / "CONTRIBUTING.md").is_file(), reason="beside the sources alone there are all pages")
+def test_every_page_is_in_a_table_of_contents(pages):
+    names = {str(path.relative_to(DOCS).with_suffix("")) for path in DOCS.rglob("*.md") if "_build" not in path.parts}
+    names |= {f"reference/{page.removesuffix('.md')}" for page in pages}
+    listed = {"index"}
+    for name in names:
+        page = DOCS / f"{name}.md"
+        text = page.read_text(encoding="utf-8") if page.is_file() else ""
+        for block in re.findall(r"^```\{toctree\}\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+            entries = [line for line in block.splitlines() if line and not line.startswith(":")]
+            listed |= {str((page.parent / entry).relative_to(DOCS)) for entry in entries}
+    assert listed == names
+
+
 def test_no_link_or_anchor_is_dead(pages):
     texts = written(pages)
     links, dead = 0, []

@@ -10,7 +10,7 @@ BIN := $(ENVIRONMENT)/bin
 READY := $(ENVIRONMENT)/.ready
 DEMO := $(ENVIRONMENT)/.demo
 
-.PHONY: environment demo test test-slow sentences public-names test-fast test-newest wheel-test chaos lint types docs pictures bench clean
+.PHONY: environment demo test test-slow sentences public-names test-newest wheel-test chaos lint types docs pictures bench clean
 
 # The virtual environment: with all that a contributor needs, or at first with what the demo needs alone.
 $(BIN)/python:
@@ -37,13 +37,14 @@ demo: $(DEMO)
 # In parallel, on a worker more than there are processors, for some tests wait for other processes. For one file, call
 # pytest itself. Hundreds of tests start a Python of their own: without compiled modules on disk each of them compiles the package.
 WORKERS = -n $$($(PYTHON) -c 'import os; print(min(8, os.cpu_count() + 1))') --dist worksteal
-test test-slow test-fast: export PYTHONDONTWRITEBYTECODE :=
+test test-slow: export PYTHONDONTWRITEBYTECODE :=
 
 # The default ring: every behaviour, no test of more than two processor seconds. The outer ring: what is long by nature.
+# OPTIONS are pytest's.
 test: $(READY)
-	$(BIN)/python -m pytest $(WORKERS) -m 'not slow'
+	$(BIN)/python -m pytest $(WORKERS) -m 'not slow' $(OPTIONS)
 test-slow: $(READY)
-	$(BIN)/python -m pytest $(WORKERS) -m slow
+	$(BIN)/python -m pytest $(WORKERS) -m slow $(OPTIONS)
 
 # The sentences of errors that tests are told, written anew: read the change of the files. For some tests alone:
 # make sentences TESTS=tests/config
@@ -56,14 +57,9 @@ sentences: $(READY)
 public-names: $(READY)
 	MDM_PUBLIC_NAMES=write $(BIN)/python -m pytest -q tests/test_reference.py
 
-# What another interpreter is most likely to change, in little time: what the event loop, threads and actors are made of.
-FAST := tests/actors/actions tests/actors/test_ensemble.py tests/logic tests/runtime
-test-fast: $(READY)
-	$(BIN)/python -m pytest $(WORKERS) $(FAST)
-
-# The same on the newest interpreter that there is.
+# The default ring on the newest interpreter that there is.
 test-newest:
-	@newest=$$(.ci/newest); if [ -n "$$newest" ]; then $(MAKE) test-fast PYTHON="$$newest"; \
+	@newest=$$(.ci/newest); if [ -n "$$newest" ]; then $(MAKE) test PYTHON="$$newest"; \
 	else echo 'There is no Python beyond 3.11 to test with: python3.14, python3.13 or python3.12, on the path or under pyenv.'; fi
 
 # Every test against the package as it is installed from a wheel, in an environment of its own, from a copy of the tests

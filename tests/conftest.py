@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import processor_time
 import pytest
 import sentences
 from hypothesis import HealthCheck, settings
@@ -27,7 +28,19 @@ settings.register_profile("thorough", parent=settings.get_profile("default"), ma
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "default"))
 
 
-def pytest_configure() -> None:
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the limit on what a test takes."""
+    parser.addoption("--processor-limit", type=float, metavar="SECONDS", help="fail a test that takes more")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Set the limit on what a test takes, where one is given; and repair signals."""
+    if (seconds := config.getoption("--processor-limit")) is not None:
+        config.pluginmanager.register(processor_time.Limit(seconds))
+    _repair_signals()
+
+
+def _repair_signals() -> None:
     """Give signals their meaning back: a background shell ignores SIGINT, nohup SIGHUP, and children inherit that.
 
     Programs that tests start get the default: a handler is not inherited. A hang-up still does not end the suite.

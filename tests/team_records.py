@@ -59,7 +59,7 @@ def recorded(team, model, folder, seed, policy=None, **ways):
     return mdm.run(main, virtual=True)
 
 
-def repeated(team, model, folder, policy=None, as_recorded=None, names=None):
+def repeated(team, model, folder, policy=None, as_recorded=None, names=None, **options):
     """Replay what a team recorded, maybe with another policy; return what became of it, and what each sent."""
     names = names or team.names
     records = {name: Record(folder / f"{name}.mcap") for name in names}
@@ -71,4 +71,4 @@ def repeated(team, model, folder, policy=None, as_recorded=None, names=None):
         ).member
         for name in names
     }
-    return replay_together(records, members, carriers, as_recorded=as_recorded), messages
+    return replay_together(records, members, carriers, as_recorded=as_recorded, **options), messages

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 
 import pytest
@@ -13,7 +14,7 @@ from mdm import (
     ConfigError,
     load_system,
 )
-from mdm.config.functions import find_function
+from mdm.config.functions import find_function, nothing
 
 
 def test_a_module_of_the_same_name_from_another_folder_is_not_taken_for_this_one(folder, tmp_path_factory):
@@ -32,6 +33,26 @@ def test_functions_are_found_beside_the_file_and_anywhere_else(folder):
     (folder / "package").mkdir()
     (folder / "package" / "__init__.py").write_text("def inside(): pass\n")
     assert find_function("package:inside", folder).__name__ == "inside"
+
+
+def test_without_the_import_an_async_function_lasts_until_it_is_ended_and_a_plain_one_does_nothing(folder):
+    system = load_system(written(folder, GOOD, "robot.toml"), callbacks=False)
+    work, rest = (binding.function for binding in system.ensembles["below"].action.bindings)
+    assert rest is nothing
+
+    async def main():
+        lasts = asyncio.ensure_future(work())
+        await asyncio.sleep(0)
+        assert not lasts.done()
+        work.end()
+        await lasts
+        fails = asyncio.ensure_future(work())
+        await asyncio.sleep(0)
+        work.end(ValueError("no road"))
+        with pytest.raises(ValueError, match="no road"):
+            await fails
+
+    asyncio.run(main())
 
 
 @pytest.mark.parametrize(

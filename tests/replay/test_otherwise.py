@@ -81,6 +81,17 @@ def test_a_team_decides_what_another_policy_says_of_its_observations(tmp_path, s
     assert bool(found) != together.same
 
 
+def test_so_many_differences_are_kept_as_are_asked_for(tmp_path):
+    team, policy = Team("fire", ["one", "two", "three"]), AlphaVectors(vectors(1), list(range(8)))
+    recorded(team, MODEL, tmp_path, 1)
+    as_recorded, _ = repeated(team, MODEL, tmp_path)
+    together, _ = repeated(team, MODEL, tmp_path, policy, as_recorded, most=2)
+    assert len(together.agents["one"].differences) == 2
+    assert together.agents["one"].different > 4  # the others count, too
+    together, _ = repeated(team, MODEL, tmp_path, policy, most=3)
+    assert len(together.agents["one"].differences) == together.agents["one"].different == 3  # there it ends
+
+
 def test_these_policies_do_differ(tmp_path):
     """Else the test above would show nothing."""
     team = Team("fire", ["one", "two", "three"])

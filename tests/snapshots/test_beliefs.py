@@ -57,6 +57,28 @@ def test_a_factor_of_many_symbols_shows_the_likeliest_and_the_rest():
     assert two.values == (1.0, 0.0)
 
 
+@pytest.mark.parametrize(
+    ("sizes", "shown"),
+    [
+        ({"row": 64, "column": 64}, ("row", "column", 64, 64)),  # 4,096 cells
+        ({"X": 128, "lit": 2, "Y": 32}, ("Y", "X", 32, 128)),
+        ({"row": 17, "column": 241}, None),  # 4,097
+        ({"row": 241, "column": 17}, None),
+        ({"row": 4, "lit": 2}, None),
+        ({"lit": 2, "column": 4}, None),
+    ],
+)
+def test_a_grid_has_rows_and_columns_and_at_most_4096_cells(sizes, shown):
+    space = Space([Factor(name, size) for name, size in sizes.items()])
+    belief = np.zeros(len(space))
+    belief[-1] = 1.0
+    frame = belief_frame(belief, space)
+    assert [marginal.factor for marginal in frame.marginals] == list(sizes)
+    grid = frame.grid
+    assert (grid and (grid.down, grid.across, grid.rows, grid.columns)) == shown
+    assert grid is None or grid.values == (*(0.0,) * (shown[2] * shown[3] - 1), 1.0)
+
+
 @pytest.mark.parametrize("other", [None, 3, (1, 2), np.array([1, 2])])
 def test_what_is_no_belief_is_none(other):
     assert belief_frame(other, None) is None

@@ -12,7 +12,7 @@ from decided import ensemble, nothing
 from places import EXAMPLES
 from sentences import refused
 from shown import a_robot
-from team_robots import two
+from team_robots import over_states, started, two
 
 import mdm
 from mdm import Ensemble, Error
@@ -20,6 +20,7 @@ from mdm.models import MDP, Factor, Space
 from mdm.policies import DeterministicPolicy
 from mdm.snapshots import Frame, LiveRun, Scene
 from mdm.snapshots.live import factors_of
+from mdm.team import Network, Team
 from mdm.testing import probe, run_virtual
 
 
@@ -137,6 +138,38 @@ def test_a_state_is_that_which_was_decided_on_though_another_has_come():
         assert detail.state == space.names[1]
 
     run_virtual(main)
+
+
+def test_each_decision_is_an_event_with_the_state_or_the_observation_that_it_was_made_at():
+    space = Space([Factor("door", ["open", "closed"]), Factor("lamp", ["off", "on"])])
+    model = MDP([np.eye(4)], np.zeros((4, 1)), discount=0.9, states=space)
+    policy = DeterministicPolicy([0] * 4)
+    robots = {
+        "named": mdm.Ensemble("named", policy=policy, model=model, actions={0: nothing}),
+        "plain": mdm.Ensemble("plain", policy=policy, actions={0: nothing}, drive=2.0),
+        "hidden": ensemble(drive=2.0),
+    }
+
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        for robot in robots.values():
+            await runtime.start(robot)
+        live.frame()
+        robots["named"].publish_state(1)
+        robots["plain"].publish_state(2)
+        live.frame()
+        await asyncio.sleep(0.6)
+        live.frame()
+        robots["hidden"].publish_observation("hear-right")
+        await asyncio.sleep(0.5)
+        live.frame()
+        return [(each.source, each.at) for each in live.ring if each.kind == "decision"]
+
+    told = run_virtual(main)
+    assert [at for source, at in told if source == "named"] == ["in state door open, lamp on"]
+    assert {at for source, at in told if source == "plain"} == {"in state 2"}
+    assert [at for source, at in told if source == "robot"] == ["", "on observing hear-right"]
 
 
 def test_a_belief_is_that_which_was_decided_on():
@@ -357,3 +390,19 @@ def test_of_a_team_it_says_in_words_how_each_agent_and_its_agreement_are():
     (ensemble_,) = [facts for of, facts in told.items() if of.startswith("ensemble ")]
     assert set(ensemble_) >= {"this agent is", "led by", "the leader's term", "step"}
     assert ensemble_["this agent is"] in {"leading", "following"}
+
+
+def test_a_follower_that_carries_out_what_was_decided_does_not_know_in_which_state():
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        team = Team("rooms", ["a", "b"], mode="centralised")
+        robots = await started(runtime, team, Network(runtime.clock, team="rooms"), over_states)
+        live.frame()
+        for robot in robots:
+            robot.lab.set(True)
+        await asyncio.sleep(1.0)
+        live.frame()
+        return {each.source: each.at for each in live.ring if each.kind == "decision"}
+
+    assert run_virtual(main) == {"a/joint": "in state room_a lab, room_b lab", "b/joint": ""}

@@ -415,10 +415,11 @@ def test_states_of_an_mdp():
             for state in (0, 1):
                 one.publish_state(state)
             one.channel("state", State, retain=True).publish(State(0, 7, (7,)))
-        return [(d.state, d.action_name) for d in decisions], faults
+        return [(d.state, d.action_name) for d in decisions], one.control.planner.statistics(), faults
 
-    decisions, faults = run_virtual(main)
+    decisions, statistics, faults = run_virtual(main)
     assert decisions == [(0, "go"), (1, "stay")]
+    assert (statistics.asked, statistics.searched) == (2, 2)  # the loop has not searched itself
     assert "there is no symbol 7" in faults[0].detail
 
 

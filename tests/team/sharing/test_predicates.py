@@ -213,11 +213,10 @@ def test_garbage_harms_nobody():
     run_virtual(main)
 
 
-def told_of(manager, network, runtime):
+def told_of(manager, network, team=None):
     """What tells others of a manager's predicates, which lives beside it, and what it puts on its link."""
     put = []
-    transport = network.transport("robot1")
-    link = Link(walkers(), transport, name="link")
+    link = Link(team or walkers(), network.transport("robot1"), name="link")
     link.send = lambda key, body, **_: put.append(body) or True
     return PredicatePublisher(link, [manager]), put
 
@@ -227,7 +226,7 @@ def test_what_has_stopped_tells_no_more_of_a_manager_that_goes_on():
         manager = mdm.PredicateManager()
         moving, arrived = manager.sensor("IsMoving", initial=False), manager.event("Arrived")
         await runtime.start(manager)
-        told, put = told_of(manager, Network(runtime.clock, team="walk"), runtime)
+        told, put = told_of(manager, Network(runtime.clock, team="walk"))
         await runtime.start(told)
         told.reply(Request(("IsMoving",), ("Arrived",)))
         moving.set(True)
@@ -242,6 +241,24 @@ def test_what_has_stopped_tells_no_more_of_a_manager_that_goes_on():
         assert [channel.statistics().subscribers for channel in heard] == [0, 0]
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize("max_age", [0.5, 1.0, 3.0])
+def test_all_values_are_sent_four_times_within_the_greatest_age(max_age):
+    async def main(runtime):
+        manager = mdm.PredicateManager()
+        manager.sensor("IsMoving", initial=False)
+        await runtime.start(manager)
+        team = Team("walk", ["robot1", "robot2"], max_age=max_age)
+        publisher, put = told_of(manager, Network(runtime.clock, team="walk"), team)
+        await runtime.start(publisher)
+        publisher.reply(Request(("IsMoving",), ()))
+        await asyncio.sleep(5.05 * max_age)
+        return [msgspec.msgpack.decode(body, type=Change).time / 1e9 for body in put]
+
+    times = run_virtual(main)
+    assert times == pytest.approx([number * max_age / 4 for number in range(len(times))])
+    assert len(times) == 21
 
 
 CHANNELS = [("updates", PredicateUpdate), ("events", EventUpdate)]

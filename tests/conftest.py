@@ -15,6 +15,7 @@ import pytest
 import sentences
 from hypothesis import HealthCheck, settings
 from places import CORPUS
+from values import ValuesPlugin
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -34,7 +35,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Set the limit on what a test takes, where one is given; and repair signals."""
+    """Set the limit on what a test takes, where one is given; note the values of options; and repair signals."""
+    config.pluginmanager.register(ValuesPlugin(config))
     if (seconds := config.getoption("--processor-limit")) is not None:
         config.pluginmanager.register(processor_time.Limit(seconds))
     _repair_signals()

@@ -111,6 +111,7 @@ ACROSS = {
     "test_blocks.py": "the blocks of code on the pages",
     "test_house.py": "the pages for contributors",
     "test_sentences.py": "the golden files of sentences",
+    "test_values.py": "which values options are given in a complete run",
     "test_mirror.py": "this",
     "test_wheel.py": "how wheels are built",
 }

@@ -62,6 +62,7 @@ ACROSS = {
     "cli/records/test_bad_records.py": "what all verbs of records have in common",
     "cli/test_loading.py": "which modules the verbs load",
     "cli/test_wrong_input.py": "wrong input, for all verbs",
+    "config/test_amounts.py": "what follows from the numbers of all tables",
     "config/test_mutations.py": "mutated files, all of them",
     "actors/control/test_controller_run.py": "control layers that run the nodes of a plan",
     "actors/actions/test_failed_actions.py": "the action layer: actions that fail, or do not end",

@@ -26,12 +26,23 @@ def test_each_has_a_name(tmp_path, monkeypatch):
         assert type(read(name)) is kind
     budget = read({"policy": "budget", "messages_per_second": 2.0, "of": "on_change"})
     assert (type(budget), type(budget.of)) == (Budget, OnChange)
-    assert read({"policy": "value_of_communication", "threshold": 0.5}).threshold == 0.5
     (tmp_path / "talking_code.py").write_text("from mdm.team import Never\ndef make():\n    return Never()\n")
     import sys
 
     monkeypatch.setattr(sys, "path", list(sys.path))
     assert type(read("talking_code:make", tmp_path)) is Never
+
+
+@pytest.mark.parametrize(("rate", "burst"), [(2.0, 1), (0.25, 3)])
+def test_a_budget_has_the_rate_and_the_burst_of_the_file(rate, burst):
+    bucket = read({"policy": "budget", "messages_per_second": rate, "burst": burst}).bucket
+    assert [bucket.take(0.0) for _ in range(burst + 1)] == [True] * burst + [False]
+    assert (bucket.take(0.99 / rate), bucket.take(1.01 / rate)) == (False, True)
+
+
+@pytest.mark.parametrize("threshold", [0.5, 0.0625])
+def test_what_communication_is_worth_is_held_against_the_threshold_of_the_file(threshold):
+    assert read({"policy": "value_of_communication", "threshold": threshold}).threshold == threshold
 
 
 @pytest.mark.parametrize(

@@ -112,22 +112,24 @@ def test_places_are_predicates_and_ways_are_actions(tmp_path):
     assert sys.modules["wheels"].goals == [6.0, 2.0]
 
 
-def test_each_key_of_the_table_counts(tmp_path):
-    keys = 'margin = 0.0\nmax_age = 3.0\ntolerance = 1.2\noutside = "keep"\n'
+@pytest.mark.parametrize(("max_age", "tolerance"), [(3.0, 1.2), (1.5, 0.4)])
+def test_each_key_of_the_table_counts(tmp_path, max_age, tolerance):
+    keys = f'margin = 0.0\nmax_age = {max_age}\ntolerance = {tolerance}\noutside = "keep"\n'
     text = FILE.replace("[predicates]", f"{keys}\n[predicates]").replace('["wheels:localise"]', "[]")
     system = load_system(file(tmp_path, text))
 
     async def main(runtime):
         await runtime.start(system)
-        system.places.see(Pose(2.0, 3.1))
-        assert system.predicates.value("InHall.at_goal") is True
+        for distance, arrived in ((tolerance - 0.1, True), (tolerance + 0.1, False)):
+            system.places.see(Pose(2.0, 2.0 + distance))
+            assert system.predicates.value("InHall.at_goal") is arrived
         for _ in range(4):
             await asyncio.sleep(1.0)
             system.places.see(Pose(4.0, 2.0))  # between the places
         assert system.places.place == "Hall"
         system.places.see(Pose(4.55, 2.0))
         assert system.places.place == "Kitchen"
-        await asyncio.sleep(2.9)
+        await asyncio.sleep(max_age - 0.1)
         assert system.places.place == "Kitchen"
         await asyncio.sleep(0.2)
         assert system.places.place is None

@@ -13,13 +13,32 @@ from mdm.config import load_system, load_team, load_team_file
 from mdm.config.functions import Functions
 from mdm.config.problems import Problems
 from mdm.config.team_file import read_team
+from mdm.team.transport.ceilings import Ceiling
 
 
-def test_endpoints_derive_from_a_port(tmp_path):
-    assert [agent.endpoint for agent in load_team(write(tmp_path)).agents] == [
-        "tcp/127.0.0.1:7600",
-        "tcp/127.0.0.1:7601",
+@pytest.mark.parametrize("port", [7600, 9100])
+def test_endpoints_derive_from_a_port(tmp_path, port):
+    assert [agent.endpoint for agent in load_team(write(tmp_path, ("port = 7600", f"port = {port}"))).agents] == [
+        f"tcp/127.0.0.1:{port}",
+        f"tcp/127.0.0.1:{port + 1}",
     ]
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"period": 0.5, "deadline": 0.125, "lease": 2.0, "max_age": 3.0},
+        {"drive": 4.0, "deadline": 0.25, "lease": 0.5, "max_age": 0.75},
+        {"drive": 10.0, "lease": 5.0},
+        {"period": 0.2, "max_age": 1.5},
+    ],
+)
+def test_seconds_of_a_team_are_those_of_the_file(tmp_path, given):
+    lines = "".join(f"\n{key} = {value}" for key, value in given.items())
+    team = load_team(write(tmp_path, ("port = 7600", f"port = 7600{lines}")))
+    assert team.period == (given["period"] if "period" in given else 1 / given["drive"])
+    assert team.deadline == given.get("deadline", team.period / 2)
+    assert (team.lease, team.max_age) == (given.get("lease", 1.0), given.get("max_age", 1.0))
 
 
 def test_certificates_are_in_a_folder_beside_the_file(tmp_path):
@@ -33,21 +52,35 @@ def test_certificates_are_in_a_folder_beside_the_file(tmp_path):
         load_system(tmp_path / "team.toml", agent="b")
 
 
-def test_limits_are_those_of_the_file(tmp_path):
-    limits = (
-        'port = 7600\nallowance = { messages = 50, bytes = 20_000 }\nceilings = [{ keys = "mdm/rooms/*/x", rate = 10 }]'
-    )
-    described = load_team_file(write(tmp_path, ("port = 7600", limits)))
-    assert described.team.ceilings[0].rate == 10
-    allowance = described.options("a")["allowance"]
-    assert (allowance.messages, allowance.bytes) == (50, 20_000)
-    assert allowance is not described.options("b")["allowance"]
+@pytest.mark.parametrize(("messages", "size", "burst"), [(50, 20_000, 1.0), (4, 1_500, 2.5)])
+def test_an_agent_sends_what_the_file_allows(tmp_path, messages, size, burst):
+    """What was saved in the silence before is sent at once; the rest as time passes."""
+
+    def allowed(limits):
+        described = load_team_file(write(tmp_path, ("port = 7600", f"port = 7600\nallowance = {{ {limits} }}")))
+        allowance = described.options("a")["allowance"]
+        assert allowance is not described.options("b")["allowance"]
+        return allowance
+
+    by_count = allowed(f"messages = {messages}, burst = {burst}")
+    assert sum(by_count.spend(10, "value", 0.0) for _ in range(200)) == messages * burst
+    assert sum(by_count.spend(10, "value", 0.5) for _ in range(200)) == messages / 2
+    by_size = allowed(f"bytes = {size}, burst = {burst}")
+    assert sum(by_size.spend(size // 10, "value", 0.0) for _ in range(200)) == 10 * burst
+
+
+@pytest.mark.parametrize(("rate", "size"), [(10, 4096), (0.5, 300)])
+def test_ceilings_are_those_of_the_file(tmp_path, rate, size):
+    ceiling = f'{{ keys = "mdm/rooms/*/x", rate = {rate}, size = {size} }}'
+    team = load_team(write(tmp_path, ("port = 7600", f"port = 7600\nceilings = [{ceiling}]")))
+    assert team.ceilings == (Ceiling("mdm/rooms/*/x", rate=rate, size=size),)
 
 
 def test_the_memory_of_a_team_is_that_of_its_ensembles(tmp_path):
     path = write(tmp_path)
     assert load_team_file(path).team.memory == 1000
     assert load_system(path, agent="a").ensembles["joint"].controller.model.is_sparing
+    assert load_team_file(write(tmp_path, ("port = 7600", "port = 7600\nmemory = 20"))).team.memory == 20
     path = write(tmp_path, ("port = 7600", "port = 7600\nmemory = 0.0001"))
     assert load_team_file(path).team.memory == 0.0001
     with refused(ConfigError):

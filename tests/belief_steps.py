@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mdm.beliefs import Support
-from mdm.compilation import can_compile
+from mdm.compilation import may_compile
 from mdm.models import POMDP
 
 
@@ -34,7 +34,7 @@ def assert_step(filter_, expected, probability):
     return belief
 
 
-needs_numba = pytest.mark.skipif(not can_compile(), reason="numba is not there, or MDM_COMPILE is 0")
+needs_numba = pytest.mark.skipif(not may_compile(), reason="numba is not there, or MDM_COMPILE is 0")
 
 
 def corridor(size, observations=3):

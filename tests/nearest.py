@@ -10,7 +10,7 @@ import time
 from itertools import product
 
 import numpy as np
-from scipy.optimize import linprog
+import scipy
 
 import mdm
 from mdm import problems
@@ -52,7 +52,7 @@ def distance_of(belief, rival, own, allowed=None):
     if len(own):
         above.append(np.concatenate([own - rival, np.zeros((len(own), size))], axis=1))
         right.append(-1e-9 * np.abs(own - rival).max(axis=1))  # better, and not only as good
-    found = linprog(
+    found = scipy.optimize.linprog(
         np.concatenate([np.zeros(size), np.full(size, 0.5)]),
         A_ub=np.concatenate(above),
         b_ub=np.concatenate(right),

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
-from scipy.optimize import linprog
+import scipy
 
 from mdm.errors import ModelError
 from mdm.policies import AlphaVectors, MaskedAlphaVectors, MixedAlphaVectors
@@ -261,7 +261,7 @@ def _program(belief: Vector, rival: Vector, own: Vector, mask: Any, tie: float) 
     active = [int((ahead @ belief).argmin())] if len(own) else []
     while True:
         rows = ahead[active]
-        solved = linprog(
+        solved = scipy.optimize.linprog(
             cost,
             A_ub=np.concatenate([-rows, rows], axis=1) if active else None,
             b_ub=rows @ belief - tie if active else None,

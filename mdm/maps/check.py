@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from mdm.checks import check_metres
 from mdm.maps.map import Floors, place_of
@@ -183,7 +183,7 @@ def missing(labels: Labels, grid: Grid, colours: NDArray[np.uint32]) -> dict[int
 
     Free cells to which nothing free leads from any place do not count, such as those around a building.
     """
-    parts, _ = ndimage.label(grid.free)
+    parts, _ = scipy.ndimage.label(grid.free)
     inside = grid.free & np.isin(parts, np.unique(parts[labels.raster > 0]))
     found = {}
     for colour in labels.unnamed.keys() - labels.strays.keys():
@@ -196,7 +196,7 @@ def missing(labels: Labels, grid: Grid, colours: NDArray[np.uint32]) -> dict[int
 
 def _inmost(cells: NDArray[np.bool_]) -> tuple[int, int]:
     """Return the cell that is furthest from what is not among cells."""
-    depth = ndimage.distance_transform_edt(np.pad(cells, 1))[1:-1, 1:-1]
+    depth = scipy.ndimage.distance_transform_edt(np.pad(cells, 1))[1:-1, 1:-1]
     row, column = np.unravel_index(int(depth.argmax()), depth.shape)
     return int(row), int(column)
 
@@ -301,7 +301,7 @@ def _unused(found: Sequence[Passage], crowded: Sequence[str]) -> Iterator[Proble
 
 def _parts(labels: Labels, graph: Graph, driven: NDArray[np.bool_]) -> dict[str, int]:
     """Return in which part of what the robot can drive over each goal lies; 0 where it does not fit."""
-    numbers, _ = ndimage.label(driven)
+    numbers, _ = scipy.ndimage.label(driven)
     cells = {node.name: labels.frame.cell(node.goal.x, node.goal.y) for node in graph.nodes}
     return {name: int(numbers[cell]) for name, cell in cells.items() if cell is not None}
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from mdm.checks import check_metres
 from mdm.errors import MapError
@@ -127,7 +127,7 @@ def _seed(paths: Paths, name: str, x: float, y: float) -> tuple[int, int]:
 
 def _without_specks(grid: Grid) -> Mask:
     """Return the cells that are free but for specks."""
-    found, count = ndimage.label(~grid.free, structure=np.ones((3, 3)))
+    found, count = scipy.ndimage.label(~grid.free, structure=np.ones((3, 3)))
     sizes = np.bincount(found.ravel(), minlength=count + 1) * grid.frame.resolution**2
     speck = sizes < _SPECK
     speck[0] = False
@@ -147,7 +147,7 @@ def _divided(paths: Paths, seeds: Sequence[tuple[int, int]]) -> Regions:
         shares[distance < nearest] = index
         nearest = np.minimum(nearest, distance)
     for index, seed in enumerate(seeds):
-        parts, _ = ndimage.label(shares == index)
+        parts, _ = scipy.ndimage.label(shares == index)
         shares[(shares == index) & (parts != parts[seed])] = -1  # an island, seen through a gap
     given = np.argwhere(shares >= 0)
     _, source = paths.distances([(int(row), int(column)) for row, column in given])
@@ -304,7 +304,7 @@ def propose(grid: Grid, *, radius: float = 0.25, margin: float = 0.3, least: flo
 
 def _reached(grid: Grid, radius: float) -> Mask:
     """Return the cells where a robot fits, of the largest part of the floor that it can drive over."""
-    parts, count = ndimage.label(drivable(grid, radius))
+    parts, count = scipy.ndimage.label(drivable(grid, radius))
     if not count:
         raise MapError(f"a robot with a radius of {radius:g} m fits nowhere on this map")
     largest = 1 + int(np.bincount(parts.ravel())[1:].argmax())

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import ndimage
-from scipy.linalg import block_diag
+import scipy
 
 from mdm.checks import check_metres, is_number
 from mdm.errors import MapError
@@ -369,7 +368,7 @@ def sightings(floor: Map | Floors, noise: float, *, radius: float = 0.25) -> Vec
         raise MapError(f"a noise of {noise!r} is no standard deviation: give metres, 0 or more")
     check_metres(radius, "the radius")
     if isinstance(floor, Floors):
-        seen: Vector = block_diag(*(_seen(each, noise, radius) for each in floor.maps.values()))
+        seen: Vector = scipy.linalg.block_diag(*(_seen(each, noise, radius) for each in floor.maps.values()))
         return seen
     return _seen(floor, noise, radius)
 
@@ -383,7 +382,7 @@ def _seen(floor: Map, noise: float, radius: float) -> Vector:
     cells = noise / labels.frame.resolution
     seen = np.zeros((len(floor.graph.nodes), len(floor.graph.nodes)))
     blurred = [
-        ndimage.gaussian_filter(labels.cells(name).astype(np.float64), cells, mode="constant", truncate=_REACH)
+        scipy.ndimage.gaussian_filter(labels.cells(name).astype(np.float64), cells, mode="constant", truncate=_REACH)
         for name in floor.graph.names
     ]
     for place, name in enumerate(floor.graph.names):

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from mdm.errors import MapError
 from mdm.maps.raster import Frame
@@ -378,7 +378,7 @@ def _stretches(cells: NDArray[np.intp]) -> list[NDArray[np.intp]]:
     low = cells.min(axis=0)
     mask = np.zeros(cells.max(axis=0) - low + 1, dtype=bool)
     mask[tuple((cells - low).T)] = True
-    groups, count = ndimage.label(mask, structure=np.ones((3, 3)))
+    groups, count = scipy.ndimage.label(mask, structure=np.ones((3, 3)))
     of = groups[tuple((cells - low).T)]
     return [cells[of == group] for group in range(1, count + 1)]
 

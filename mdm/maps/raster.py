@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from mdm.errors import MapError
 
@@ -145,7 +145,7 @@ class Grid:
     def clearance(self) -> Vector:
         """Return for each cell the distance of its centre to the nearest centre of one that is not free, in metres."""
         inside = np.pad(self.free, 1)  # beyond the raster nothing is known to be free
-        distances: Vector = ndimage.distance_transform_edt(inside)[1:-1, 1:-1] * self.frame.resolution
+        distances: Vector = scipy.ndimage.distance_transform_edt(inside)[1:-1, 1:-1] * self.frame.resolution
         return distances
 
     def clearance_to_edges(self) -> Vector:
@@ -156,7 +156,7 @@ class Grid:
         half[[0, -1]] = half[:, [0, -1]] = False  # beyond the raster nothing is known to be free
         for below, beside in np.ndindex(3, 3):
             half[below : below + 2 * rows : 2, beside : beside + 2 * columns : 2] &= self.free
-        distances: Vector = ndimage.distance_transform_edt(half)[1::2, 1::2] * (self.frame.resolution / 2)
+        distances: Vector = scipy.ndimage.distance_transform_edt(half)[1::2, 1::2] * (self.frame.resolution / 2)
         return distances
 
 
@@ -248,7 +248,7 @@ class Labels:
         The distance is from centre to centre, 0 where there is no place, infinite where there is no other place.
         """
         depth = np.zeros(self.frame.shape)
-        for label, box in enumerate(ndimage.find_objects(self.raster), 1):
+        for label, box in enumerate(scipy.ndimage.find_objects(self.raster), 1):
             if box is not None:
                 own = self.raster[box] == label
                 depth[box][own] = self._depth(label, box)[own]
@@ -272,7 +272,7 @@ class Labels:
             others = (seen != 0) & (seen != label)
             far: Vector = np.full(self.raster[box].shape, np.inf)
             if others.any():
-                far = ndimage.distance_transform_edt(~others)[inner]
+                far = scipy.ndimage.distance_transform_edt(~others)[inner]
             whole = seen.shape == self.raster.shape
             if whole or far[self.raster[box] == label].max() <= around:
                 return far * self.frame.resolution

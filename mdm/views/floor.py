@@ -8,7 +8,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from mdm.maps import Pose
 from mdm.maps.picture import Picture, colour
@@ -178,7 +178,8 @@ class FloorView:
         thin = _thin(walls, share(raster == 0, lower, columns)) | _thin(walls.T, share(raster == 0, rows, right).T).T
         seen = np.where(thick | thin, 0, raster[np.ix_(lower, right)].astype(np.int64))
         outside = share(self._outside, rows, columns) == 1
-        return np.where(outside & ~ndimage.binary_dilation(~outside & (seen > 0)), _OUTSIDE, np.where(outside, 0, seen))
+        edge = outside & ~scipy.ndimage.binary_dilation(~outside & (seen > 0))
+        return np.where(edge, _OUTSIDE, np.where(outside, 0, seen))
 
     def _write_names(self, signs: list[list[str]], labels: NDArray[np.int64], scale: _Scale) -> None:
         """Write each name within its place, in the line below the goal or the nearest one that has room for it."""
@@ -266,9 +267,9 @@ def _thin(walls: NDArray[np.float64], between: NDArray[np.float64]) -> NDArray[n
 def _outside(raster: NDArray[np.uint16], thick: float) -> NDArray[np.bool_]:
     """Return which cells lie behind the walls: around all, or in a hollow; what stands within a place does not."""
     empty: NDArray[np.bool_] = raster == 0
-    parts, _ = ndimage.label(np.pad(empty, 1, constant_values=True))
+    parts, _ = scipy.ndimage.label(np.pad(empty, 1, constant_values=True))
     around: NDArray[np.bool_] = parts[1:-1, 1:-1] == parts[0, 0]
-    behind: NDArray[np.bool_] = ndimage.distance_transform_edt(empty) > thick
+    behind: NDArray[np.bool_] = scipy.ndimage.distance_transform_edt(empty) > thick
     return around & behind
 
 

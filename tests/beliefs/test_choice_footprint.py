@@ -12,7 +12,7 @@ import mdm
 from mdm import Controller
 from mdm.beliefs import choice
 from mdm.beliefs.choice import check_memory, footprint
-from mdm.compilation import can_compile
+from mdm.compilation import may_compile
 from mdm.errors import ConfigError
 from mdm.models import MDP, POMDP, FactoredPOMDP
 from mdm.policies import ConstantPolicy
@@ -56,7 +56,7 @@ MODELS = {
 }
 
 
-@pytest.mark.skipif(not can_compile(), reason="numba is not installed: other filters are chosen")
+@pytest.mark.skipif(not may_compile(), reason="numba is not installed: other filters are chosen")
 @pytest.mark.parametrize("name", MODELS)
 def test_what_is_told_is_within_a_factor_of_two_of_what_is_allocated(name):
     model = MODELS[name]()

@@ -7,8 +7,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, strategies as st
-from scipy import stats
 
 from mdm.estimation.agreement import discoveries, g_test, log_odds, verdicts
 from mdm.estimation.rows import row_of
@@ -24,14 +24,14 @@ def evenly(size):
 @given(counts_of)
 def test_the_g_test_is_scipy_s(counts):
     model = evenly(len(counts))
-    expected = stats.power_divergence(counts, sum(counts) * model, lambda_="log-likelihood").pvalue
+    expected = scipy.stats.power_divergence(counts, sum(counts) * model, lambda_="log-likelihood").pvalue
     assert g_test(np.array(counts, dtype=float), model) == pytest.approx(expected, rel=1e-9, abs=1e-300)
 
 
 @given(st.lists(st.floats(0, 1), max_size=30), st.sampled_from([0.01, 0.05, 0.2]))
 def test_discoveries_are_those_of_benjamini_and_hochberg(values, rate):
-    expected = stats.false_discovery_control(values) <= rate if values else np.zeros(0, dtype=bool)
-    adjusted = stats.false_discovery_control(values) if values else []
+    expected = scipy.stats.false_discovery_control(values) <= rate if values else np.zeros(0, dtype=bool)
+    adjusted = scipy.stats.false_discovery_control(values) if values else []
     clear = [abs(each - rate) > 1e-12 for each in adjusted]  # on the limit rounding decides
     assert discoveries(values, rate)[clear].tolist() == np.asarray(expected)[clear].tolist()
 

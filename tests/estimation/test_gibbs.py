@@ -7,9 +7,9 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
+import scipy
 from estimated import heard
 from scipy.special import gammaln
-from scipy.stats import beta
 
 from mdm import problems
 from mdm.estimation import chains_of, evidence_of, fit, sample
@@ -66,7 +66,7 @@ def test_intervals_are_those_of_the_posterior_over_all_paths(partly):
             shapes.append((own + 0.5, others + (0.5 if rest is not None else 1.5)))
         shapes = np.array(shapes)
         for end, tail in zip(ends, (0.025, 0.975), strict=True):
-            reached = float(weights @ beta.cdf(end, *shapes.T))
+            reached = float(weights @ scipy.stats.beta.cdf(end, *shapes.T))
             assert abs(reached - tail) < 0.012
 
 

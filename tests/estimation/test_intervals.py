@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, strategies as st
-from scipy import stats
 
 from mdm import ModelError
 from mdm.estimation.intervals import check_level, probability_intervals, rate_intervals
@@ -17,7 +17,7 @@ def test_probabilities_are_those_of_jeffreys_posterior(counts, level):
     tail = (1 - level) / 2
     for place, count in enumerate(counts):
         rest = sum(counts) - count + (len(counts) - 1) / 2
-        posterior = stats.beta(count + 0.5, rest)
+        posterior = scipy.stats.beta(count + 0.5, rest)
         assert interval.estimates[place] == pytest.approx(posterior.mean())
         assert interval.low[place] == pytest.approx(posterior.ppf(tail), rel=1e-6, abs=1e-12)
         assert interval.high[place] == pytest.approx(posterior.ppf(1 - tail), rel=1e-6)
@@ -32,7 +32,7 @@ def test_the_only_entry_of_a_row_is_certain():
 def test_rates_are_those_of_jeffreys_posterior(counts, exposure):
     interval = rate_intervals(counts, exposure)
     for place, count in enumerate(counts):
-        posterior = stats.gamma(count + 0.5, scale=1 / exposure)
+        posterior = scipy.stats.gamma(count + 0.5, scale=1 / exposure)
         assert interval.estimates[place] == pytest.approx(posterior.mean())
         assert interval.low[place] == pytest.approx(posterior.ppf(0.025), rel=1e-6)
         assert interval.high[place] == pytest.approx(posterior.ppf(0.975), rel=1e-6)
@@ -45,8 +45,8 @@ def test_a_row_s_interval_covers_as_often_as_it_says_on_the_average(size):
     for visits in (10, 40):
         counts = np.arange(visits + 1)
         shapes = counts + 0.5, visits - counts + (size - 1) / 2
-        low, high = (stats.beta.ppf(q, *shapes) for q in (0.025, 0.975))
-        chances = stats.binom.pmf(counts[:, None], visits, rows.ravel())
+        low, high = (scipy.stats.beta.ppf(q, *shapes) for q in (0.025, 0.975))
+        chances = scipy.stats.binom.pmf(counts[:, None], visits, rows.ravel())
         covered = (low[:, None] <= rows.ravel()) & (rows.ravel() <= high[:, None])
         assert 0.93 < (chances * covered).sum(axis=0).mean() < 0.97
         ours = [probability_intervals([n, *[(visits - n) / (size - 1)] * (size - 1)]) for n in counts.tolist()]

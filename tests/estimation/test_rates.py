@@ -7,9 +7,9 @@ import math
 import msgspec
 import numpy as np
 import pytest
+import scipy
 from estimated import lived, visits
 from hypothesis import given, strategies as st
-from scipy import stats
 
 from mdm import ModelError
 from mdm.estimation import Stay, chains_of, durations_of, moran, rates_of
@@ -33,9 +33,9 @@ def test_rates_are_jumps_by_the_time_exposed():
     assert (first.action, first.state, first.symbols.tolist(), first.counts.tolist()) == (0, 0, [1, 2], [2, 1])
     assert (first.holding.exposure, first.holding.ends) == (10.0, 3)
     assert first.rates.tolist() == [0.25, 0.15]
-    assert first.low[0] == pytest.approx(stats.gamma.ppf(0.025, 2.5, scale=0.1))
+    assert first.low[0] == pytest.approx(scipy.stats.gamma.ppf(0.025, 2.5, scale=0.1))
     assert first.holding.mean == pytest.approx(10 / 3)
-    assert first.holding.high == pytest.approx(1 / stats.gamma.ppf(0.025, 3.5, scale=0.1))
+    assert first.holding.high == pytest.approx(1 / scipy.stats.gamma.ppf(0.025, 3.5, scale=0.1))
     assert (second.state, second.symbols.tolist(), second.holding.exposure) == (1, [0], 1.0)
     assert (third.state, third.holding.exposure) == (2, 1.0)
 
@@ -43,7 +43,7 @@ def test_rates_are_jumps_by_the_time_exposed():
 def test_the_mean_of_stays_counts_those_that_were_cut_short():
     lengths, cuts = [2.0, 5.0, 1.0], [4.0, 0.5]
     held = holding([*map(ended, lengths), *map(cut, cuts)])
-    fitted = stats.expon.fit(stats.CensoredData(lengths, right=cuts), floc=0)
+    fitted = scipy.stats.expon.fit(scipy.stats.CensoredData(lengths, right=cuts), floc=0)
     assert held.mean == pytest.approx(fitted[1], rel=1e-4)
     assert held.p_value is None
 
@@ -64,7 +64,7 @@ def test_moran_s_statistic_is_bartlett_s_for_variances_of_two_degrees():
     freedom = 2
     statistic = count * freedom * math.log(pooled) - freedom * sum(map(math.log, times))
     statistic /= 1 + (count / freedom - 1 / (count * freedom)) / (3 * (count - 1))
-    below = stats.chi2.cdf(statistic, count - 1)
+    below = scipy.stats.chi2.cdf(statistic, count - 1)
     assert moran(times) == pytest.approx(2 * min(below, 1 - below), rel=1e-9)
 
 
@@ -89,7 +89,7 @@ def test_erlang_stays_are_recognised_with_their_mean(stages):
     random = np.random.default_rng(stages)
     lengths = random.gamma(stages, 6.0 / stages, 600)
     mean, found = erlang(lengths, np.zeros(0))
-    shape = stats.gamma.fit(lengths, floc=0)[0]
+    shape = scipy.stats.gamma.fit(lengths, floc=0)[0]
     assert found in {math.floor(shape), math.ceil(shape)}
     assert mean == pytest.approx(lengths.mean())
     held = holding(map(ended, lengths))
@@ -101,14 +101,14 @@ def test_erlang_stays_that_are_cut_short_are_fitted_as_scipy_does():
     lengths, limits = random.gamma(3, 2.0, 300), random.exponential(10.0, 300)
     done = lengths < limits
     mean, stages = erlang(lengths[done], limits[~done])
-    data = stats.CensoredData(lengths[done], right=limits[~done])
-    _, _, scale = stats.gamma.fit(data, stages, f0=stages, floc=0)
+    data = scipy.stats.CensoredData(lengths[done], right=limits[~done])
+    _, _, scale = scipy.stats.gamma.fit(data, stages, f0=stages, floc=0)
     assert stages == 3
     assert mean == pytest.approx(stages * scale, rel=1e-3)
     likelihood = {}
     for k in (2, 3, 4):
-        shape, _, scale = stats.gamma.fit(data, k, f0=k, floc=0)
-        told = stats.gamma(shape, scale=scale)
+        shape, _, scale = scipy.stats.gamma.fit(data, k, f0=k, floc=0)
+        told = scipy.stats.gamma(shape, scale=scale)
         likelihood[k] = told.logpdf(lengths[done]).sum() + told.logsf(limits[~done]).sum()
     assert max(likelihood, key=likelihood.get) == stages
 

@@ -7,9 +7,9 @@ import sys
 
 import numpy as np
 import pytest
+import scipy
 from floor_file import write_floor
 from matplotlib.colors import to_rgb
-from scipy import ndimage
 from sentences import refused
 
 from mdm.cli.map.drawing import floor_picture
@@ -135,7 +135,7 @@ def test_narrow_gaps_are_not_written_all_over_a_map(tmp_path):
     graph = Graph((Node("a", Pose(3, 2)), Node("b", Pose(9, 2))), (Edge("a", "b", "to b"),))
     drawn = np.asarray(floor_picture(Parts(labels, graph, grid, None, ()), 0.25)).astype(int)
     plates = np.all(abs(drawn - (255, 243, 196)) <= 2, axis=2)
-    _, count = ndimage.label(ndimage.binary_dilation(plates, iterations=4))
+    _, count = scipy.ndimage.label(scipy.ndimage.binary_dilation(plates, iterations=4))
     assert count == 1
 
 
@@ -157,7 +157,7 @@ def test_an_arrow_looks_where_the_goal_looks_in_a_turned_map_too(yaw):
         picture = Picture(labels, None, (0, 0, 21, 21), size=420)
         picture.graph(Graph((Node("a", Pose(x, y, yaw + turn)),), ()), {})
         near = pixels(picture)[190:231, 190:231]
-        parts, _ = ndimage.label([[like(pixel, colour(0), 30) for pixel in row] for row in near])
+        parts, _ = scipy.ndimage.label([[like(pixel, colour(0), 30) for pixel in row] for row in near])
         ink = np.argwhere(parts == parts[20, 20])  # not the name, which has the same colour
         return ink.max(axis=0) - 20, ink.min(axis=0) - 20  # how far down and right, up and left
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -93,7 +94,7 @@ def test_particles_that_tell_nothing_leave_the_belief_and_are_a_fault(particles)
 def test_particles_beyond_all_numbers_lie_in_no_place(yaw):
     floor = row_of_rooms("A", "B", "C").labels
     frame = Frame(*floor.frame.shape, floor.frame.resolution, 0.0, 0.0, yaw)
-    place_belief = PlaceBelief(Labels(frame, floor.raster, floor.names), ENSEMBLE)
+    place_belief = PlaceBelief(Labels(frame, floor.raster, floor.names), on_three_places())
     x, y = np.array([1e308, -math.inf, 1.0]), np.array([1e308, math.inf, 1.0])
     assert list(place_belief._places(mdm.messages.ParticleUpdate(0, x, y))) == [1, 0, 0]
     assert place_belief.unplaced == pytest.approx(2 / 3)
@@ -107,7 +108,7 @@ def test_shares_are_those_of_a_plain_count(seed, yaw):
     raster[random.random(raster.shape) < 0.2] = 0
     labels = Labels(Frame(6, 8, 0.5, -1.0, 2.0, yaw), raster, ("A", "B", "C"))
     x, y = random.normal(scale=3, size=200), random.normal(2, 3, size=200)
-    place_belief = PlaceBelief(labels, ENSEMBLE)
+    place_belief = PlaceBelief(labels, on_three_places())
     found = [labels.name(*point) for point in zip(x, y, strict=True)]
     counts = np.array([found.count(name) for name in "ABC"])
     update = mdm.messages.ParticleUpdate(0, x, y)
@@ -115,7 +116,9 @@ def test_shares_are_those_of_a_plain_count(seed, yaw):
     assert shares is None if not counts.sum() else shares == pytest.approx(counts / counts.sum())
 
 
-ENSEMBLE = robot(Factor("position", ["A", "B", "C"]))
+@cache
+def on_three_places():
+    return robot(Factor("position", ["A", "B", "C"]))
 
 
 def test_what_does_not_fit_is_refused():

@@ -37,16 +37,16 @@ def test_small_grid():
 
 
 @pytest.mark.parametrize(
-    ("model", "horizon", "optimum"),
+    ("problem", "horizon", "optimum"),
     [
-        (grid_small(), 2, 0.91),
-        (grid_small(), 3, 1.550444),
-        (meeting(), 2, 0),
-        (meeting(), 3, 0.1332),
+        (grid_small, 2, 0.91),
+        (grid_small, 3, 1.550444),
+        (meeting, 2, 0),
+        (meeting, 3, 0.1332),
     ],
 )
-def test_published_values(model, horizon, optimum):
-    solution = solve(model.with_discount(1.0), "jesp", horizon=horizon, gap=1e-9)
+def test_published_values(problem, horizon, optimum):
+    solution = solve(problem().with_discount(1.0), "jesp", horizon=horizon, gap=1e-9)
     assert (solution.lower, solution.upper) == pytest.approx((optimum, optimum), abs=1e-6)
 
 

@@ -39,17 +39,18 @@ def made(model):
 
 
 @pytest.mark.parametrize(
-    "model",
+    "problem",
     [
-        mdm.problems.fire_fighting(houses=3, team=3),
-        mdm.problems.fire_fighting(houses=4, team=2, fire_levels=2),
-        mdm.problems.fire_fighting_graph(team=5),
-        mdm.problems.tag(),
-        mdm.problems.rock_sample(),
+        lambda: mdm.problems.fire_fighting(houses=3, team=3),
+        lambda: mdm.problems.fire_fighting(houses=4, team=2, fire_levels=2),
+        lambda: mdm.problems.fire_fighting_graph(team=5),
+        mdm.problems.tag,
+        mdm.problems.rock_sample,
     ],
     ids=["fires", "houses", "graph", "tag", "rocks"],
 )
-def test_sizes_are_known_before(model):
+def test_sizes_are_known_before(problem):
+    model = problem()
     size = matrix_size(model.network)
     transitions, observations, rewards = made(model)
     assert size.transitions == pytest.approx(transitions, rel=0.05)

@@ -9,9 +9,9 @@ import warnings
 import figures
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, settings, strategies as st
 from random_models import factored_models, flat_models
-from scipy.optimize import linprog
 from sentences import refused
 
 import mdm
@@ -51,7 +51,7 @@ def optimum(model):
     actions = range(len(model.action_space))
     bounds = np.vstack([model.discount * dense(model.transition_matrix(a)) - np.eye(size) for a in actions])
     earned = -np.concatenate([model.rewards[:, a] for a in actions])
-    found = linprog(np.ones(size), A_ub=bounds, b_ub=earned, bounds=(None, None), method="highs")
+    found = scipy.optimize.linprog(np.ones(size), A_ub=bounds, b_ub=earned, bounds=(None, None), method="highs")
     assert found.status == 0
     slack = (earned - bounds @ found.x).reshape(-1, size)
     binding = slack.argmin(axis=0) * size + np.arange(size)

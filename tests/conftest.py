@@ -5,24 +5,22 @@ from __future__ import annotations
 import gc
 import os
 import signal
-import sys
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import processor_time
 import pytest
 import sentences
 from hypothesis import HealthCheck, settings
+from imported import forgetting
 from places import CORPUS
 from values import ValuesPlugin
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported: workers would fight for the cores
-
-_OTHERS = (Path(__file__).parent.parent / "examples", Path(__file__).parent / "data")
 
 settings.register_profile("default", deadline=None, max_examples=30, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("thorough", parent=settings.get_profile("default"), max_examples=2000)
@@ -86,22 +84,6 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 @contextmanager
-def _forgetting(written: Path) -> Iterator[None]:
-    """Forget the modules of the files that were written, of examples and of recorded runs that are imported within.
-
-    The next test may write others of their names; and what an example keeps of one run is wrong in another.
-    """
-    before, path = sys.modules.copy(), list(sys.path)
-    yield
-    sys.path[:] = path
-    if next(reversed(sys.modules)) == next(reversed(before)) and len(sys.modules) == len(before):
-        return  # as after nearly every test: what is imported comes last, and to compare all names takes long
-    for name in sys.modules.keys() - before.keys():
-        if {written, *_OTHERS}.intersection(Path(getattr(sys.modules[name], "__file__", None) or "").parents):
-            del sys.modules[name]
-
-
-@contextmanager
 def _same_signals() -> Iterator[None]:
     """See that a test leaves signals to whom it found them with: a later one would wait for ever for its Ctrl-C."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -119,14 +101,14 @@ def _file_apart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """
     gc.collect()
     gc.freeze()
-    with _forgetting(tmp_path_factory.getbasetemp()):
+    with forgetting(tmp_path_factory.getbasetemp()):
         yield
 
 
 @pytest.fixture(autouse=True)
 def _test_apart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Keep a test from the next one; in one fixture, for each takes a tenth of a millisecond in each of 9,000 tests."""
-    with _same_signals(), _forgetting(tmp_path_factory.getbasetemp()):
+    with _same_signals(), forgetting(tmp_path_factory.getbasetemp()):
         yield
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import itertools
 import math
 import os
@@ -11,15 +12,20 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import zipfile
+from bisect import bisect
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from importlib import import_module
+from pathlib import Path
+from unittest.mock import patch
 
 import blocks
 import days
 import numpy as np
 import pytest
+from in_process import script
 from PIL import Image
 from places import EXAMPLES, ROOT
 from team_file import running
@@ -29,14 +35,13 @@ import mdm
 from mdm.recording import Record
 from mdm.team import Committed
 
+PATROL = EXAMPLES / "patrol" / "patrol.py"
+
 
 def run(name, *arguments):
-    done = subprocess.run(
-        [sys.executable, "-W", "error", str(EXAMPLES / name), *arguments], capture_output=True, text=True, timeout=100
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    return done.stdout
+    done = script(EXAMPLES / name, *arguments)
+    assert (done.status, done.errors) == (0, "")
+    return done.output
 
 
 @contextmanager
@@ -61,7 +66,12 @@ def test_embedding():
     assert lines[-1] == "the program went on meanwhile: True"
 
 
-STEPS = [(each.info["of"], each.text) for each in blocks.blocks("docs/tutorial.md") if each.language == "text"]
+STEPS = [
+    pytest.param(each.info["of"], each.text, marks=[pytest.mark.slow] if "statistics" in each.info["of"] else [])
+    for each in blocks.blocks("docs/tutorial.md")
+    if each.language == "text"
+]
+"""That of statistics solves a model, runs for ten minutes, and solves again."""
 
 
 @pytest.mark.parametrize(("step", "told"), STEPS)
@@ -78,6 +88,7 @@ def burning(record):
     return sum(fires) / 1e9
 
 
+@pytest.mark.slow
 def test_what_a_record_of_the_demo_tells_of_its_model_makes_it_better(tmp_path):
     """By the commands of statistics.md; also in the building, of which no model is known."""
     pytest.importorskip("navground")
@@ -114,21 +125,26 @@ def test_the_patrol_of_the_tutorial_goes_safe_and_on():
     assert modes == ["deciding", "safe", "deciding", "safe"]
 
 
+PICTURES = ROOT / "docs" / "pictures"
+DRAWN = sorted((PICTURES / "tutorial").iterdir())
+
+
+def test_the_pictures_of_the_tutorial_are_small_and_on_its_page():
+    assert [path.stem for path in DRAWN] == [f"step{number}" for number in range(1, 8)]
+    page = (ROOT / "docs" / "tutorial.md").read_text()
+    for path in DRAWN:
+        assert f"(pictures/tutorial/{path.name})" in page
+        assert path.stat().st_size < 30_000
+
+
+@pytest.mark.slow
 def test_the_pictures_of_the_tutorial_show_what_its_programs_do(tmp_path):
     """What is text is compared; of images the sizes, for fonts are drawn a little differently elsewhere."""
     pytest.importorskip("navground")
-    pictures = ROOT / "docs" / "pictures"
-    done = subprocess.run(
-        [sys.executable, str(pictures / "tutorial.py"), str(tmp_path)], capture_output=True, text=True, timeout=250
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-    kept = sorted((pictures / "tutorial").iterdir())
-    assert [path.name for path in kept] == sorted(path.name for path in tmp_path.iterdir())
-    assert [path.stem for path in kept] == [f"step{number}" for number in range(1, 8)]
-    page = (ROOT / "docs" / "tutorial.md").read_text()
-    for path in kept:
-        assert f"(pictures/tutorial/{path.name})" in page
-        assert path.stat().st_size < 30_000
+    done = script(PICTURES / "tutorial.py", tmp_path)
+    assert (done.status, done.errors) == (0, "")
+    assert [path.name for path in DRAWN] == sorted(path.name for path in tmp_path.iterdir())
+    for path in DRAWN:
         drawn = tmp_path / path.name
         if path.suffix == ".svg":
             assert path.read_text() == drawn.read_text()
@@ -216,21 +232,23 @@ def test_patrol(arguments):
 def on_a_terminal(seconds, *arguments, **environment):
     """Run the patrol on a terminal; return what it wrote there."""
     here, there = os.openpty()
-    process = subprocess.Popen(
-        [sys.executable, "-W", "error", str(EXAMPLES / "patrol" / "patrol.py"), "--seconds", str(seconds), *arguments],
-        stdin=subprocess.DEVNULL,
-        stdout=there,
-        stderr=subprocess.PIPE,
-        env={"PATH": os.environ["PATH"], "PYTHONPATH": str(ROOT), "TERM": "xterm", **environment},
-    )
-    os.close(there)
-    written = b""
-    with suppress(OSError), os.fdopen(here, "rb", buffering=0) as terminal:  # which ends by an error
-        while part := terminal.read(65536):
-            written += part
-    error = process.communicate(timeout=100)[1].decode()
-    assert (process.returncode, error) == (0, "")
-    return written.decode().replace("\r\n", "\n")
+    written = []
+
+    def read():
+        with suppress(OSError), os.fdopen(here, "rb", buffering=0) as terminal:  # which ends by an error
+            while part := terminal.read(65536):
+                written.append(part)
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    with (
+        os.fdopen(there, "w", encoding="utf-8") as terminal,
+        patch.dict(os.environ, {"TERM": "xterm", **environment}),
+    ):
+        done = script(PATROL, "--seconds", seconds, *arguments, output=terminal)
+    reader.join()
+    assert (done.status, done.errors) == (0, "")
+    return b"".join(written).decode().replace("\r\n", "\n")
 
 
 def test_the_patrol_is_told_without_colours_where_they_are_not_wanted():
@@ -247,33 +265,43 @@ def test_the_patrol_that_draws_nothing_writes_plain_lines(argument, wish):
 
 
 def test_the_patrol_on_a_terminal_without_arrows():
-    command = [sys.executable, str(EXAMPLES / "patrol" / "patrol.py"), "--fast", "--seconds", "1"]
-    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
-    done = subprocess.run(command, capture_output=True, text=True, timeout=100, env=environment)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "At the end the robot is in " in done.stdout
+    terminal = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    done = script(PATROL, "--fast", "--seconds", "1", output=terminal)
+    assert (done.status, done.errors) == (0, "")
+    terminal.flush()
+    assert "At the end the robot is in " in terminal.buffer.getvalue().decode("ascii")
 
 
-@pytest.mark.parametrize(
-    ("output", "message"),
-    [
-        (">&-", ""),
-        ("> /dev/full", "patrol.py: [Errno 28] No space left on device"),
-        ("--film x.bmp", "patrol.py: x.bmp: a film ends in .gif, or in .png for a sheet of its pictures"),
-    ],
-)
-def test_the_patrol_where_nothing_can_be_written(output, message):
-    command = f"{sys.executable} {EXAMPLES / 'patrol' / 'patrol.py'} --fast --seconds 1 {output}"
+def test_the_patrol_on_a_full_disk():
+    with Path("/dev/full").open("w", encoding="utf-8") as disk:
+        done = script(PATROL, "--fast", "--seconds", "1", output=disk)
+    assert (done.status, done.errors) == (1, "patrol.py: [Errno 28] No space left on device\n")
+
+
+def test_a_film_of_no_kind_that_is_known_is_refused():
+    done = script(PATROL, "--fast", "--seconds", "1", "--film", "x.bmp")
+    message = "patrol.py: x.bmp: a film ends in .gif, or in .png for a sheet of its pictures\n"
+    assert done == (1, "", message)
+
+
+def test_the_patrol_without_an_output():
+    command = f"{sys.executable} {PATROL} --fast --seconds 1 >&-"
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=100)
-    assert (done.stdout, done.stderr.strip()) == ("", message)
-    assert done.returncode == (1 if message else 0)
+    assert (done.stdout, done.stderr, done.returncode) == ("", "", 0)
 
 
-@pytest.mark.parametrize("arguments", ["", "--log"])
-def test_the_patrol_whose_reader_has_gone(arguments):
-    command = f"{sys.executable} {EXAMPLES / 'patrol' / 'patrol.py'} --fast {arguments}; echo $? >&2"
+def test_the_patrol_whose_reader_has_gone():
+    command = f"{sys.executable} {PATROL} --fast; echo $? >&2"
     done = subprocess.run(["sh", "-c", f"({command}) | true"], capture_output=True, text=True, timeout=100)
     assert done.stderr.strip() == "1"
+
+
+def test_the_patrol_that_writes_lines_and_whose_reader_has_gone():
+    here, there = os.pipe()
+    os.close(here)
+    with os.fdopen(there, "w", encoding="utf-8") as gone:
+        done = script(PATROL, "--fast", "--log", output=gone)
+    assert (done.status, done.errors) == (1, "")
 
 
 @pytest.mark.parametrize("module", ["argparse", "numpy", "mdm.views", "navground"])
@@ -289,14 +317,14 @@ class Interrupting:
 
 sys.modules.pop({module!r}, None)
 sys.meta_path.insert(0, Interrupting())
-runpy.run_path({str(EXAMPLES / "patrol" / "patrol.py")!r}, run_name="__main__")
+runpy.run_path({str(PATROL)!r}, run_name="__main__")
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=100)
     assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "", "")
 
 
 def test_another_seed_is_another_day_and_the_same_one_the_same():
-    one, other, again = (run("patrol/patrol.py", "--fast", "--seconds", "90", "--seed", seed) for seed in "454")
+    one, other, again = (run("patrol/patrol.py", "--fast", "--seconds", "30", "--seed", seed) for seed in "454")
     assert one != other
     assert one.splitlines()[:-1] == again.splitlines()[:-1]  # the last line tells the time it took
     for output in (one, other):
@@ -306,7 +334,7 @@ def test_another_seed_is_another_day_and_the_same_one_the_same():
 
 def test_a_patrol_that_nobody_disturbs_is_in_each_room_as_often_as_its_model_says():
     """By the model's own chain, in which one drive of ten does not arrive: that changes no room's share."""
-    seen = days.day(1, 300, calm=True)
+    seen = days.day(1, 160, calm=True)
     assert (seen.idle, seen.contacts, seen.failed, seen.longest) == (0.0, 0, 0, 0.0)
     assert not any(leg.disturbed for leg in seen.legs)
     model, policy = mdm.load_model(days.FOLDER / "patrol.npz"), mdm.load_policy(days.FOLDER / "patrol.policy")
@@ -316,15 +344,15 @@ def test_a_patrol_that_nobody_disturbs_is_in_each_room_as_often_as_its_model_say
     places = [model.state_space.unravel(state)[0] for state in range(len(chain))]
     shares = np.bincount(places, weights=shares / shares.sum())
     rooms = [places[leg.state] for leg in seen.legs]
-    assert len(rooms) >= 32  # four rounds
+    assert len(rooms) >= 16  # two rounds
     assert np.abs(np.bincount(rooms, minlength=6) - len(rooms) * shares).max() < 1.5  # by the round that has not ended
 
 
 def test_a_part_of_a_day_of_the_patrol():
     """The whole of it, with twenty seeds, is ``python -m days``."""
-    seen = days.day(2, 300)
+    seen = days.day(2, 150)
     assert (seen.idle, seen.contacts) == (0.0, 0)
-    assert len(seen.attended) > 10
+    assert len(seen.attended) > 5
     assert seen.longest < days.BOUND
     forecast = days.Forecast(seen.legs)
     own = [leg for leg in seen.legs if not leg.disturbed]
@@ -337,6 +365,8 @@ def a_day(seed, *, turns=0.0, count=4000):
     """Draw the legs of a patrol by its model, called away three times of ten, which may stay in a room by error."""
     random = np.random.default_rng(seed)
     forecast = days.Forecast([days.Leg(0, 0, 1, disturbed=False)])
+    likely = [[int(each) for each in row.nonzero()[0]] for row in forecast.following]
+    up_to = [np.cumsum(row[row > 0])[:-1].tolist() for row in forecast.following]
     found, state = [], 1
     for _ in range(count):
         is_away = random.random() < 0.3
@@ -345,7 +375,7 @@ def a_day(seed, *, turns=0.0, count=4000):
         elif state // 2 == 3 and random.random() < turns:
             following = state
         else:
-            following = int(random.choice(12, p=forecast.following[state]))
+            following = likely[state][bisect(up_to[state], random.random())]
         found.append(days.Leg(state, forecast.actions[state], following, is_away))
         state = following
     return days.Day(idle=0.0, attended=[], left=[], waiting=[], contacts=0, failed=0, legs=found)
@@ -422,25 +452,21 @@ def test_the_patrol_on_another_floor(tmp_path):
             text = re.sub(old, new, text, flags=re.DOTALL)
         (folder / name).write_text(text)
         if name.endswith(".py"):
-            subprocess.run([sys.executable, folder / name], check=True, timeout=100)
+            assert script(folder / name).status == 0
     output = run(folder / "patrol.py", "--fast")
     assert "patrol (MDP, 6 states, 4 actions, event-driven)" in output
     assert "the state is 'Office, second half of the round': Left" in output
     assert "fault" not in output
 
 
-def test_the_patrol_without_its_simulator_says_what_it_needs():
-    program = f"""
-import runpy, sys
-sys.modules["navground"] = None
-runpy.run_path({str(EXAMPLES / "patrol" / "patrol.py")!r}, run_name="__main__")
-"""
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=100)
-    assert done.stderr.startswith("patrol.py: simulated buildings need navground: pip install ")
-    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+def test_the_patrol_without_its_simulator_says_what_it_needs(monkeypatch):
+    monkeypatch.setitem(sys.modules, "navground", None)
+    done = script(PATROL)
+    assert done.errors.startswith("patrol.py: simulated buildings need navground: pip install ")
+    assert (done.status, done.errors.count("\n")) == (1, 1)
 
 
-@pytest.mark.parametrize(("name", "seconds", "pictures"), [("film.gif", "10", 21), ("film.png", "2", 1)])
+@pytest.mark.parametrize(("name", "seconds", "pictures"), [("film.gif", "2", 5), ("film.png", "1", 1)])
 def test_the_patrol_is_filmed(tmp_path, name, seconds, pictures):
     output = run("patrol/patrol.py", "--fast", "--seconds", seconds, "--film", str(tmp_path / name))
     assert f"{name}: " in output
@@ -450,23 +476,32 @@ def test_the_patrol_is_filmed(tmp_path, name, seconds, pictures):
     assert frames == pictures  # of a GIF every half a second, both ends count
 
 
+class Interrupted(io.TextIOWrapper):
+    """Has Ctrl-C come where this is printed."""
+
+    def __init__(self, words):
+        super().__init__(io.BytesIO(), encoding="utf-8")
+        self.words = words
+
+    def write(self, text):
+        written = super().write(text)
+        if self.words in text:
+            signal.raise_signal(signal.SIGINT)
+        return written
+
+
 def test_a_film_that_is_cut_off_shows_what_there_was_until_then(tmp_path):
-    name = "film.gif"
-    command = [sys.executable, str(EXAMPLES / "patrol" / "patrol.py"), "--fast", "--seconds", "1e6"]
-    process = subprocess.Popen(
-        [*command, "--film", str(tmp_path / name)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    while "Assistance succeeded" not in process.stdout.readline():  # seconds after the first picture
-        pass
-    process.send_signal(signal.SIGINT)
-    output, error = process.communicate(timeout=100)
-    assert (process.returncode, error) == (130, "")
-    count = int(re.search(rf"{name}: (\d+) pictures\n", output)[1])
+    terminal = Interrupted("the robot is in WestCorridor")
+    done = script(PATROL, "--fast", "--seconds", "60", "--film", tmp_path / "film.gif", output=terminal)
+    assert (done.status, done.errors) == (130, "")
+    terminal.flush()
+    output = terminal.buffer.getvalue().decode()
+    count = int(re.search(r"film.gif: (\d+) pictures\n", output)[1])
     assert count >= 5
     assert "stopped: the running action has ended, and the safe action has run" in output
-    with Image.open(tmp_path / name) as film:
+    with Image.open(tmp_path / "film.gif") as film:
         assert film.n_frames == count
-    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert [path.name for path in tmp_path.iterdir()] == ["film.gif"]
 
 
 def same(one, other):
@@ -483,7 +518,7 @@ def same(one, other):
 
 
 @pytest.mark.parametrize(
-    ("script", "names"),
+    ("program", "names"),
     [
         ("patrol/draw_floor.py", ["floor.pgm", "floor.yaml", "floor.xml", "labels.png"]),
         ("patrol/make_models.py", ["top.pomdpx", "top.policy", "patrol.npz", "patrol.policy"]),
@@ -491,15 +526,16 @@ def same(one, other):
         ("team/building/make_models.py", ["building.npz", "building.policy"]),
     ],
 )
-def test_the_files_of_examples_are_what_their_scripts_write(tmp_path, script, names):
+def test_the_files_of_examples_are_what_their_scripts_write(tmp_path, program, names):
     for folder in ("patrol", "team"):
         shutil.copytree(EXAMPLES / folder, tmp_path / folder)
-    folder = (tmp_path / script).parent
+    folder = (tmp_path / program).parent
     for name in names:
         (folder / name).unlink()
-    subprocess.run([sys.executable, str(tmp_path / script)], check=True, capture_output=True, timeout=100)
-    assert [name for name in names if not same(folder / name, (EXAMPLES / script).parent / name)] == []
-    if script == "team/make_models.py":  # where a search ends by its gap, vectors depend on the machine
+    done = script(tmp_path / program)
+    assert (done.status, done.errors) == (0, "")
+    assert [name for name in names if not same(folder / name, (EXAMPLES / program).parent / name)] == []
+    if program == "team/make_models.py":  # where a search ends by its gap, vectors depend on the machine
         model = mdm.load_model(folder / "meeting.npz")
         values = [
             mdm.load_policy(place / "meeting.vf").value(model.initial_belief) for place in (folder, EXAMPLES / "team")
@@ -598,26 +634,27 @@ def patrolled(seconds):
     return steps, rooms, distances, touched
 
 
-def test_two_robots_share_the_patrol_of_a_building():
-    steps, rooms, distances, touched = patrolled(240)
+@pytest.mark.parametrize("seconds", [100, pytest.param(240, marks=pytest.mark.slow)])
+def test_two_robots_share_the_patrol_of_a_building(seconds):
+    steps, rooms, distances, touched = patrolled(seconds)
     assert steps["ada"] == steps["bob"]
     assert touched == {"ada": 0, "bob": 0}
     assert min(distances) > 2.0  # it is what they decide that keeps them apart: they need not give way
-    west, east = (set(rooms[agent][10:]) for agent in ("ada", "bob"))
+    west, east = (set(rooms[agent][6:]) for agent in ("ada", "bob"))
     assert west == {"LRM", "SoccerField"}
     assert east == {"ElevatorHallway", "WestCorridor", "SouthCorridor", "CoffeeRoom"}
     ends = [room for room in rooms["bob"] if room in {"CoffeeRoom", "ElevatorHallway"}]
     assert all(one != other for one, other in itertools.pairwise(ends))  # there and back: no half of a round twice
-    assert len(ends) >= 8
-    assert len(rooms["ada"]) >= 32
-    again, *_ = patrolled(60)
-    assert len(again["ada"]) >= 15
+    assert len(ends) >= seconds // 30
+    assert len(rooms["ada"]) >= seconds * 32 // 240
+    again, *_ = patrolled(seconds // 4)
+    assert len(again["ada"]) >= seconds // 16
     for agent, own in again.items():
         assert own == {step: steps[agent][step] for step in own}
 
 
 def test_what_a_communication_policy_is_worth():
-    head, *rows = run("team/communicating.py", "--episodes", "20").splitlines()
+    head, *rows = run("team/communicating.py", "--episodes", "10").splitlines()
     assert head.split() == ["communication", "policy", "return", "95", "%", "interval", "messages", "per", "step"]
     returns = {row.split()[0]: (float(row.split()[1]), float(row.split()[-1])) for row in rows}
     assert returns["Always()"][1] == 2.0
@@ -650,6 +687,7 @@ def test_the_team_that_the_readme_starts_is_one_that_is_tried():
     assert started in {f"examples/team/{name}.toml" for name, *_ in TEAMS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "agents", "times"), TEAMS)
 def test_teams_run_in_processes_of_their_own(tmp_path, name, agents, times):
     for folder in ("team", "patrol"):

@@ -15,6 +15,7 @@ import sys
 import tomllib
 from typing import NamedTuple
 
+import in_process
 from places import ROOT
 
 _FENCE = re.compile(r"^```(\w*)([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -51,11 +52,16 @@ def _info(text):
     return {name: value.strip('"') for name, value in re.findall(r'([\w-]+)=("[^"]*"|\S+)', text)}
 
 
-def run(block, folder, scope):
+def run(block, folder, scope, *, most=None):
     """Run a block in a folder, with the names that the blocks before it have made; return the folder to go on in.
 
     What ``print(…)  # text`` prints is compared with the text.
+
+    Args:
+        most: How many episodes are simulated at most, whatever the block says. Then what it tests by a pytest of its
+            own is tested in this process.
     """
+    block = block if most is None else _with_fewer_episodes(block, most)
     if "file" in block.info:
         (folder / block.info["file"]).write_text(block.text, encoding="utf-8")
     elif block.language == "python":
@@ -66,7 +72,7 @@ def run(block, folder, scope):
         assert not said or printed.getvalue().splitlines() == said, f"{block.page}:{block.line}"
     elif block.language == "console":
         for words in _lines(block):
-            folder = _command(words, folder)
+            folder = _command(words, folder, alone=most is None)
     elif block.language == "toml":
         tomllib.loads(block.text)
     else:
@@ -74,23 +80,29 @@ def run(block, folder, scope):
     return folder
 
 
+def _with_fewer_episodes(block, most):
+    text = re.sub(r"(?<=\bepisodes[= ])[\d_]+", lambda said: str(min(int(said[0]), most)), block.text)
+    many = r"(?m)^mdm (evaluate|compare) (?!.*--episodes)[^#\n]*?(?= *(#|$))"
+    return block._replace(text=re.sub(many, rf"\g<0> --episodes {most}", text))
+
+
 def printed(block, folder):
     """Run the commands of a console block in a folder; return what they print."""
-    return "".join(_printed(words, folder, None) for words in _lines(block) if words)
+    return "".join(_printed(words, folder, None, alone=True) for words in _lines(block) if words)
 
 
 def _lines(block):
     return [shlex.split(line, comments=True) for line in block.text.replace("\\\n", " ").splitlines()]
 
 
-def _command(words, folder):
+def _command(words, folder, *, alone):
     if not words:
         return folder
     if words[0] == "cd":
         return folder / words[1]
     printed = None
     for command in _piped(words):
-        printed = _printed(command, folder, printed)
+        printed = _printed(command, folder, printed, alone=alone)
     return folder
 
 
@@ -105,17 +117,24 @@ def _piped(words):
     return commands
 
 
-def _printed(words, folder, given):
-    programs = {"mdm": ["-m", "mdm"], "python": []}
-    if words[1:3] == ["-m", "pytest"]:
-        words += ["-p", "no:cacheprovider", "-p", "no:asyncio", "-p", "no:randomly"]
-    done = subprocess.run(
-        [sys.executable, *programs[words[0]], *words[1:]],
-        cwd=folder,
-        input=given,
-        capture_output=True,
-        text=True,
-        timeout=250,
-    )
-    assert done.returncode == 0, f"{' '.join(words)}\n{done.stdout}{done.stderr}"
-    return done.stdout
+def _printed(words, folder, given, *, alone):
+    """Run a command: that of this library in this process, another by a process of its own, or not `alone`."""
+    if words[0] == "mdm":
+        status, output, errors = in_process.mdm(*words[1:], folder=folder, given=given or "")
+    else:
+        assert words[0] == "python"
+        if not alone and words[1:3] == ["-m", "pytest"]:
+            assert in_process.suite(folder)
+            return ""
+        if not alone:
+            done = in_process.script(folder / words[1], *words[2:], folder=folder)
+            assert (done.status, done.errors) == (0, ""), " ".join(words)
+            return done.output
+        if words[1:3] == ["-m", "pytest"]:
+            words += ["-p", "no:cacheprovider", "-p", "no:asyncio", "-p", "no:randomly"]
+        done = subprocess.run(
+            [sys.executable, *words[1:]], cwd=folder, input=given, capture_output=True, text=True, timeout=250
+        )
+        status, output, errors = done.returncode, done.stdout, done.stderr
+    assert status == 0, f"{' '.join(words)}\n{output}{errors}"
+    return output

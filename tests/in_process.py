@@ -60,6 +60,23 @@ def script(path: Path, *arguments: object, folder: Path | None = None, output: i
     return _run(program, [str(path), *map(str, arguments)], folder, "", output)
 
 
+def suite(folder: Path) -> list[str]:
+    """Call the functions that are the tests of a folder's files; return their names."""
+    called = []
+
+    def program() -> int:
+        sys.path.insert(0, str(folder))
+        for path in sorted(folder.glob("test_*.py")):
+            for name, value in runpy.run_path(str(path)).items():
+                if name.startswith("test_"):
+                    value()
+                    called.append(name)
+        return 0
+
+    _run(program, [str(folder / "suite")], folder, "")
+    return called
+
+
 def _run(
     program: Callable[[], int], words: list[str], folder: Path | None, given: str, to: io.TextIOWrapper | None = None
 ) -> Done:

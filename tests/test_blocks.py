@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from cli.ros1 import packages
 from PIL import Image
-from places import EXAMPLES, ROOT
+from places import EXAMPLES, ROOT, TIGER_VECTORS
 
 import mdm
 from mdm.cli import main
@@ -28,7 +28,7 @@ def files(folder, page):
     if page == "docs/solving.md":
         tiger = mdm.problems.tiger(discount=0.95)
         mdm.save_model(tiger, folder / "tiger.pomdp")
-        mdm.save_policy(mdm.solve(tiger, gap=1).policy, folder / "tiger.vf")
+        shutil.copyfile(TIGER_VECTORS, folder / "tiger.vf")
         for name in "ab":
             assert main(["solve", "tiger.pomdp", "--gap", "1", "--history", f"{name}.json"]) == 0
         cells = ["left", "middle", "right"]
@@ -93,18 +93,43 @@ def scope(page):
     return {"mdm": mdm} | given.get(page, {})
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_every_block_runs(page, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    files(tmp_path, page)
-    names, folder = scope(page), tmp_path
-    for block in blocks.blocks(page):
+EPISODES = re.compile(r"episodes\.|table\[")
+"""What the blocks of docs/records.md on episodes have, which share nothing with those on the patrol."""
+
+LONG = ["docs/solving.md", "docs/how-to.md", "docs/start.md"]
+"""Pages with many episodes, or a pytest of their own."""
+
+
+def run(page, folder, *, wanted=lambda block: True, most=None):
+    files(folder, page)
+    names, here = scope(page), folder
+    for block in filter(wanted, blocks.blocks(page)):
         if block.info.keys() & {"checked", "not-run"}:
             continue
         if page == "docs/maps.md":
-            floor(tmp_path)
+            floor(folder)
         begins = block.language == "console" and "cd " in block.text
-        folder = blocks.run(block, tmp_path if begins else folder, names)
+        here = blocks.run(block, folder if begins else here, names, most=most)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page != "docs/records.md"])
+def test_every_block_runs(page, tmp_path, monkeypatch):
+    """With few episodes; the tests of a page's project are called in this process."""
+    monkeypatch.chdir(tmp_path)
+    run(page, tmp_path, most=20)
+
+
+@pytest.mark.parametrize("of_episodes", [False, True])
+def test_every_block_on_records_runs(of_episodes, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run("docs/records.md", tmp_path, wanted=lambda block: bool(EPISODES.search(block.text)) is of_episodes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", LONG)
+def test_every_block_runs_as_it_stands(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run(page, tmp_path)
 
 
 def test_what_others_check_they_know():

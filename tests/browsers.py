@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import shutil
 from contextlib import asynccontextmanager
+from contextvars import copy_context
 
 import pytest
 
@@ -20,35 +22,71 @@ def needed():
         pytest.skip("there is no Chromium: apt-get install chromium fonts-dejavu-core", allow_module_level=True)
 
 
+class Shared:
+    """The browser of a session: to start it takes longer than most of its tests."""
+
+    def __init__(self):
+        self.runner = self.driver = self.chromium = None
+
+    async def started(self):
+        """Return the browser, which is started at the first call."""
+        from playwright.async_api import async_playwright
+
+        if self.chromium is None:
+            arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
+            self.driver = await async_playwright().start()
+            self.chromium = await self.driver.chromium.launch(executable_path=CHROMIUM, args=arguments)
+        return self.chromium
+
+    def run(self, main):
+        """Run a coroutine in the loop that the browser belongs to."""
+        if self.runner is None:
+            self.runner = asyncio.Runner()
+        return self.runner.run(main, context=copy_context())
+
+    def close(self):
+        """End the browser."""
+
+        async def end():
+            if self.chromium is not None:
+                await self.chromium.close()
+                await self.driver.stop()
+
+        if self.runner is not None:
+            self.runner.run(end())
+            self.runner.close()
+
+
+SHARED = Shared()
+run = SHARED.run
+
+
 @asynccontextmanager
 async def browser(**options):
-    """Start a browser; yield a function that opens an address, and the list of what has gone wrong in pages.
+    """Take a browser that knows of nobody; yield a function that opens an address, and what has gone wrong in pages.
+
+    It is for coroutines that `run` runs.
 
     Args:
         options: Of contexts, such as ``color_scheme`` and ``viewport``.
     """
-    from playwright.async_api import async_playwright
-
     wrong = []
-    async with async_playwright() as playwright:
-        arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
-        started = await playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
-        context = await started.new_context(**{"viewport": {"width": 1300, "height": 900}, **options})
-        context.set_default_timeout(30_000)
+    started = await SHARED.started()
+    context = await started.new_context(**{"viewport": {"width": 1300, "height": 900}, **options})
+    context.set_default_timeout(30_000)
 
-        async def look(address):
-            page = await context.new_page()
-            page.on("pageerror", lambda error: wrong.append(str(error)))
-            page.on("requestfailed", lambda request: wrong.append(f"failed: {request.url}"))
-            page.on("request", lambda request: _note_foreign(request.url, address, wrong))
-            await page.goto(address)
-            return page
+    async def look(address):
+        page = await context.new_page()
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("requestfailed", lambda request: wrong.append(f"failed: {request.url}"))
+        page.on("request", lambda request: _note_foreign(request.url, address, wrong))
+        await page.goto(address)
+        return page
 
-        try:
-            yield look, wrong
-        finally:
-            await context.close()
-            await started.close()
+    try:
+        yield look, wrong
+    finally:
+        await context.close()
 
 
 async def barriers(page):

@@ -13,7 +13,7 @@ from mdm.views.web import Page
 TOKEN = "token-of-these-tests-0"
 
 
-def shown(main, *actors, **options):
+def shown(main, *actors, run=asyncio.run, **options):
     """Run a coroutine function with a runtime that has a page, and its page; return its result."""
 
     async def program():
@@ -23,7 +23,7 @@ def shown(main, *actors, **options):
                 await runtime.start(actor)
             return await main(runtime, page)
 
-    return asyncio.run(program())
+    return run(program())
 
 
 def port_of(page):

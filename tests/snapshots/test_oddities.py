@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
+import in_process
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -87,17 +85,14 @@ def test_the_likeliest_state_is_that_of_numpy_dense_or_by_its_support(weights):
 
 @pytest.mark.parametrize(
     ("file", "seconds"),
-    [("patrol/patrol.toml", 300), ("tiger.toml", 120)],
+    [("patrol/patrol.toml", 150), ("tiger.toml", 120), pytest.param("patrol/patrol.toml", 300, marks=pytest.mark.slow)],
 )
 def test_nothing_is_odd_of_an_example(file, seconds, tmp_path):
     if file.startswith("patrol"):
         pytest.importorskip("navground")
     record = tmp_path / "run.mcap"
-    command = ["run", EXAMPLES / file, "--virtual", "--seconds", seconds, "--record", record]
-    done = subprocess.run(
-        [sys.executable, "-m", "mdm", *map(str, command)], capture_output=True, text=True, timeout=100
-    )
-    assert done.returncode == 0, done.stderr
+    done = in_process.mdm("run", EXAMPLES / file, "--virtual", "--seconds", seconds, "--record", record)
+    assert done.status == 0, done.errors
     run = RecordedRun(Record(record))
     assert sum(each.decisions for each in run.frame(run.last).ensembles) > 3
     odd = {(second, text) for second in range(seconds) for each in run.frame(second).ensembles for text in each.odd}

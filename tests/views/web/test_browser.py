@@ -50,7 +50,7 @@ def seen(look_at, *actors, of=None, **options):
             assert wrong == []
             return found
 
-    return shown(main, *actors, **options)
+    return shown(main, *actors, run=browsers.run, **options)
 
 
 def test_it_shows_modes_actions_beliefs_and_faults():
@@ -74,6 +74,7 @@ def test_it_shows_modes_actions_beliefs_and_faults():
     seen(look_at, robot)
 
 
+@pytest.mark.slow
 def test_a_safe_mode_comes_first_with_its_cause_and_what_to_do():
     robot = ensemble(safe_action=lambda: None)
 
@@ -88,6 +89,7 @@ def test_a_safe_mode_comes_first_with_its_cause_and_what_to_do():
     seen(look_at, robot)
 
 
+@pytest.mark.slow
 def test_a_page_that_sleeps_is_sent_nothing_and_then_the_newest():
     async def look_at(page, runtime, served):
         await page.evaluate("globalThis.requestAnimationFrame = (draw) => { globalThis.slept = draw; }")
@@ -102,6 +104,7 @@ def test_a_page_that_sleeps_is_sent_nothing_and_then_the_newest():
     seen(look_at)
 
 
+@pytest.mark.slow
 def test_with_tls_a_browser_that_trusts_the_certificate_sees_the_page_and_another_does_not(tmp_path):
     pytest.importorskip("cryptography")
     robot = ensemble()
@@ -123,7 +126,7 @@ def test_with_tls_a_browser_that_trusts_the_certificate_sees_the_page_and_anothe
             with pytest.raises(Exception, match="ERR_CERT_AUTHORITY_INVALID"):
                 await look(page.address)
 
-    shown(refuse, **hosts)
+    shown(refuse, run=browsers.run, **hosts)
 
 
 def test_commands_are_asked_twice_and_carried_out():
@@ -143,6 +146,7 @@ def test_commands_are_asked_twice_and_carried_out():
     seen(look_at, robot, control=True)
 
 
+@pytest.mark.slow
 def test_commands_of_a_team_are_said_to_concern_all_of_it_and_reach_all_of_it(tmp_path):
     """A process for each agent, each with a page, and that of the team, which the browser looks at."""
     pytest.importorskip("zenoh")
@@ -170,9 +174,10 @@ def test_commands_of_a_team_are_said_to_concern_all_of_it_and_reach_all_of_it(tm
             assert wrong == []
 
     with up(path, "--page", free_port(), "--page-control") as running:
-        asyncio.run(program(running))
+        browsers.run(program(running))
 
 
+@pytest.mark.slow
 def test_without_being_asked_for_there_are_no_commands():
     robot = ensemble()
 
@@ -199,10 +204,10 @@ def test_it_finds_back_after_a_restart():
                 )
                 await page.wait_for_function("() => document.querySelector('header').innerText.includes('● live')")
 
-    asyncio.run(program())
+    browsers.run(program())
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
 def test_a_phone_has_room_for_all_of_it(scheme, tmp_path):
     async def look_at(page, *_):
         assert await page.evaluate("document.documentElement.scrollWidth") <= 360
@@ -212,6 +217,7 @@ def test_a_phone_has_room_for_all_of_it(scheme, tmp_path):
     seen(look_at, mdm.load_system(a_robot(tmp_path)), of=options)
 
 
+@pytest.mark.slow
 def test_a_thousand_ensembles_are_drawn_as_far_as_they_are_in_sight():
     actors = [
         Ensemble(f"robot{number:03}", policy=DeterministicPolicy([0, 0]), actions={0: lambda: None})
@@ -230,6 +236,7 @@ def test_a_thousand_ensembles_are_drawn_as_far_as_they_are_in_sight():
     seen(look_at, *actors)
 
 
+@pytest.mark.slow
 def test_a_belief_of_a_hundred_thousand_states_shows_the_likeliest():
     import numpy as np
     from scipy.sparse import identity
@@ -317,9 +324,10 @@ def test_a_record_is_stepped_through_by_keyboard_alone(tmp_path):
             assert wrong == []
         await server.close()
 
-    asyncio.run(program())
+    browsers.run(program())
 
 
+@pytest.mark.slow
 def test_the_arrows_choose_an_ensemble_wherever_the_focus_is(tmp_path):
     async def look_at(page, *_):
         await page.locator("h1").click()
@@ -333,6 +341,7 @@ def test_the_arrows_choose_an_ensemble_wherever_the_focus_is(tmp_path):
     seen(look_at, mdm.load_system(a_robot(tmp_path)))
 
 
+@pytest.mark.slow
 def test_an_oddity_is_told_at_the_top_and_goes_when_it_is_over():
     async def nothing():
         pass
@@ -355,6 +364,7 @@ def test_an_oddity_is_told_at_the_top_and_goes_when_it_is_over():
     seen(look_at, robot)
 
 
+@pytest.mark.slow
 def test_predicates_that_the_chosen_ensemble_decides_on_come_first_and_have_lanes(tmp_path):
     async def look_at(page, *_):
         for key, mine in (("ArrowUp", "Low"), ("ArrowDown", "Near")):
@@ -373,6 +383,7 @@ def test_predicates_that_the_chosen_ensemble_decides_on_come_first_and_have_lane
     seen(look_at, mdm.load_system(a_robot(tmp_path)))
 
 
+@pytest.mark.slow
 def test_what_ensembles_do_tells_which_are_above_each_other():
     paths = ("ada/patrol", "bob/patrol", "bob/patrol/leg")
     lives = [(LifeFrame(action, 3.0),) for action in ("GoEast", "Leg", "GoWest")]
@@ -387,9 +398,10 @@ def test_what_ensembles_do_tells_which_are_above_each_other():
             assert told == "ada/patrol: GoEast; bob/patrol: Leg \u203a bob/patrol/leg: GoWest"
             assert wrong == []
 
-    asyncio.run(program())
+    browsers.run(program())
 
 
+@pytest.mark.slow
 def test_a_factor_told_by_places_says_by_which_predicate_and_that_the_map_tells_it():
     class Patrol(Told):
         def scene(self):
@@ -415,9 +427,10 @@ def test_a_factor_told_by_places_says_by_which_predicate_and_that_the_map_tells_
             assert "One agent leads for a term" in team
             assert wrong == []
 
-    asyncio.run(program())
+    browsers.run(program())
 
 
+@pytest.mark.slow
 def test_a_lane_of_a_predicate_says_from_when_on_it_is_known():
     class Late(Told):
         def frame(self, close=()):
@@ -441,7 +454,7 @@ def test_a_lane_of_a_predicate_says_from_when_on_it_is_known():
                 await page.wait_for_function(f"() => document.querySelector('.tip')?.innerText === '{words}'")
             assert wrong == []
 
-    asyncio.run(program())
+    browsers.run(program())
 
 
 def test_the_timeline_tells_of_what_the_pointer_is_on(tmp_path):
@@ -492,9 +505,10 @@ def test_the_timeline_tells_of_what_the_pointer_is_on(tmp_path):
             assert wrong == []
         await server.close()
 
-    asyncio.run(program())
+    browsers.run(program())
 
 
+@pytest.mark.slow
 def test_over_time_is_of_the_whole_record_though_nobody_has_gone_through_it_and_of_the_time_that_is_zoomed_to(tmp_path):
     robot, heard = ensemble(), []
 
@@ -527,16 +541,18 @@ def test_over_time_is_of_the_whole_record_though_nobody_has_gone_through_it_and_
                 await page.keyboard.press("+")
             await page.wait_for_function("() => mdmPage.course.last < 20")
             assert len(await page.evaluate("mdmPage.course.course.times")) == 13
-            place = await page.locator("[aria-label='Over time'] .u-over").first.bounding_box()
+            drawn = "document.querySelector(\"[aria-label='Over time'] .u-over\")?.getBoundingClientRect().toJSON()"
+            place = await (await page.wait_for_function(f"() => {drawn}")).json_value()  # it is drawn once more
             await page.mouse.click(place["x"] + place["width"] / 2, place["y"] + 20)
             await page.wait_for_function("() => Math.abs(mdmPage.frame.time - 6.25) < 0.2")
             assert await browsers.barriers(page) == []
             assert wrong == []
         await server.close()
 
-    asyncio.run(program())
+    browsers.run(program())
 
 
+@pytest.mark.slow
 def test_a_key_and_a_button_lead_to_where_something_first_looked_odd_and_the_timeline_marks_it(tmp_path):
     spans = iter([2.0, 3.0, 2.0, 1e9])
 
@@ -577,9 +593,10 @@ def test_a_key_and_a_button_lead_to_where_something_first_looked_odd_and_the_tim
             assert wrong == []
         await server.close()
 
-    asyncio.run(program())
+    browsers.run(program())
 
 
+@pytest.mark.slow
 def test_a_record_in_the_dark_keeps_nobody_out(tmp_path):
     async def run(runtime):
         await runtime.start(mdm.load_system(a_robot(tmp_path)))
@@ -597,7 +614,7 @@ def test_a_record_in_the_dark_keeps_nobody_out(tmp_path):
             assert wrong == []
         await server.close()
 
-    asyncio.run(program())
+    browsers.run(program())
 
 
 def test_why_is_told_with_the_decision_that_it_is_of():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-
 import browsers
 import pytest
 from told import Kept, Told, served
@@ -17,14 +15,14 @@ def in_a_browser(program, **options):
             await program(look, wrong)
             assert wrong == []
 
-    asyncio.run(main())
+    browsers.run(main())
 
 
 async def at(page, second):
     await page.wait_for_function(f"() => Math.abs(mdmPage.frame.time - {second}) < 1e-6")
 
 
-@pytest.mark.parametrize("of", ["Time", "Speed"])
+@pytest.mark.parametrize("of", ["Time", pytest.param("Speed", marks=pytest.mark.slow)])
 def test_the_keys_of_a_record_work_at_its_own_controls(of):
     kept = Kept()
 
@@ -63,6 +61,7 @@ def test_the_keys_of_a_record_work_at_its_own_controls(of):
     in_a_browser(program)
 
 
+@pytest.mark.slow
 def test_a_click_on_the_name_of_a_lane_chooses_its_ensemble_and_leaves_the_time():
     async def program(look, _):
         async with served(Kept()) as address:
@@ -82,6 +81,7 @@ def test_a_click_on_the_name_of_a_lane_chooses_its_ensemble_and_leaves_the_time(
     in_a_browser(program)
 
 
+@pytest.mark.slow
 def test_the_focus_and_the_answer_to_why_come_into_sight_above_the_bar_of_a_record():
     async def program(look, _):
         async with served(Kept(tuple(f"robot{number:02}" for number in range(14)))) as address:
@@ -109,6 +109,7 @@ def test_the_focus_and_the_answer_to_why_come_into_sight_above_the_bar_of_a_reco
     in_a_browser(program, viewport={"width": 390, "height": 500})
 
 
+@pytest.mark.slow
 def test_the_list_of_keys_has_those_that_do_something_and_a_step_says_where_there_is_none():
     async def keys(page):
         await page.wait_for_selector("[role=option]")

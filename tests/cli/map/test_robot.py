@@ -86,8 +86,8 @@ def test_the_page_s_commands_make_a_robot_that_visits_all_rooms_of_a_simulated_b
         status, _, errors = mdm(*command, *radius, *least)
         assert (status, errors) == (0, ""), command
     assert last == ["run", "patrol.toml", "--virtual", "--seconds", "7200"]
-    arrived, ended = patrol(folder / "patrol.toml", 600)
-    assert min(arrived.count(f"Room{number}") for number in (1, 2, 3)) >= 10
+    arrived, ended = patrol(folder / "patrol.toml", 200)
+    assert min(arrived.count(f"Room{number}") for number in (1, 2, 3)) >= 3
     assert ended.get("failed", 0) == 0
 
 
@@ -133,8 +133,8 @@ def test_the_page_s_commands_make_a_robot_that_visits_all_rooms_of_two_floors(md
     assert mdm(*solve)[0] == 0
     assert mdm("check", "patrol.toml")[::2] == (0, "")
     assert run == ["run", "patrol.toml", "--virtual", "--seconds", "7200"]
-    arrived, ended = patrol(Path("patrol.toml"), 600)
+    arrived, ended = patrol(Path("patrol.toml"), 250)
     rooms = [f"{floor}.{room}" for floor in ("ground", "upper") for room in ("hall", "office", "store")]
-    assert min(arrived.count(room) for room in rooms) >= 5
+    assert min(arrived.count(room) for room in rooms) >= 2
     assert ended.get("failed", 0) == 0
     assert mdm("run", "patrol.toml", "--virtual", "--seconds", "60")[0] == 0

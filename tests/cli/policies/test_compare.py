@@ -34,5 +34,5 @@ def test_common_numbers_make_differences_sharp(tmp_path, facts):
     policy = load_policy(TIGER_VECTORS, model)
     vectors = policy.vectors + np.array([[0.3 if action == 1 else 0.0] for action in policy.actions])
     save_policy(AlphaVectors(vectors, policy.actions), tmp_path / "other.npz")
-    rows = facts("compare", TIGER, TIGER_VECTORS, tmp_path / "other.npz", "--seed", "1")
+    rows = facts("compare", TIGER, TIGER_VECTORS, tmp_path / "other.npz", "--seed", "1", "--episodes", "2000")
     assert rows[1]["difference_within"] <= 2 * rows[1]["standard_error"]

@@ -7,6 +7,7 @@ import runpy
 import subprocess
 import sys
 
+import in_process
 import pytest
 from places import EXAMPLES
 
@@ -29,15 +30,21 @@ def test_it_passes_its_own_test_and_nothing_is_found(project):
     kind, folder, _ = project
     if kind == "team":
         pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
+    assert len(in_process.suite(folder)) == 1
+    check = ["team", "check", "team.toml"] if kind == "team" else ["check", "robot.toml"]
+    done = in_process.mdm(*check, folder=folder)
+    assert done.output.endswith("no problems found\n")
+    assert done.output.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_it_passes_its_own_test_by_pytest(project):
+    kind, folder, _ = project
+    if kind == "team":
+        pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:asyncio", "-W", "error"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=100)
     assert "1 passed" in done.stdout, done.stdout
-    check = ["team", "check", "team.toml"] if kind == "team" else ["check", "robot.toml"]
-    done = subprocess.run(
-        [sys.executable, "-m", "mdm", *check], cwd=folder, capture_output=True, text=True, timeout=100
-    )
-    assert done.stdout.endswith("no problems found\n")
-    assert done.stdout.count("\n") == 1
 
 
 def test_it_runs(project):
@@ -45,12 +52,11 @@ def test_it_runs(project):
     assert told.splitlines()[0] == f"{folder}: a project; README.md says what its files are"
     if kind == "team":  # its test runs it
         return
-    run = [sys.executable, "-m", "mdm", "run", "robot.toml", "--virtual", "--seconds", "60"]
-    done = subprocess.run(run, cwd=folder, capture_output=True, text=True, timeout=100)
-    assert done.returncode == 0, done.stderr
-    assert "fault" not in done.stdout + done.stderr
+    done = in_process.mdm("run", "robot.toml", "--virtual", "--seconds", "60", folder=folder)
+    assert done.status == 0, done.errors
+    assert "fault" not in done.output + done.errors
     lines = {"mdp": "has worked", "pomdp": "passes the door", "map": "is at 10.0, 3.0"}
-    assert lines[kind] in done.stdout
+    assert lines[kind] in done.output
 
 
 def test_its_name_is_in_it_and_its_page_names_its_files(project):

@@ -15,6 +15,7 @@ import sys
 from contextlib import closing, contextmanager
 
 import blocks
+import in_process
 import pytest
 from records import PATIENCE, Writing, decision
 from shown import a_robot
@@ -142,6 +143,7 @@ def commands_of_page_md():
     )
 
 
+@pytest.mark.slow
 def test_the_commands_of_page_md_open_a_page_to_other_machines(record, tmp_path):
     """Those for a robot and its record; what a team does is in tests/cli/team/test_up.py."""
     pytest.importorskip("rich")
@@ -164,9 +166,7 @@ def test_the_commands_of_page_md_open_a_page_to_other_machines(record, tmp_path)
 
 def once(folder, command):
     """Print what a terminal shows; return the exit status, what is printed, and the errors."""
-    command = [sys.executable, "-m", *shlex.split(command), "--once"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
-    return done.returncode, done.stdout, done.stderr
+    return in_process.mdm(*shlex.split(command)[1:], "--once", folder=folder)
 
 
 def get(address):
@@ -179,10 +179,9 @@ def get(address):
 
 def test_bad_input_is_a_sentence(record, tmp_path):
     def told(*arguments):
-        command = [sys.executable, "-m", "mdm", "page", *map(str, arguments)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
-        assert "Traceback" not in done.stderr
-        return done.returncode, done.stderr
+        status, _, errors = in_process.mdm("page", *arguments)
+        assert "Traceback" not in errors
+        return status, errors
 
     assert told(tmp_path / "nothing.mcap")[0] == 1
     (tmp_path / "text.mcap").write_text("no record")

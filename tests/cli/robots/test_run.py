@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 
+import in_process
 import pytest
 from places import EXAMPLES
 from programs import python
@@ -40,14 +41,14 @@ def test_virtual_time_ends_in_order_when_nothing_is_left_to_do(tmp_path):
         "json",
         "--debug",
     ]
-    first, second = (subprocess.run(command, capture_output=True, text=True, timeout=30) for _ in range(2))
+    first = subprocess.run(command, capture_output=True, text=True, timeout=30)
     assert first.returncode == 0
     assert first.stdout == "go\nended\nsafe\n"
     *records, said = first.stderr.splitlines()
     assert said == "mdm run: ended, because no timer is pending and no input can come"
     stopped = [record["actor"] for record in map(json.loads, records) if record["event"] == "stopped"]
     assert stopped == ["robot/state", "robot/control", "robot/action", "robot", "predicates"]
-    assert (first.stdout, first.stderr) == (second.stdout, second.stderr)
+    assert in_process.mdm(*command[3:]) == (0, first.stdout, first.stderr)
 
 
 def test_decisions_of_an_ensemble_that_a_task_starts_are_logged(mdm, tmp_path):
@@ -89,8 +90,11 @@ os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
 """Start Python as POSIX shells start what is in their background, where they are no terminal's (`sh`, 2.11)."""
 
 
-@pytest.mark.parametrize("start", [(), ("-c", BACKGROUND)], ids=["foreground", "background"])
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("start", "number", "status"),
+    [((), signal.SIGINT, 130), ((), signal.SIGTERM, 143), (("-c", BACKGROUND), signal.SIGINT, 130)],
+    ids=["Ctrl-C", "SIGTERM", "Ctrl-C in the background"],
+)
 def test_signals_end_the_action_and_run_the_safe_one(tmp_path, number, status, start):
     (tmp_path / "signal_robot.py").write_text(ROBOT)
     (tmp_path / "robot.toml").write_text(
@@ -107,7 +111,9 @@ def test_signals_end_the_action_and_run_the_safe_one(tmp_path, number, status, s
     assert records[-1]["event"] == "stopped"
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "status"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)]
+)
 def test_an_action_that_never_ends_keeps_no_signal_from_ending_the_program(tmp_path, number, status):
     (tmp_path / "stubborn_robot.py").write_text(
         "import asyncio\nasync def drive():\n    print('driving', flush=True)\n    while True:\n        try:\n"
@@ -142,14 +148,12 @@ def test_a_failing_system_exits_with_1_after_the_safe_action(tmp_path):
         "safe_action = 'Stay'\n[ensembles.robot.states]\na = ['A']\n"
         "[ensembles.robot.actions]\nStay = 'failing_robot:stay'\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-m", "mdm", "run", str(tmp_path / "robot.toml")], capture_output=True, text=True, timeout=30
-    )
-    assert done.returncode == 1
-    assert done.stdout == "safe\nsafe\n"
-    assert done.stderr.splitlines()[-1].startswith("mdm run: task 'live' failed: ValueError: sensor unplugged (at ")
-    assert "Traceback" not in done.stderr
-    (told,) = [line for line in done.stderr.splitlines() if " fault " in line and "sensor unplugged" in line]
+    done = in_process.mdm("run", tmp_path / "robot.toml")
+    assert done.status == 1
+    assert done.output == "safe\nsafe\n"
+    assert done.errors.splitlines()[-1].startswith("mdm run: task 'live' failed: ValueError: sensor unplugged (at ")
+    assert "Traceback" not in done.errors
+    (told,) = [line for line in done.errors.splitlines() if " fault " in line and "sensor unplugged" in line]
     assert "source=tasks/live kind=task" in told
     assert told.count("(at ") == 1
     assert "failing_robot.py:2)" in told

@@ -76,6 +76,7 @@ def test_an_agent_that_is_killed_is_started_again(team, up):
     assert records[-1]["text"] == "mdm team up: agent 'b' failed 1 time\n"
 
 
+@pytest.mark.slow
 def test_seconds_end_it(team, up):
     with up(team, "--seconds", "1.5") as running:
         status, records = running.end()
@@ -155,18 +156,30 @@ def test_wrong_usage(mdm, team, arguments, status, words):
     assert "Traceback" not in errors
 
 
-def test_a_team_with_certificates_opens_its_page_to_other_machines(mdm, free, up, tmp_path):
+@pytest.fixture
+def certified(mdm, free, tmp_path):
+    """A team with certificates; that of its operator is good for a name and for this machine."""
     pytest.importorskip("cryptography", reason="the extra mdm[certificates]")
     pytest.importorskip("websockets", reason="the extra mdm[page]")
     team = free(('name = "rooms"', 'name = "rooms"\naccess = "keys"'))
     team.write_text(team.read_text().replace("tcp/", "tls/"))
     hosts = ["--host", "robots.test", "--host", "127.0.0.1"]
     assert mdm("team", "certificates", team, "-o", tmp_path / "keys", *hosts)[0] == 0
+    return team
+
+
+def test_a_page_has_the_hosts_of_the_operator_s_certificate(mdm, certified, tmp_path):
     page = ["--page", free_port()]
-    status, _, errors = mdm("team", "up", team, *page, "--page-host", "192.0.2.1", "--decisions", tmp_path / "decided")
+    status, _, errors = mdm(
+        "team", "up", certified, *page, "--page-host", "192.0.2.1", "--decisions", tmp_path / "decided"
+    )
     assert (status, "operator.pem is a certificate of robots.test, 127.0.0.1" in errors) == (1, True)
     assert not (tmp_path / "decided").exists()  # nothing stands in the way of the next try
-    with up(team, *page, "--page-host", "0.0.0.0", "--debug") as running:
+
+
+@pytest.mark.slow
+def test_a_team_with_certificates_opens_its_page_to_other_machines(mdm, certified, up, tmp_path):
+    with up(certified, "--page", free_port(), "--page-host", "0.0.0.0", "--debug") as running:
         for agent in "ab":
             running.hear(agent=agent, event="running", actor=agent)
         (address,) = (

@@ -130,14 +130,17 @@ def solve(model: MDP, seed: int) -> None:
 
 
 def main(count: int, files: list[str]) -> None:
-    """Run on so many random models and on those of files, or on the named ones where there are no files."""
+    """Run on so many random models and on those of files, or on the named ones where there are no files.
+
+    Where no random model is asked for, the named ones are few.
+    """
     warnings.simplefilter("ignore")
     read = map(load_model, files)
     named = [model.with_discount(min(model.discount, 0.95)) for model in read] or [
         problems.tiger(), problems.aloha(3), problems.rock_sample(2, 2), problems.rock_sample(2, 2).revealed(),
         problems.machine_maintenance(1), problems.patrol(2), problems.forest(), problems.river_swim(),
         problems.grid_world(discount=0.9), chain(30),
-    ]  # fmt: skip
+    ][:: 1 if count else 3]  # fmt: skip
     everything = patch.object(bounds, "_LARGE", 0), patch.object(alpha_vectors, "_LARGE", 0)
     not_compiled = patch.object(numba, "njit", uncompiled)  # kernels are imported by whoever needs them first
     with everything[0], everything[1], patch.object(sarsop_solver, "_SMALL", 0), not_compiled:

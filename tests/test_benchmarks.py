@@ -1,4 +1,7 @@
-"""Every benchmark runs and writes what it measured; speeds are not judged here."""
+"""Every benchmark runs and writes what it measured; speeds are not judged here.
+
+Two of them do so in the default ring: what they all share, and that results are looked at, is seen there.
+"""
 
 from __future__ import annotations
 
@@ -15,27 +18,32 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 @pytest.mark.parametrize(
     "name",
     [
-        "decision_latency",
         "ticks",
         "recording",
-        "startup",
-        "parse",
-        "sarsop",
-        "belief",
-        "policy",
-        "simulation",
-        "solvers",
-        "tree_search",
-        "communication",
-        "intervals",
-        "places",
-        "maps",
-        "building",
-        "page",
-        "team_bridge",
-        "team_latency",
-        "team_memory",
-        "team_radio",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in (
+                "decision_latency",
+                "startup",
+                "parse",
+                "sarsop",
+                "belief",
+                "policy",
+                "simulation",
+                "solvers",
+                "tree_search",
+                "communication",
+                "intervals",
+                "places",
+                "maps",
+                "building",
+                "page",
+                "team_bridge",
+                "team_latency",
+                "team_memory",
+                "team_radio",
+            )
+        ),
     ],
 )
 def test_benchmark(tmp_path, name):

@@ -103,8 +103,9 @@ def bounds_checked(*arguments):
 
 
 @pytest.mark.skipif(find_spec("numba") is None, reason="numba is not installed")
-def test_no_kernel_leaves_its_arrays():
-    assert bounds_checked(6) >= {
+@pytest.mark.parametrize("random", [0, pytest.param(6, marks=pytest.mark.slow)])
+def test_no_kernel_leaves_its_arrays(random):
+    assert bounds_checked(random) >= {
         ("solvers.online.kernel", "grow"),
         ("solvers.sarsop.search", "explore"),
         ("solvers.informed_sweep", "informed_sweep"),

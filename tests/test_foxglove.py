@@ -6,10 +6,9 @@ import base64
 import json
 import math
 import re
-import subprocess
-import sys
 from datetime import UTC, datetime
 
+import in_process
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -27,12 +26,11 @@ def made(tmp_path_factory):
     pytest.importorskip("navground")
     folder = tmp_path_factory.mktemp("foxglove")
     record, target = folder / "run.mcap", folder / "patrol.mcap"
-    for command in (
-        ["-m", "mdm", "run", PATROL / "patrol.toml", "--record", record, "--virtual", "--seconds", "20"],
-        [HERE / "to_foxglove.py", record, "-o", target],
+    for done in (
+        in_process.mdm("run", PATROL / "patrol.toml", "--record", record, "--virtual", "--seconds", "20"),
+        in_process.script(HERE / "to_foxglove.py", record, "-o", target),
     ):
-        done = subprocess.run([sys.executable, "-W", "error", *command], capture_output=True, text=True, timeout=100)
-        assert done.returncode == 0, done.stderr
+        assert done.status == 0, done.errors
     messages, schemas = {}, {}
     with target.open("rb") as stream:
         for schema, channel, message in make_reader(stream).iter_messages():

@@ -114,24 +114,23 @@ def test_a_running_system_is_shown_in_another_process():
     assert "listen" in done.stdout
 
 
-def test_a_page_with_tls_is_watched_with_its_authority(tmp_path):
+def test_a_page_with_tls_is_watched_with_its_authority(tmp_path, capsys):
     pytest.importorskip("cryptography")
     robot = make_certificates(tmp_path, {"robot": ["127.0.0.1"]})["robot"]
 
     async def look(_, page):
         def watch(*options):
-            command = [sys.executable, "-m", "mdm", "watch", page.address, "--once", *options]
-            return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+            return main(["watch", page.address, "--once", *map(str, options)]), *capsys.readouterr()
 
         return [await asyncio.to_thread(watch, *options) for options in (("--authority", robot.authority), ())]
 
-    done, stranger = shown(look, host="127.0.0.1", access=robot)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "● live" in done.stdout
-    assert (stranger.returncode, stranger.stdout) == (1, "")
-    assert "is not trusted" in stranger.stderr
-    assert stranger.stderr.endswith("by --authority FILE\n")
-    assert stranger.stderr.count("\n") == 1
+    (status, output, errors), (refused, nothing, told) = shown(look, host="127.0.0.1", access=robot)
+    assert (status, errors) == (0, "")
+    assert "● live" in output
+    assert (refused, nothing) == (1, "")
+    assert "is not trusted" in told
+    assert told.endswith("by --authority FILE\n")
+    assert told.count("\n") == 1
 
 
 @pytest.mark.parametrize(

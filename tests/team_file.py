@@ -7,6 +7,8 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from team_robots import rooms
 
 import mdm
+from mdm.config.recorded import attach_configuration
+from mdm.recording import Recorder
 from mdm.team.transport.network import Network
 
 CODE = """
@@ -61,17 +63,30 @@ def write(folder, *changes, text=FILE):
 
 
 @asynccontextmanager
-async def running(path, *, names=None, **options):
+async def running(path, *, names=None, records=None, **options):
     """Run the systems of a team's file on a simulated network, each in a runtime of its own as in its own process.
 
-    Yields the systems by agent, and the network.
+    Yields the systems by agent, and the network. What they do is recorded in a folder, if one is given.
     """
     team = mdm.config.load_team(path)
     systems = {}
+    if records is not None:
+        records.mkdir()
     async with AsyncExitStack() as stack:
-        runtimes = [await stack.enter_async_context(mdm.Runtime(log=None)) for _ in names or team.names]
+        runtimes = [
+            await stack.enter_async_context(mdm.Runtime(log=None, record=_recorder(path, name, records)))
+            for name in names or team.names
+        ]
         network = Network(runtimes[0].clock, team=team.name, **options)
         for name, runtime in zip(names or team.names, runtimes, strict=True):
             systems[name] = mdm.load_system(path, agent=name, transport=network.transport(name))
             await runtime.start(systems[name])
         yield systems, network
+
+
+def _recorder(path, name, folder):
+    if folder is None:
+        return None
+    recorder = Recorder(folder / f"{name}.mcap")
+    attach_configuration(recorder, path, agent=name)
+    return recorder

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 import signal
@@ -12,7 +13,7 @@ import team_processes
 from places import EXAMPLES
 from records import Writing, with_gap
 
-from mdm import Ensemble
+from mdm import Ensemble, run as run_program
 from mdm.messages import Decision
 from mdm.policies import DeterministicPolicy
 from mdm.recording import Record
@@ -219,7 +220,21 @@ def _refuse_another_team(mdm, file, other, records):
             assert told in errors
 
 
-def test_a_team_of_two_is_repeated_together(mdm, tmp_path):
+async def on_a_simulated_network(file, records):
+    async with team_file.running(file, records=records, delay=0.001):
+        await asyncio.sleep(2)
+
+
+def in_processes(file, records):
+    with team_processes.up(file, "--record", records) as running:
+        for agent in "ab":
+            running.hear(agent=agent, event="output", text="go", times=10)
+        running.process.send_signal(signal.SIGINT)
+        assert running.end()[0] == 130
+
+
+@pytest.mark.parametrize("separate", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_a_team_of_two_is_repeated_together(mdm, tmp_path, separate):
     code = team_file.CODE.replace(
         "    import asyncio\n    await asyncio.Event().wait()",
         "    import asyncio\n    for number in range(10**9):\n"
@@ -227,13 +242,13 @@ def test_a_team_of_two_is_repeated_together(mdm, tmp_path):
         "        await asyncio.sleep(0.05)",
     )
     file = team_file.write(tmp_path)
-    (tmp_path / "team_code.py").write_text(code.replace('done.append("go")', 'print("go", flush=True)'))
+    (tmp_path / "team_code.py").write_text(code)
     file.write_text(team_processes.on_free_ports(file.read_text().replace("port = 7600\n", "")))
-    with team_processes.up(file, "--record", tmp_path / "records") as running:
-        for agent in "ab":
-            running.hear(agent=agent, event="output", text="go", times=10)
-        running.process.send_signal(signal.SIGINT)
-        assert running.end()[0] == 130
+    if separate:
+        (tmp_path / "team_code.py").write_text(code.replace('done.append("go")', 'print("go", flush=True)'))
+        in_processes(file, tmp_path / "records")
+    else:
+        run_program(lambda: on_a_simulated_network(file, tmp_path / "records"), virtual=True)
     status, output, errors = mdm("replay", tmp_path / "records", "--json")
     assert (status, errors) == (0, "")
     facts = json.loads(output[0])

@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+from patience import PATIENCE
 from places import EXAMPLES
 from programs import python
 from records import wait_until_written
@@ -85,7 +86,7 @@ def test_a_run_that_a_signal_ends_is_repeated(robot, tmp_path, number, status):
     with python("-m", "mdm", "run", robot, "--record", path) as process:
         assert process.stdout.readline() == "told\n"
         process.send_signal(number)
-        assert process.wait(60) == status
+        assert process.wait(PATIENCE) == status
         wait_until_written(path)  # by a process of its own, which completes the record of one that was killed, too
     ended = [each for each in Record(path).messages(["stimuli"]) if isinstance(each.message, Finished)]
     assert len(ended) == (number is not signal.SIGKILL)
@@ -145,7 +146,7 @@ def test_searches_answer_as_they_did(tmp_path, monkeypatch):
     with python("-m", "mdm", "run", tmp_path / "robot.toml", "--record", path) as process:
         assert process.stdout.readline() == "told\n"
         process.terminate()
-        assert process.wait(60) == 143
+        assert process.wait(PATIENCE) == 143
     said = [each.message for each in Record(path).messages(["stimuli"]) if isinstance(each.message, Said)]
     assert {each.message.source for each in said if each.type == Answer.__name__} == {"search", "fallback"}
     assert replay(path) > 5
@@ -163,5 +164,5 @@ def test_the_demo_is_repeated(tmp_path, options):
     pytest.importorskip("navground")
     path = tmp_path / "run.mcap"
     command = [sys.executable, "-m", "mdm", "run", EXAMPLES / "patrol" / "patrol.toml", "--record", path, *options]
-    subprocess.run(list(map(str, command)), check=True, capture_output=True, timeout=200)
+    subprocess.run(list(map(str, command)), check=True, capture_output=True, timeout=PATIENCE)
     assert replay(path) > 1

@@ -10,6 +10,7 @@ from argparse import Namespace
 from types import SimpleNamespace
 
 import pytest
+from patience import PATIENCE
 from peers import peers
 from places import ROOT
 from team_robots import Robot, over_beliefs
@@ -53,7 +54,7 @@ class Told:
     async def reach(self, count):
         """Wait until so many steps more were told."""
         wanted = len(self.steps) + count
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(PATIENCE):
             while len(self.steps) < wanted:
                 self.more.clear()
                 await self.more.wait()

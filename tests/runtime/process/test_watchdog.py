@@ -8,6 +8,7 @@ import threading
 import time
 
 import pytest
+from patience import PATIENCE
 from programs import python
 
 from mdm import Ensemble, Error, FixedRate, Runtime, run
@@ -64,7 +65,7 @@ def ours():
     return [thread.name for thread in threading.enumerate() if thread.name.startswith("mdm:")]
 
 
-@pytest.mark.parametrize("hold", [hold_asleep, hold_busily])
+@pytest.mark.parametrize("hold", [hold_asleep, pytest.param(hold_busily, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("uvloop", [False, True])
 def test_a_loop_that_is_held_is_reported_in_time_with_what_holds_it(hold, uvloop):
     if uvloop:
@@ -166,7 +167,7 @@ def test_an_emergency_that_does_not_end_does_not_end_the_watch():
 
     def emergency():
         called.append(None)
-        hold.wait(20)
+        hold.wait(PATIENCE)
 
     async def main():
         async with Runtime(log=None, watchdog=0.1, emergency=emergency) as runtime:
@@ -184,6 +185,7 @@ def test_an_emergency_that_does_not_end_does_not_end_the_watch():
         hold.set()
 
 
+@pytest.mark.slow
 def test_native_calls_that_hold_the_interpreter_one_after_the_other_are_reported():
     lines, called = Lines(), []
 
@@ -258,7 +260,7 @@ def test_a_process_that_was_stopped_is_no_emergency():
         time.sleep(1.0)  # what is tried: that long it stands still
         process.send_signal(signal.SIGCONT)
         assert process.stdout.readline() == "told\n"
-        assert process.wait(20) == 0
+        assert process.wait(PATIENCE) == 0
 
 
 @pytest.mark.parametrize(

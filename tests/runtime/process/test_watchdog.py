@@ -170,10 +170,10 @@ def test_an_emergency_that_does_not_end_does_not_end_the_watch():
         hold.wait(PATIENCE)
 
     async def main():
-        async with Runtime(log=None, watchdog=0.1, emergency=emergency) as runtime:
+        async with Runtime(log=None, watchdog=0.5, emergency=emergency) as runtime:
             faults = probe(runtime.faults)
             for number in (3, 6):
-                time.sleep(1.0)  # noqa: ASYNC251 - which is what is tried
+                time.sleep(1.5)  # noqa: ASYNC251 - which is what is tried
                 while len(faults) < number:
                     await asyncio.sleep(0.01)
         return faults
@@ -225,10 +225,10 @@ def test_a_watchdog_whose_alarm_fails_goes_on():
             raise MemoryError
 
     async def main():
-        watchdog = Watchdog(0.1, alarm, print, None)
+        watchdog = Watchdog(0.5, alarm, print, None)
         watchdog.open(asyncio.get_running_loop())
         for number in (2, 4):
-            time.sleep(1.0)  # noqa: ASYNC251 - which is what is tried
+            time.sleep(1.5)  # noqa: ASYNC251 - which is what is tried
             while len(told) < number:
                 await asyncio.sleep(0.01)
         watchdog.close()

@@ -112,6 +112,15 @@ def _test_apart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="module")
+def recorded_here() -> Iterator[None]:
+    """Have records written by threads of this process: to start a Python for each takes longer than most tests."""
+    from recorded_here import recorded_by_threads
+
+    with recorded_by_threads():
+        yield
+
+
 @pytest.fixture
 def corpus(request: pytest.FixtureRequest) -> Path:
     """The folder of public files that may stand beside a checkout; `foreign` marks which of them a test needs."""

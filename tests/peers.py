@@ -9,6 +9,7 @@ import signal
 import sys
 from contextlib import asynccontextmanager, suppress
 
+from patience import PATIENCE
 from places import ROOT
 
 PROGRAM = ROOT / "tests" / "peer_program.py"
@@ -26,7 +27,7 @@ class Peer:
 
     async def hear(self, *wanted, where=lambda event: True):
         """Return the next event that has one of these names; those before it are skipped."""
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(PATIENCE):
             while True:
                 line = await self.process.stdout.readline()
                 if not line:
@@ -42,7 +43,7 @@ class Peer:
 
     async def end(self):
         """Wait for the end of the process; return its exit status."""
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(PATIENCE):
             return await self.process.wait()
 
 

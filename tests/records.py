@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 from mcap.reader import make_reader
+from patience import PATIENCE
 from places import EXAMPLES
 
 from mdm import load_system, messages
@@ -17,8 +18,6 @@ from mdm.recording.writer import RecordWriter
 from mdm.runtime import Runtime, run as run_program
 
 HEAD = {"format": "1", "mdm": "0.1.0", "clock": "virtual", "epoch": "0"}
-PATIENCE = 60.0
-"""Seconds after which a test has failed; nothing waits so long."""
 
 
 def encoded(message):

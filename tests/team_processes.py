@@ -7,6 +7,7 @@ import re
 import threading
 from contextlib import contextmanager
 
+from patience import PATIENCE
 from programs import python
 from transports import endpoint
 
@@ -45,12 +46,12 @@ class Up:
             return [record for record in self.records if all(record.get(key) == value for key, value in wanted.items())]
 
         with self._came:
-            assert self._came.wait_for(lambda: len(heard()) >= times, 60), (wanted, self.records)
+            assert self._came.wait_for(lambda: len(heard()) >= times, PATIENCE), (wanted, self.records)
             return heard()[times - 1]
 
     def end(self):
         """Wait for its end; return its status, and what it said."""
-        status = self.process.wait(60)
+        status = self.process.wait(PATIENCE)
         for reader in self._readers:
             reader.join()
         return status, self.records
@@ -64,7 +65,7 @@ def up(path, *options):
             yield Up(process)
         finally:
             process.terminate()
-            process.wait(60)
+            process.wait(PATIENCE)
 
 
 def histories(folder):

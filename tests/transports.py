@@ -11,6 +11,8 @@ from datetime import UTC, datetime, timedelta
 from types import SimpleNamespace
 from unittest.mock import patch
 
+from patience import PATIENCE
+
 from mdm.runtime import VirtualClock, VirtualEventLoop
 from mdm.team.transport import certificates
 from mdm.team.transport.access import access_settings
@@ -123,8 +125,8 @@ class Loopback:
             await self.until(lambda seen=seen: names <= seen[-1].keys())
 
     async def until(self, condition):
-        """Wait for something at most half a minute."""
-        async with asyncio.timeout(30):
+        """Wait for something."""
+        async with asyncio.timeout(PATIENCE):
             while not condition():
                 await asyncio.sleep(0.002)
 
@@ -180,7 +182,7 @@ class Stranger:
             self.put(f"mdm/team/{agent}/beat", b"")
             return all("malformed" in robot.kinds() for robot in robots)
 
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(PATIENCE):
             while not reached():
                 await asyncio.sleep(0.01)
 
@@ -198,5 +200,5 @@ def LOOPBACK(main, **options):  # noqa: N802 (it is a parameter of tests)
     before = set(threading.enumerate())
     asyncio.run(run())
     for thread in set(threading.enumerate()) - before:  # each ends when its session is closed
-        thread.join(30)
+        thread.join(PATIENCE)
         assert not thread.is_alive(), thread.name

@@ -17,6 +17,8 @@ from mdm.errors import ConfigError, Error
 from mdm.recording import Record, Recorder
 from mdm.testing import run_virtual
 
+pytestmark = pytest.mark.usefixtures("recorded_here")
+
 FILE = """
 [ensembles.robot]
 model = "../models/room.npz"

@@ -16,6 +16,8 @@ from mdm.recording import Record, Recorder
 from mdm.simulation import simulate
 from mdm.testing import replay
 
+pytestmark = pytest.mark.usefixtures("recorded_here")
+
 TIGER = {"model": str(EXAMPLES / "tiger.pomdp"), "policy": str(EXAMPLES / "tiger.vf")}
 
 

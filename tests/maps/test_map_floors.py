@@ -289,7 +289,7 @@ def chain(random):
     return Floors(maps, lifts)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [*range(3), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 8))])
 def test_a_patrol_goes_on_whatever_happens_on_whatever_floor(seed):
     random = np.random.default_rng(seed)
     floors = chain(random)

@@ -85,7 +85,7 @@ def test_a_way_of_a_belief_begins_at_the_likeliest_place_that_has_one():
         assert heading.why == f"{label} from {source}, believed in"
 
 
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", [*range(8), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(8, 24))])
 def test_a_robot_goes_on_whatever_disturbs_it(seed):
     """Random floors, rates and noise; it is pushed, stopped, loses its poses, and finds goals blocked."""
     outcome = patrols.run(seed)

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args, get_origin
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 from records import encoded
 
 from mdm import messages
@@ -105,6 +105,7 @@ def plain(message):
 
 
 @pytest.mark.parametrize("kind", STRUCTS, ids=lambda kind: kind.__name__)
+@settings(max_examples=10)
 @given(data=st.data())
 def test_each_struct_has_a_plain_schema_which_its_messages_fit(kind, data):
     schema = json.loads(json.dumps(schemas.schema(kind)))
@@ -115,6 +116,7 @@ def test_each_struct_has_a_plain_schema_which_its_messages_fit(kind, data):
 @pytest.mark.parametrize(
     "kind", [each for each in STRUCTS if each is not messages.Cause], ids=lambda each: each.__name__
 )
+@settings(max_examples=10)
 @given(data=st.data())
 def test_each_message_comes_back(kind, data):
     message = data.draw(values(kind))

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from records import Writing, decision, tiger
 
 from mdm.messages import ActionLife, State
 from mdm.recording.reader import Record
 from mdm.recording.table import rows
+
+pytestmark = pytest.mark.usefixtures("recorded_here")
 
 
 def table(tmp_path, told, names=None, ensemble=None):

@@ -11,6 +11,8 @@ from mdm.recording import Record
 from mdm.recording.stimuli import Said, Stimulus
 from mdm.team import Team
 
+pytestmark = pytest.mark.usefixtures("recorded_here")
+
 TEAMS = [
     {},
     {"period": 0.1},
@@ -20,7 +22,7 @@ TEAMS = [
 ]
 
 
-@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("options", TEAMS)
 @pytest.mark.parametrize("ways", [{"delay": 0.001}, {"delay": (0.001, 0.03), "loss": 0.1}])
 def test_each_agent_sends_what_it_sent(tmp_path, seed, options, ways):

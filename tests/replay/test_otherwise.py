@@ -18,6 +18,8 @@ from mdm.replay.traffic import Traffic
 from mdm.team import Team
 from mdm.team.communicating.communication import Always, OnChange, ValueOfCommunication
 
+pytestmark = pytest.mark.usefixtures("recorded_here")
+
 MODEL = three()
 TRANSITIONS = [np.asarray(MODEL.transition_matrix(action)) for action in range(len(MODEL.action_space))]
 OBSERVATIONS = [np.asarray(MODEL.observation_matrix(action)) for action in range(len(MODEL.action_space))]
@@ -57,9 +59,17 @@ def decisions_of(folder, name):
 TEAMS = [{}, {"period": 0.1}, {"mode": "centralised"}, {"mode": "centralised", "period": 0.1}]
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-@pytest.mark.parametrize("options", TEAMS)
-def test_a_team_decides_what_another_policy_says_of_its_observations(tmp_path, seed, options):
+def each_once(options, seeds):
+    """Return pairs of options and seeds: all, but each of the options with one seed alone in the default ring."""
+    return [
+        pytest.param(each, seed, id=f"options{place}-{seed}", marks=() if place % len(seeds) == n else pytest.mark.slow)
+        for place, each in enumerate(options)
+        for n, seed in enumerate(seeds)
+    ]
+
+
+@pytest.mark.parametrize(("options", "seed"), each_once(TEAMS, [1, 2, 3]))
+def test_a_team_decides_what_another_policy_says_of_its_observations(tmp_path, options, seed):
     team, values = Team("fire", ["one", "two", "three"], **options), vectors(seed)
     recorded(team, MODEL, tmp_path, seed, delay=(0.001, 0.03), loss=0.1)
     as_recorded, _ = repeated(team, MODEL, tmp_path)
@@ -116,12 +126,14 @@ class WhenOdd:
 COMMUNICATING = [Always(), OnChange(), ValueOfCommunication(0.02), WhenOdd()]
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3, 4])
 @pytest.mark.parametrize(
-    "options",
-    [*TEAMS, *({"mode": "communicating", "period": 0.1, "communication": each} for each in COMMUNICATING)],
+    ("options", "seed"),
+    each_once(
+        [*TEAMS, *({"mode": "communicating", "period": 0.1, "communication": each} for each in COMMUNICATING)],
+        [1, 2, 3, 4],
+    ),
 )
-def test_it_is_what_the_team_decides_where_it_runs_with_the_other_policy(tmp_path, seed, options):
+def test_it_is_what_the_team_decides_where_it_runs_with_the_other_policy(tmp_path, options, seed):
     """Sensors of this run say the same whatever is decided: so what would have been can be seen, up to the limit."""
     team, policy = Team("fire", ["one", "two", "three"], **options), AlphaVectors(vectors(seed), list(range(8)))
     recorded(team, MODEL, tmp_path, seed)

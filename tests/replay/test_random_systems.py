@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 from replay.runs import violations
 
+pytestmark = pytest.mark.usefixtures("recorded_here")
+
 
 @pytest.mark.filterwarnings("ignore")  # asyncio tells of what is raised where nobody waits, as is meant here
 @pytest.mark.parametrize("seed", range(10))

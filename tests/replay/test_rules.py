@@ -16,6 +16,8 @@ from mdm.runtime.dispatcher import Dispatcher
 from mdm.runtime.time.clock import Clock
 from mdm.runtime.time.scheduler import Ticker
 
+pytestmark = pytest.mark.usefixtures("recorded_here")
+
 _MS = 1_000_000
 
 

@@ -7,6 +7,7 @@ import threading
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
 import pytest
+from patience import PATIENCE
 from sentences import refused
 
 from mdm import Actor, Runtime, run
@@ -16,7 +17,7 @@ from mdm.testing import probe, run_virtual
 
 async def soon(condition):
     """Let the event loop turn until something is so; it fails after ten seconds."""
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(PATIENCE):
         while not condition():
             await asyncio.sleep(0.001)
 
@@ -33,7 +34,7 @@ def test_cancelled_work_has_ended_when_its_thread_has(uvloop, own):
 
         def drive():
             begun.set()
-            free.wait(10)
+            free.wait(PATIENCE)
 
         async def work():
             await asyncio.gather(asyncio.get_running_loop().run_in_executor(pool, drive))
@@ -63,7 +64,7 @@ def test_what_no_thread_has_begun_is_dropped():
 
         def hold():
             begun.set()
-            free.wait(10)
+            free.wait(PATIENCE)
 
         async with Runtime(log=None) as runtime:
             actor = Actor("actor")
@@ -105,7 +106,7 @@ def test_what_no_thread_was_had_for_fails_at_once_and_never_begins(own, plain):
 
         def hold():
             begun.set()
-            free.wait(10)
+            free.wait(PATIENCE)
 
         async def work():
             await loop.run_in_executor(pool if own else None, ran.append, 1)

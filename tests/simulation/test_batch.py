@@ -106,7 +106,8 @@ def test_tables_are_worth_what_recursion_says(model, seed):
     assert_within(result, model.initial_belief @ values)
 
 
-def test_tiger_is_worth_its_published_optimum_and_the_loop_agrees():
+@pytest.mark.parametrize("looped", [100, pytest.param(300, marks=pytest.mark.slow)])
+def test_tiger_is_worth_its_published_optimum_and_the_loop_agrees(looped):
     model = load_model(EXAMPLES / "tiger.pomdp")
     policy = load_policy(EXAMPLES / "tiger.vf", model)
     result = evaluate(model, policy, seed=3)
@@ -115,15 +116,16 @@ def test_tiger_is_worth_its_published_optimum_and_the_loop_agrees():
     assert (low + high) / 2 == pytest.approx(result.mean)
     assert high - low == pytest.approx(2 * 1.96 * result.standard_error, rel=1e-4)
     assert (result.episodes, result.seed, result.moves) == (10_000, 3, 270 * 10_000)
-    loop = simulate(model, policy, episodes=300, seed=1)
+    loop = simulate(model, policy, episodes=looped, seed=1)
     assert abs(result.mean - loop.mean) < 4 * np.hypot(result.standard_error, loop.standard_error)
 
 
+@pytest.mark.parametrize("looped", [60, pytest.param(150, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("false_negative", [None, 0])
-def test_the_patrol_of_madp_with_and_without_false_negatives(false_negative):
+def test_the_patrol_of_madp_with_and_without_false_negatives(false_negative, looped):
     model, policy = figures.model("patrol").with_false_negatives(false_negative), figures.vectors("patrol", 0.9)
     result = evaluate(model, policy, episodes=2000, seed=1)
-    loop = simulate(model, policy, episodes=150, seed=1)
+    loop = simulate(model, policy, episodes=looped, seed=1)
     assert abs(result.mean - loop.mean) < 4 * np.hypot(result.standard_error, loop.standard_error)
     assert abs(result.mean - figures.of("patrol")["values"]["0.9"]["perseus"]) < 4 * result.standard_error
 
@@ -278,17 +280,20 @@ def doors(*heard, discount):
         return POMDP([stuck, anew, anew], told, rewards, discount=discount, event_observations=True)
 
 
-def test_policies_earn_their_bounds_where_events_go_unseen():
+@pytest.mark.parametrize(
+    ("episodes", "singly", "looped"), [(3_000, 60, 40), pytest.param(10_000, 200, 100, marks=pytest.mark.slow)]
+)
+def test_policies_earn_their_bounds_where_events_go_unseen(episodes, singly, looped):
     """Behind one door much goes unheard. Whoever takes each sound for that of a single step opens the other one."""
     model = doors(0.95, 0.4, discount=0.95)
     solution = solve(model, gap=0.001)
-    aware = evaluate(model, solution.policy, episodes=10_000, seed=1)
+    aware = evaluate(model, solution.policy, episodes=episodes, seed=1)
     assert solution.lower - 4 * aware.standard_error < aware.mean < solution.upper + 4 * aware.standard_error
-    returns, _ = one_by_one(model, solution.policy, Limits(math.inf, 270), episodes=200, seed=2)
-    error = returns.std() / np.sqrt(200)
+    returns, _ = one_by_one(model, solution.policy, Limits(math.inf, 270), episodes=singly, seed=2)
+    error = returns.std() / np.sqrt(singly)
     assert solution.lower - 4 * error < returns.mean() < solution.upper + 4 * error
-    looped = simulate(model, solution.policy, episodes=100, seed=3)
-    assert abs(looped.mean - solution.lower) < 4 * looped.standard_error
+    loop = simulate(model, solution.policy, episodes=looped, seed=3)
+    assert abs(loop.mean - solution.lower) < 4 * loop.standard_error
 
 
 def test_beliefs_that_discount_long_waits_earn_the_bound():
@@ -354,7 +359,8 @@ def test_durations_that_do_not_fit_are_refused(model, durations, words):
             use()
 
 
-def test_hidden_states_that_take_longer_are_weighed_by_beliefs_in_time():
+@pytest.mark.parametrize("episodes", [150, pytest.param(500, marks=pytest.mark.slow)])
+def test_hidden_states_that_take_longer_are_weighed_by_beliefs_in_time(episodes):
     """By the plain beliefs a policy may earn less than its bound; by those of the model in time it earns that."""
     model, durations = tiger(), Durations([[0.1, 1.0, 1.0], [20.0, 1.0, 1.0]])
     timed = in_time(model, durations)
@@ -364,7 +370,7 @@ def test_hidden_states_that_take_longer_are_weighed_by_beliefs_in_time():
     assert evaluate(model, cut.policy, episodes=4000, seed=1, durations=durations).interval[1] < cut.lower
     discounts, controller, sampler = durations.discounts(model), Controller(whole.policy, timed), Sampler(model, 1)
     returns = []
-    for _ in range(500):
+    for _ in range(episodes):
         state, weight, total, step = sampler.first_state(), 1.0, 0.0, controller.start()
         while weight > 1e-4:
             total += weight * model.rewards[state, step.action]

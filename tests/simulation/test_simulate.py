@@ -46,14 +46,15 @@ def test_an_mdp_is_worth_what_linear_algebra_says(seed):
     assert result.standard_error == pytest.approx(np.std(result.returns, ddof=1) / math.sqrt(300))
 
 
+@pytest.mark.parametrize("episodes", [70, pytest.param(150, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("drive", [None, FixedRate(10)])
-def test_tiger_is_worth_its_published_optimum(drive):
+def test_tiger_is_worth_its_published_optimum(drive, episodes):
     model = load_model(EXAMPLES / "tiger.pomdp")
     policy = load_policy(EXAMPLES / "tiger.vf", model)
-    result = simulate(model, policy, episodes=150, seed=1, drive=drive)
+    result = simulate(model, policy, episodes=episodes, seed=1, drive=drive)
     assert abs(result.mean - 19.3713) < 4 * result.standard_error
-    first, again, other = (simulate(model, policy, episodes=20, seed=seed, drive=drive) for seed in (1, 1, 2))
-    assert np.array_equal(first.returns, again.returns)
+    first, other = (simulate(model, policy, episodes=10, seed=seed, drive=drive) for seed in (1, 2))
+    assert np.array_equal(first.returns, result.returns[:10])
     assert first.mean != other.mean
 
 
@@ -89,9 +90,10 @@ def test_a_joint_plan_is_worth_what_its_solver_says(drive):
     assert result.standard_error < 0.5
 
 
-def test_a_controller_is_worth_what_its_nodes_say():
+@pytest.mark.parametrize("episodes", [150, pytest.param(600, marks=pytest.mark.slow)])
+def test_a_controller_is_worth_what_its_nodes_say(episodes):
     model, policy = tiger(), figures.tiger_plan()
-    result = simulate(model, policy, episodes=600, seed=3)
+    result = simulate(model, policy, episodes=episodes, seed=3)
     assert abs(result.mean - policy.value(model.initial_belief)) < 4 * result.standard_error
 
 

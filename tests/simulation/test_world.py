@@ -103,7 +103,7 @@ def lasting(seed, *, episodes, policy=None, model=None, durations=None, steps=40
     return np.array(returns[:episodes])
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_returns_of_lasting_actions_are_those_that_were_solved_for(seed):
     (model, _), rng = random_mdp(seed, states=4), np.random.default_rng(seed)
     durations = Durations(rng.uniform(0.2, 3.0, size=(4, len(model.action_space))), rng.integers(1, 5, size=(4, 1)))
@@ -113,11 +113,12 @@ def test_returns_of_lasting_actions_are_those_that_were_solved_for(seed):
     assert abs(returns.mean() - solution.upper) < 4 * error
 
 
-def test_returns_of_lasting_actions_without_sight_lie_within_their_bounds():
+@pytest.mark.parametrize("episodes", [150, pytest.param(400, marks=pytest.mark.slow)])
+def test_returns_of_lasting_actions_without_sight_lie_within_their_bounds(episodes):
     model = problems.tiger(discount=0.9)
     durations = Durations([[0.5, 4.0, 4.0]] * 2, [[1, 2, 2]] * 2)
     solution = solve(model, durations=durations, gap=1e-3)
-    returns = lasting(1, episodes=400, policy=solution.policy, model=model, durations=durations, steps=60)
+    returns = lasting(1, episodes=episodes, policy=solution.policy, model=model, durations=durations, steps=60)
     error = returns.std() / len(returns) ** 0.5
     assert solution.lower - 4 * error < returns.mean() < solution.upper + 4 * error
 

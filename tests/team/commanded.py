@@ -13,6 +13,7 @@ import sys
 import time
 from random import Random
 
+from patience import PATIENCE
 from peers import peers
 from places import ROOT
 from team.copies import Violation
@@ -48,7 +49,7 @@ class Robot:
                 self.events.put_nowait(event)
 
     async def hear(self, **wanted):
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(PATIENCE):
             while await self.events.get() != wanted:
                 pass
 
@@ -116,7 +117,7 @@ class Schedule:
     async def moving(self, names):
         """Wait until all these act."""
         before = {name: len(self.robots[name].began) for name in names}
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(PATIENCE):
             while any(len(self.robots[name].began) == before[name] for name in names):
                 await asyncio.sleep(0.02)
 

@@ -6,6 +6,7 @@ import pytest
 from team.commanded import MODES, violation
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(len(MODES)))
 def test_no_robot_moves_after_a_stop_that_it_confirmed(seed):
     pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")

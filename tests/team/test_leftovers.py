@@ -18,6 +18,8 @@ from teams import team as random_team
 from mdm.actors.actions import action_layer
 from mdm.actors.control import output
 from mdm.runtime import statistics
+from mdm.team.agreement import agreement
+from mdm.team.agreement.log import Log
 from mdm.team.team import Team
 from mdm.team.transport.network import Network
 from mdm.testing import run_virtual
@@ -25,6 +27,7 @@ from mdm.testing import run_virtual
 PROGRAM = ROOT / "tests" / "leftover_program.py"
 
 
+@pytest.mark.slow
 def test_members_that_come_and_go_leave_no_thread_file_or_process(tmp_path):
     pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
     ended = subprocess.run(
@@ -51,11 +54,19 @@ def test_members_that_come_and_go_leave_no_thread_file_or_process(tmp_path):
 
 @pytest.mark.parametrize(
     ("mode", "period", "steps"),
-    [("replicated", 0.1, 5000), ("replicated", None, 2000), ("centralised", 0.1, 2000), ("communicating", 0.1, 1000)],
+    [
+        *(("replicated", 0.1, 500), ("replicated", None, 500), ("centralised", 0.1, 500), ("communicating", 0.1, 500)),
+        pytest.param("replicated", 0.1, 5000, marks=pytest.mark.slow),
+        pytest.param("replicated", None, 2000, marks=pytest.mark.slow),
+        pytest.param("centralised", 0.1, 2000, marks=pytest.mark.slow),
+        pytest.param("communicating", 0.1, 1000, marks=pytest.mark.slow),
+    ],
 )
 def test_memory_does_not_grow_with_the_steps(mode, period, steps, monkeypatch):
     for module in (statistics, output, action_layer):  # latencies wait to be counted, a few of each kind
         monkeypatch.setattr(module, "FULL", 16)
+    if steps < 1000:  # too few to fill a log of the usual size
+        monkeypatch.setattr(agreement, "Log", lambda size, agents: Log(4, agents))
 
     async def main(runtime):
         network = Network(runtime.clock, team="team", loss=0.05, seed=1)

@@ -264,7 +264,7 @@ def test_a_team_with_a_period_is_told_of_each_step(drive, waits):
 EVENTS = st.sampled_from(["crash", "leave", "return", "partition", "heal", "observe", "observe", "reset", "wait"])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.lists(st.tuples(EVENTS, st.integers(0, 2)), max_size=14), st.booleans(), st.integers(0, 100))
 def test_copies_are_the_same_again_whatever_has_happened(events, fixed, seed):
     names = ["left", "right", "third"]
@@ -330,7 +330,7 @@ def test_copies_are_the_same_again_whatever_has_happened(events, fixed, seed):
 MOVES = st.sampled_from(["crash", "leave", "return", "partition", "heal", "move", "move", "release"])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     st.lists(st.tuples(MOVES, st.sampled_from("ab"), st.sampled_from([0.05, 0.3, 0.9])), max_size=14),
     st.booleans(),

@@ -7,11 +7,17 @@ import json
 import signal
 import socket
 from argparse import Namespace
+from types import SimpleNamespace
 
 import pytest
+from patience import PATIENCE
 from peers import peers
 from places import ROOT
+from team_robots import Robot, over_beliefs
+from teams import team as random_team
+from transports import Loopback
 
+import mdm
 from mdm.cli.team import decisions
 
 PROGRAM = ROOT / "tests" / "member_program.py"
@@ -48,7 +54,7 @@ class Told:
     async def reach(self, count):
         """Wait until so many steps more were told."""
         wanted = len(self.steps) + count
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(PATIENCE):
             while len(self.steps) < wanted:
                 self.more.clear()
                 await self.more.wait()
@@ -111,6 +117,7 @@ async def befall(names, told, begin):
     assert len(shared) >= 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "period"), [(4, 0.05), (3, None)])
 def test_processes_decide_the_same_through_crashes_hangs_and_losses(count, period, tmp_path, record_property):
     pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
@@ -124,3 +131,33 @@ def test_processes_decide_the_same_through_crashes_hangs_and_losses(count, perio
     record_property("longest time without a decision", told.pause)
     assert told.shared >= 40
     assert told.pause < LONGEST_PAUSE
+
+
+def test_a_process_and_an_agent_here_decide_the_same(tmp_path, monkeypatch):
+    """The least that shows it. The compiler stays out: it loads longer than all the rest takes."""
+    pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
+    monkeypatch.setattr("mdm.beliefs.choice.compiles", lambda model: False)
+    agents = endpoints("ab")
+    kept = tmp_path / "b.jsonl"
+
+    async def main():
+        net = Loopback(lease=1.0, listen=agents[0][1])
+        team = mdm.Team("team", agents, period=0.05, lease=1.0)
+        robot = Robot(team, "a", net, over_beliefs(random_team(7, agents=2)))
+        async with peers(PROGRAM, MDM_COMPILE="0") as start, mdm.Runtime(log=None) as runtime:
+            peer = await start(agent="b", agents=agents, period=0.05, loss=0.0, seed=1, decisions=str(kept))
+            told = Told(peer)
+            await robot.start(runtime)
+            await told.reach(10)
+            peer.signal(signal.SIGTERM)
+            assert await peer.end() == 143
+            await told.reading
+        await net.close()
+        return told, [json.loads(commit.line()) for commit in robot.commits]
+
+    told, here = asyncio.run(main())
+    assert [json.loads(line) for line in kept.read_text().splitlines()] == told.steps
+    known = check_the_same([told])
+    shared = [step for step in here if (*step["term"], step["step"]) in known]
+    assert len(shared) >= 8
+    check_the_same([told, SimpleNamespace(steps=here)])

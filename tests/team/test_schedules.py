@@ -5,10 +5,11 @@ from __future__ import annotations
 import pytest
 from team.schedules import violation
 
-PARTS, SEEDS = 10, 200
+SEEDS = 100
+PARTS = [*range(4), *(pytest.param(part, marks=pytest.mark.slow) for part in range(4, 20))]
 
 
-@pytest.mark.parametrize("part", range(PARTS))
+@pytest.mark.parametrize("part", PARTS)
 def test_no_schedule_violates_what_is_promised(part):
     found = [wrong for seed in range(part * SEEDS, (part + 1) * SEEDS) if (wrong := violation(seed))[1] is not None]
     assert found == []

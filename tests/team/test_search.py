@@ -24,12 +24,24 @@ SPACES = {
     ),
     "commands of three": Space(3, "majority", False, steps=0, commands=2, settled=True),
 }
+LARGE = [pytest.param(space, 5_000, id=name, marks=pytest.mark.slow) for name, space in SPACES.items()]
 
 
-@pytest.mark.parametrize("name", SPACES)
-def test_no_state_violates_what_is_promised(name):
-    search = Search(SPACES[name])
-    assert search.run(settle_every=10) > 5_000
+def one_less(space):
+    """Return the space with a step less, or a command less."""
+    return space._replace(steps=space.steps - 1) if space.steps else space._replace(commands=space.commands - 1)
+
+
+SMALL = [
+    *(pytest.param(one_less(space), 300, id=f"{name}, one less") for name, space in SPACES.items()),
+    pytest.param(Space(2, "majority", False, steps=0, commands=2, settled=True), 700, id="commands of two"),
+]
+
+
+@pytest.mark.parametrize(("space", "least"), [*SMALL, *LARGE])
+def test_no_state_violates_what_is_promised(space, least):
+    search = Search(space)
+    assert search.run(settle_every=10) > least
     assert search.cut_off == 0
 
 
@@ -39,9 +51,10 @@ def test_a_planted_fault_is_found(machine):
         Search(Space(2, "majority", True, crashes=1, restarts=1, losses=1), machine).run(settle_every=10)
 
 
+@pytest.mark.parametrize("agents", [2, pytest.param(3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("fault", COMMANDS)
-def test_a_planted_fault_of_commands_is_found(fault, monkeypatch):
+def test_a_planted_fault_of_commands_is_found(fault, agents, monkeypatch):
     for place, planted in COMMANDS[fault].items():
         monkeypatch.setattr(f"mdm.team.agreement.{place}", planted)
     with refused(Violation):
-        Search(Space(3, "majority", False, steps=0, partitions=1, commands=2, settled=True)).run(limit=500_000)
+        Search(Space(agents, "majority", False, steps=0, partitions=1, commands=2, settled=True)).run(limit=500_000)

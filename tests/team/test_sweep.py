@@ -11,21 +11,33 @@ from team.test_planted import PLANTED
 pytest.importorskip("numba")
 from team.sweep import Sweep
 
-SPACES = {
-    "crash and restart": Space(2, "majority", False, crashes=1, restarts=1),
+SMALL = {
+    "crash and restart": Space(2, "majority", False, steps=1, crashes=1, restarts=1),
     "crash and restart, event-driven": Space(2, "majority", True, steps=1, crashes=1, restarts=1),
-    "cut, loss and repetition": Space(2, "majority", False, partitions=1, losses=1, duplicates=1),
+    "cut, loss and repetition": Space(2, "majority", False, steps=1, partitions=1, losses=1, duplicates=1),
     "cut, and both go on": Space(2, "continue", False, steps=1, partitions=1),
-    "crash, and somebody is impatient": Space(2, "majority", False, crashes=1, impatience=1),
-    "three": Space(3, "majority", False, steps=1),
-    "commands and a cut": Space(2, "majority", False, steps=0, partitions=1, commands=2, settled=True),
+    "crash, and somebody is impatient": Space(2, "majority", False, steps=1, crashes=1, impatience=1),
+    "three": Space(3, "majority", False, steps=0, losses=1),
+    "commands": Space(2, "majority", False, steps=0, commands=2, settled=True),
+    "a command and a cut": Space(2, "majority", False, steps=0, partitions=1, commands=1, settled=True),
     "commands and a crash": Space(2, "majority", False, steps=0, crashes=1, commands=2, settled=True),
 }
+LARGE = {
+    "crash and restart, two steps": Space(2, "majority", False, crashes=1, restarts=1),
+    "cut, loss and repetition, two steps": Space(2, "majority", False, partitions=1, losses=1, duplicates=1),
+    "crash, and somebody is impatient, two steps": Space(2, "majority", False, crashes=1, impatience=1),
+    "three, and a step": Space(3, "majority", False, steps=1),
+    "commands and a cut": Space(2, "majority", False, steps=0, partitions=1, commands=2, settled=True),
+}
+SPACES = [
+    *(pytest.param(space, id=name) for name, space in SMALL.items()),
+    *(pytest.param(space, id=name, marks=pytest.mark.slow) for name, space in LARGE.items()),
+]
 
 
 def visited(search):
     """Return where agents stand, but for what they never read again, and what was applied, in all states."""
-    assert search.run() > 1_000
+    assert search.run() > 150
     assert search.cut_off == 0
     again = Sweep(search.space)
     for machine in search.machines.things:
@@ -33,19 +45,21 @@ def visited(search):
     return set(again.machines.numbers), {entry for entry, *_ in search.entries.numbers}, set(search.bases.numbers)
 
 
-@pytest.mark.parametrize("name", SPACES)
-def test_agents_come_to_the_same_with_fewer_states(name):
-    assert visited(Sweep(SPACES[name])) == visited(Search(SPACES[name]))
+@pytest.mark.parametrize("space", SPACES)
+def test_agents_come_to_the_same_with_fewer_states(space):
+    assert visited(Sweep(space)) == visited(Search(space))
 
 
-def test_as_many_states_are_visited_where_none_is_left_out():
-    space = Space(2, "majority", False, crashes=1, restarts=1)
+@pytest.mark.parametrize("steps", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_as_many_states_are_visited_where_none_is_left_out(steps):
+    space = Space(2, "majority", False, steps=steps, crashes=1, restarts=1)
     assert 1 + Sweep(space, reduced=False).run() == Search(space).run() > Sweep(space).run()
 
 
-def test_three_agents_lose_one_or_a_message():
-    search = Sweep(Space(3, "majority", False, steps=1, crashes=1, losses=1, duplicates=1))
-    assert search.run(settle_every=1000) > 100_000
+@pytest.mark.parametrize(("steps", "least"), [(0, 500), pytest.param(1, 100_000, marks=pytest.mark.slow)])
+def test_three_agents_lose_one_or_a_message(steps, least):
+    search = Sweep(Space(3, "majority", False, steps=steps, crashes=1, losses=1, duplicates=1))
+    assert search.run(settle_every=least // 100) > least
     assert search.cut_off == 0
 
 

@@ -6,6 +6,7 @@ import asyncio
 import threading
 
 import pytest
+from patience import PATIENCE
 from sentences import refused
 
 from mdm import Error, Runtime, run
@@ -33,7 +34,7 @@ def test_one_that_blocks_holds_nothing_and_is_told_of_first():
 
     def block():
         begun.set()
-        free.wait(20)
+        free.wait(PATIENCE)
         raise OSError("no relay")
 
     async def main():
@@ -42,7 +43,7 @@ def test_one_that_blocks_holds_nothing_and_is_told_of_first():
             faults = probe(runtime.faults)
             runtime.emergency("the hand")
             assert [fault.detail for fault in faults] == ["the hand"]
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(PATIENCE):
                 while not (begun.is_set() and other.is_set()):
                     await asyncio.sleep(0.001)
                 free.set()
@@ -58,7 +59,7 @@ def test_one_that_is_under_way_at_the_end_gets_a_moment():
     free, ended = threading.Event(), []
 
     def cut():
-        free.wait(20)
+        free.wait(PATIENCE)
         ended.append(None)
 
     async def main():

@@ -8,6 +8,7 @@ import threading
 import time
 
 import pytest
+from patience import PATIENCE
 from programs import python
 
 from mdm import Ensemble, Error, FixedRate, Runtime, run
@@ -64,7 +65,7 @@ def ours():
     return [thread.name for thread in threading.enumerate() if thread.name.startswith("mdm:")]
 
 
-@pytest.mark.parametrize("hold", [hold_asleep, hold_busily])
+@pytest.mark.parametrize("hold", [hold_asleep, pytest.param(hold_busily, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("uvloop", [False, True])
 def test_a_loop_that_is_held_is_reported_in_time_with_what_holds_it(hold, uvloop):
     if uvloop:
@@ -166,13 +167,13 @@ def test_an_emergency_that_does_not_end_does_not_end_the_watch():
 
     def emergency():
         called.append(None)
-        hold.wait(20)
+        hold.wait(PATIENCE)
 
     async def main():
-        async with Runtime(log=None, watchdog=0.1, emergency=emergency) as runtime:
+        async with Runtime(log=None, watchdog=0.5, emergency=emergency) as runtime:
             faults = probe(runtime.faults)
             for number in (3, 6):
-                time.sleep(1.0)  # noqa: ASYNC251 - which is what is tried
+                time.sleep(1.5)  # noqa: ASYNC251 - which is what is tried
                 while len(faults) < number:
                     await asyncio.sleep(0.01)
         return faults
@@ -184,6 +185,7 @@ def test_an_emergency_that_does_not_end_does_not_end_the_watch():
         hold.set()
 
 
+@pytest.mark.slow
 def test_native_calls_that_hold_the_interpreter_one_after_the_other_are_reported():
     lines, called = Lines(), []
 
@@ -223,10 +225,10 @@ def test_a_watchdog_whose_alarm_fails_goes_on():
             raise MemoryError
 
     async def main():
-        watchdog = Watchdog(0.1, alarm, print, None)
+        watchdog = Watchdog(0.5, alarm, print, None)
         watchdog.open(asyncio.get_running_loop())
         for number in (2, 4):
-            time.sleep(1.0)  # noqa: ASYNC251 - which is what is tried
+            time.sleep(1.5)  # noqa: ASYNC251 - which is what is tried
             while len(told) < number:
                 await asyncio.sleep(0.01)
         watchdog.close()
@@ -258,7 +260,7 @@ def test_a_process_that_was_stopped_is_no_emergency():
         time.sleep(1.0)  # what is tried: that long it stands still
         process.send_signal(signal.SIGCONT)
         assert process.stdout.readline() == "told\n"
-        assert process.wait(20) == 0
+        assert process.wait(PATIENCE) == 0
 
 
 @pytest.mark.parametrize(

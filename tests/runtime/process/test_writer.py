@@ -8,9 +8,9 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 
 import pytest
+from patience import PATIENCE
 from programs import python
 
 from mdm import Actor, Runtime, run
@@ -125,7 +125,7 @@ def test_a_stream_without_an_encoding_takes_utf_8():
 def test_standard_error_that_nobody_reads_does_not_hold_the_robot(program):
     with python(program) as process:
         *done, counts = followed_to_its_end(process)
-        assert process.wait(20) == 143
+        assert process.wait(PATIENCE) == 143
     assert done == ["go", "safe"]
     written, lost = map(int, counts.split())
     assert 0 < written < 3000
@@ -137,7 +137,7 @@ def test_a_closed_standard_error_does_not_end_the_robot(program):
     with python(program) as process:
         process.stderr.close()
         *done, counts = followed_to_its_end(process)
-        process.wait(20)
+        process.wait(PATIENCE)
         process.stderr = None
     assert done == ["go", "safe"]
     assert int(counts.split()[1]) > 2000
@@ -149,7 +149,7 @@ def test_no_standard_error_and_one_that_is_full_do_not_end_the_robot(program, sh
     process = subprocess.Popen(["/bin/sh", "-c", command], stdout=subprocess.PIPE, text=True, cwd=program.parent)
     try:
         *done, counts = followed_to_its_end(process)
-        process.wait(20)
+        process.wait(PATIENCE)
     finally:
         process.kill()
         process.communicate()
@@ -167,12 +167,12 @@ def test_every_line_that_is_read_is_there_in_order():
         "mdm.run(main)\n"
     )
     with python("-c", program) as process:
-        lines = [json.loads(line) for line in process.communicate(timeout=20)[1].splitlines()]
+        lines = [json.loads(line) for line in process.communicate(timeout=PATIENCE)[1].splitlines()]
     assert [line["detail"] for line in lines] == [f"{number}" + "ä" * 200 for number in range(2000)]
 
 
 def test_a_logger_that_waits_or_fails_costs_lines_alone():
-    hold = threading.Event()
+    hold, let_go = threading.Event(), []
 
     class Slow:
         def debug(self, event, **fields):
@@ -182,30 +182,27 @@ def test_a_logger_that_waits_or_fails_costs_lines_alone():
 
         def error(self, event, **fields):
             if fields["detail"] == "0":
-                hold.wait(20)
+                let_go.append(hold.wait(PATIENCE))
             raise ValueError(event)
 
     async def main():
         async with Runtime(log=Slow()) as runtime:
-            began = time.monotonic()
             for number in range(10_000):
                 runtime.faults.publish(Fault(0, "a", "b", str(number)))
-            took = time.monotonic() - began
             hold.set()
-        return took, runtime.statistics().log
+        return runtime.statistics().log
 
-    took, found = run(main)
-    assert took < 5
+    found = run(main)
+    assert let_go == [True]  # by the program, which had not waited for it
     assert (found.written, found.lost) == (0, 10_000)
     assert not [thread for thread in threading.enumerate() if thread.name == "mdm:log"]
 
 
 def test_what_waits_for_a_writer_that_does_not_end_is_left():
-    hold = threading.Event()
+    hold, let_go = threading.Event(), []
     writer = Writer()
     writer.open()
-    writer.put(lambda _: hold.wait(20), None)
-    began = time.monotonic()
+    writer.put(lambda _: let_go.append(hold.wait(PATIENCE)), None)
     writer.close(0.01)
-    assert time.monotonic() - began < 5
+    assert let_go == []
     hold.set()

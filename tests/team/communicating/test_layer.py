@@ -7,6 +7,7 @@ import asyncio
 import msgspec
 import numpy as np
 import pytest
+from patience import PATIENCE
 from sentences import refused
 from team_robots import Robot, decider, over_beliefs, over_states, started
 from transports import endpoint
@@ -472,7 +473,7 @@ def test_agents_talk_over_real_sessions():
         async with mdm.Runtime(log=None) as runtime:
             robots.extend(await started(runtime, team, Sessions(team), over_beliefs(TIGER)))
             random = np.random.default_rng(1)
-            async with asyncio.timeout(60):
+            async with asyncio.timeout(PATIENCE):
                 while len(known()) < 10:
                     for place, robot in enumerate(robots if all(map(decisions, robots)) else ()):
                         robot.observe(*(int(random.integers(2)) if own == place else None for own in range(2)))

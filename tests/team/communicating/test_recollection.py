@@ -54,7 +54,7 @@ def in_order(controller, did, saw):
     return beliefs
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(data=st.data())
 def test_in_the_end_everything_is_known_as_though_it_had_come_in_time(data):
     model = data.draw(st.sampled_from(MODELS))

@@ -6,6 +6,7 @@ import time
 
 import pytest
 from hypothesis import given, strategies as st
+from patience import PATIENCE
 
 from mdm.team.transport.mailbox import Mailbox
 
@@ -38,7 +39,7 @@ class Receiver:
         )
 
     async def until(self, condition):
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(PATIENCE):
             while not condition():
                 await asyncio.sleep(0)
 

@@ -12,6 +12,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from patience import PATIENCE
 from peers import peers
 from places import ROOT
 from sentences import refused
@@ -236,7 +237,7 @@ def test_other_event_loops_will_do():
         first.watch(lambda live: seen.append(1) if "b" in live else None)
         await first.open()
         await second.open()
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(PATIENCE):
             while not seen:
                 await asyncio.sleep(0.002)
             for _ in range(100):
@@ -401,7 +402,7 @@ def run(name, *, at=None):
         f"async def main():\n{body}\nasyncio.run(main())"
     )
     return subprocess.run(
-        [sys.executable, "-c", program, endpoint()], capture_output=True, text=True, timeout=60,
+        [sys.executable, "-c", program, endpoint()], capture_output=True, text=True, timeout=PATIENCE,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )  # fmt: skip
 
@@ -439,7 +440,7 @@ def test_opening_that_is_cancelled_leaves_nothing_open():
         with pytest.raises(asyncio.CancelledError):
             await opening
         await session.close()
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(PATIENCE):
             while True:
                 again = Session("team", "a", listen=where)
                 try:

@@ -1,4 +1,4 @@
-"""A browser that looks at pages: Debian's Chromium, by Playwright's async API in the loop of the test."""
+"""A browser that looks at pages: the machine's own Chromium, by Playwright's async API in the loop of the test."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from contextvars import copy_context
 
 import pytest
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+INSTALL = "apt-get install --no-install-recommends chromium fonts-dejavu-core"
 
 
 def needed():
@@ -19,7 +20,7 @@ def needed():
     pytest.importorskip("playwright")
     pytest.importorskip("axe_playwright_python")
     if CHROMIUM is None:
-        pytest.skip("there is no Chromium: apt-get install chromium fonts-dejavu-core", allow_module_level=True)
+        pytest.skip(f"tests of the page need a browser, and there is none: {INSTALL}", allow_module_level=True)
 
 
 class Shared:

@@ -229,6 +229,13 @@ def test_patrol(arguments):
         assert "collisions: 0" in output
 
 
+def test_the_patrol_of_a_seed_is_the_same_on_every_interpreter():
+    """What it did on CPython 3.11, 3.12 and 3.13, where that was written down."""
+    output = run("patrol/patrol.py", "--fast")
+    log = output.split("The next 40 seconds:\n\n")[1].split("\nAt the end")[0]
+    assert log == (ROOT / "tests" / "data" / "patrol" / "forty_seconds.txt").read_text()
+
+
 def on_a_terminal(seconds, *arguments, **environment):
     """Run the patrol on a terminal; return what it wrote there."""
     here, there = os.openpty()
@@ -466,14 +473,14 @@ def test_the_patrol_without_its_simulator_says_what_it_needs(monkeypatch):
     assert (done.status, done.errors.count("\n")) == (1, 1)
 
 
-@pytest.mark.parametrize(("name", "seconds", "pictures"), [("film.gif", "2", 5), ("film.png", "1", 1)])
+@pytest.mark.parametrize(("name", "seconds", "pictures"), [("film.gif", "2", 4), ("film.png", "1", 1)])
 def test_the_patrol_is_filmed(tmp_path, name, seconds, pictures):
     output = run("patrol/patrol.py", "--fast", "--seconds", seconds, "--film", str(tmp_path / name))
     assert f"{name}: " in output
     with Image.open(tmp_path / name) as film:
         frames = getattr(film, "n_frames", 1)
         assert film.size[0] > 500
-    assert frames == pictures  # of a GIF every half a second, both ends count
+    assert frames == pictures  # of a GIF every half a second, from the beginning on
 
 
 class Interrupted(io.TextIOWrapper):

@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 import msgspec
 from served import TOKEN
 
-from mdm.snapshots import EnsembleFrame, Frame, Ring, Scene
+from mdm.snapshots import EnsembleFrame, Frame, RecordedRun, Ring, Scene
 from mdm.snapshots.scene import EnsembleScene, PredicateScene
 from mdm.version import __version__
 from mdm.views.web import PageServer
@@ -73,7 +73,7 @@ class Kept(Told):
 @asynccontextmanager
 async def served(told, port=0, *, control=False):
     """Serve a page of it; yield its address."""
-    live = not isinstance(told, Kept)
+    live = not isinstance(told, Kept | RecordedRun)
     server = PageServer(told, port=port, live=live, token=TOKEN, control=control)
     await server.open()
     try:

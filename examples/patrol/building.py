@@ -86,7 +86,8 @@ async def live(system: mdm.System) -> None:
         for predicate, kind in (("PersonIsWaiting", "person"), ("IntruderIsSeen", "intruder"), ("FireIsSeen", "fire")):
             system.predicates.sense(predicate, bool(known(kind)))
         with suppress(TimeoutError):
-            await asyncio.wait_for(World.news.wait(), 0.2)
+            async with asyncio.timeout(0.2):
+                await World.news.wait()
 
 
 def known(kind: str) -> list[Visit]:

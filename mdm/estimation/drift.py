@@ -86,7 +86,7 @@ class _Bet:
         else:
             expected = self.expected
             shares = [p * (n + 1) / (e + 1) for p, n, e in zip(model, counts, expected, strict=True)]
-            chance = shares[place] / sum(shares)
+            chance = shares[place] / math.fsum(shares)
             self.expected = [e + p for e, p in zip(expected, model, strict=True)]
         self.won += math.log(chance / model[place])
         counts[place] += 1
@@ -139,7 +139,7 @@ class Capital:
     def value(self) -> float:
         """The capital; infinite where it is too large for a number."""
         rest = 1 / (self._began + 1)  # of the bets that have not begun
-        return rest + sum(bet.weight * _exp(bet.won) for bet in self._bets)
+        return rest + math.fsum(bet.weight * _exp(bet.won) for bet in self._bets)
 
 
 def _exp(logarithm: float) -> float:

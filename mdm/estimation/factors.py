@@ -13,6 +13,7 @@ told by the record: as long as the model needs to leave its states as often as t
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from typing import TYPE_CHECKING
 
@@ -58,7 +59,7 @@ def pool_of(model: MDP, stays: Iterable[Stay], kind: Kind) -> Pool | None:
     if len(model.state_space) * len(model.action_space) > _LARGEST:
         return None
     listed = list(stays)
-    leaving = sum(stay.seconds * _leaving(model, stay) for stay in listed)
+    leaving = math.fsum(stay.seconds * _leaving(model, stay) for stay in listed)
     ended = sum(stay.ended for stay in listed)
     if not ended or (kind == "jumps" and leaving <= 0):
         return None

@@ -171,7 +171,7 @@ def holding(stays: Iterable[Stay], *, level: float = LEVEL) -> Holding:
             gap = 0.0
         else:
             cut.append(stay.seconds)
-    exposure, count = sum(ended) + sum(cut), len(ended)
+    exposure, count = math.fsum([*ended, *cut]), len(ended)
     if exposure <= 0:
         return Holding(0.0, count, math.nan, 0.0, math.inf, None)
     interval = rate_intervals([count], exposure, level=level)

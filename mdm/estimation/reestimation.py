@@ -7,6 +7,7 @@ stays possible: beliefs meet no observation of probability 0 that they did not m
 
 from __future__ import annotations
 
+import math
 from copy import copy
 from typing import TYPE_CHECKING, Any
 
@@ -147,5 +148,5 @@ def expected_reward(model: MDP, action: int, state: int, symbols: npt.NDArray[np
             continue
         chances = pomdp.observation(action, following, state=state)
         told = np.flatnonzero(chances).tolist()
-        total += probability * sum(float(chances[o]) * outcomes.at(action, state, following, o) for o in told)
+        total += probability * math.fsum(chances[o] * outcomes.at(action, state, following, o) for o in told)
     return total

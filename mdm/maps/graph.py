@@ -269,7 +269,7 @@ def _neighbours(order: list[int]) -> list[list[int]]:
 
 
 def _length(order: list[int], far: Vector) -> float:
-    return sum(float(far[one, other]) for one, other in pairwise([*order, order[0]]))
+    return math.fsum(far[one, other] for one, other in pairwise([*order, order[0]]))
 
 
 def _distances(graph: Graph, lengths: Mapping[tuple[str, str], float] | None) -> Vector:

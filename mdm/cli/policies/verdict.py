@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -141,7 +142,7 @@ def claimed_value(model: MDP, policy: Any) -> float | None:
     if policy.input != "belief":
         value: float | None = policy.value_at(start)
         return value
-    return float(sum(weight * policy.value(belief) for weight, belief in _first_beliefs(model, start)))
+    return math.fsum(weight * policy.value(belief) for weight, belief in _first_beliefs(model, start))
 
 
 def _first_beliefs(model: MDP, start: Vector) -> list[tuple[float, Vector]]:

@@ -114,7 +114,7 @@ def _add_places(source: Source, features: list[_Feature], gathered: Gathered) ->
         nodes.setdefault(name, []).append(pose)
         failing.setdefault(name, fail)
     for name, poses in nodes.items():
-        x, y = (sum(values) / len(poses) for values in zip(*((pose.x, pose.y) for pose in poses), strict=True))
+        x, y = (math.fsum(values) / len(poses) for values in zip(*((pose.x, pose.y) for pose in poses), strict=True))
         middle = min(poses, key=lambda pose: math.hypot(pose.x - x, pose.y - y))
         gathered.add_node(Node(name, middle), failing[name])
     if twins:

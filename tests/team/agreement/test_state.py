@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import inspect
 import re
 
 import pytest
@@ -95,7 +96,7 @@ SPOILT = {
 
 
 def test_what_is_said_of_a_state_is_what_is_checked():
-    numbers = [int(number) for number in re.findall(r"^ +([0-9]+)\. ", State.__doc__, re.MULTILINE)]
+    numbers = [int(number) for number in re.findall(r"^([0-9]+)\. ", inspect.getdoc(State), re.MULTILINE)]
     assert numbers == list(INVARIANTS) == list(SPOILT)
 
 

@@ -281,7 +281,7 @@ def doors(*heard, discount):
 
 
 @pytest.mark.parametrize(
-    ("episodes", "singly", "looped"), [(3_000, 60, 40), pytest.param(10_000, 200, 100, marks=pytest.mark.slow)]
+    ("episodes", "singly", "looped"), [(1_000, 60, 40), pytest.param(10_000, 200, 100, marks=pytest.mark.slow)]
 )
 def test_policies_earn_their_bounds_where_events_go_unseen(episodes, singly, looped):
     """Behind one door much goes unheard. Whoever takes each sound for that of a single step opens the other one."""
@@ -359,7 +359,7 @@ def test_durations_that_do_not_fit_are_refused(model, durations, words):
             use()
 
 
-@pytest.mark.parametrize("episodes", [150, pytest.param(500, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("episodes", [100, pytest.param(500, marks=pytest.mark.slow)])
 def test_hidden_states_that_take_longer_are_weighed_by_beliefs_in_time(episodes):
     """By the plain beliefs a policy may earn less than its bound; by those of the model in time it earns that."""
     model, durations = tiger(), Durations([[0.1, 1.0, 1.0], [20.0, 1.0, 1.0]])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 import msgspec
 import numpy as np
@@ -170,3 +171,9 @@ def _with(rates, rate):
 def test_a_step_takes_time():
     with pytest.raises(ModelError, match="takes more than 0 seconds, not 0"):
         transitions_after(MODEL, [], 0)
+
+
+def test_times_are_added_without_error():
+    """So that they are the same on all versions of Python, whose sum is another since 3.12, and not exact either."""
+    seconds = [2.0**106, 2.0**53, 1.0, 1.0]  # just above the middle of two numbers
+    assert holding([cut(each) for each in seconds]).exposure == float(sum(map(Fraction, seconds))) > 2.0**106

@@ -15,6 +15,7 @@ import warnings
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
+from importlib import import_module
 from importlib.util import find_spec, module_from_spec
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -32,6 +33,7 @@ __all__ = [
     "compiled",
     "direct",
     "is_sparing",
+    "kernels",
     "may_compile",
     "plain",
     "sparing",
@@ -71,11 +73,14 @@ def may_compile() -> bool:
     return os.environ.get("MDM_COMPILE", "1") != "0" and find_spec("numba") is not None
 
 
-@cache
 def can_compile() -> bool:
     """Whether kernels are compiled: numba can be imported, and ``MDM_COMPILE`` is not 0."""
-    if not may_compile():
-        return False
+    return may_compile() and _is_loaded()
+
+
+@cache
+def _is_loaded() -> bool:
+    """Load the compiler, and return whether that was possible."""
     try:
         with COMPILE_TIME.loading():
             import numba  # noqa: F401, PLC0415 - see above
@@ -122,6 +127,11 @@ def plain(name: str) -> ModuleType:
     finally:
         _uncompiled.pop()
     return module
+
+
+def kernels(name: str) -> ModuleType:
+    """Return a module of kernels, by its name: compiled, or as plain Python where nothing is compiled."""
+    return import_module(name) if can_compile() else plain(name)
 
 
 def compiled(function: _Function) -> _Function:

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 
-from mdm.beliefs import Support
-from mdm.compilation import may_compile
+from mdm.beliefs import Support, compact
+from mdm.beliefs.choice import AdaptiveFilter
+from mdm.beliefs.compact import CompactFilter
+from mdm.beliefs.compressed import GroupedFilter
+from mdm.beliefs.dense import LikelyFilter
+from mdm.beliefs.support import CompiledSupportFilter
 from mdm.models import POMDP
+from mdm.models.dynamics import Dynamics
 
 
 def loaded(filter_, belief):
@@ -34,7 +41,7 @@ def assert_step(filter_, expected, probability):
     return belief
 
 
-needs_numba = pytest.mark.skipif(not may_compile(), reason="numba is not there, or MDM_COMPILE is 0")
+needs_numba = pytest.mark.compiled("beliefs")
 
 
 def corridor(size, observations=3):
@@ -51,3 +58,23 @@ def corridor(size, observations=3):
     told[:4, -1] = 5
     told /= told.sum(axis=1, keepdims=True)
     return POMDP([transition], [told], np.zeros((size, 1)), discount=0.9, initial_belief=np.eye(size)[0], sparse=True)
+
+
+def track(model: POMDP, seed: int) -> None:
+    """Step every compiled belief filter."""
+    dynamics = Dynamics(model)
+    filters = [CompactFilter(dynamics.model), GroupedFilter(dynamics), CompiledSupportFilter(dynamics)]
+    with patch.object(compact, "_SPARSE", 2):
+        filters.append(CompactFilter(dynamics.model))
+    filters.append(AdaptiveFilter(CompiledSupportFilter(dynamics), GroupedFilter(dynamics), 2, 2))
+    if not dynamics.model.event_observations:
+        filters.append(LikelyFilter(dynamics.model, fast=True))
+    for each in filters:
+        random = np.random.default_rng(seed)
+        (states,) = model.initial_belief.nonzero()
+        each.load(Support(states, model.initial_belief[states]))
+        for _ in range(6):
+            action = int(random.integers(dynamics.num_actions))
+            if not each.step(action, int(random.integers(dynamics.num_observations))) > 0:
+                each.predict(action)
+            each.dense()

@@ -8,6 +8,7 @@ import signal
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+import kernels
 import processor_time
 import pytest
 import sentences
@@ -77,6 +78,15 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         sentences.write_all(item.nodeid for item in session.items)
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtestloop(session: pytest.Session) -> Iterator[object]:
+    """Compile kernels before the first test; run tests with plain ones, but those that need what is compiled."""
+    if not session.config.option.collectonly:
+        kernels.compile_for(session.items)
+    with kernels.as_plain_python():
+        return (yield)
+
+
 @pytest.fixture(autouse=True, scope="session")
 def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Keep what processes of a user share in a folder of the tests."""
@@ -106,9 +116,9 @@ def _file_apart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def _test_apart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def _test_apart(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Keep a test from the next one; in one fixture, for each takes a tenth of a millisecond in each of 9,000 tests."""
-    with _same_signals(), forgetting(tmp_path_factory.getbasetemp()):
+    with _same_signals(), forgetting(tmp_path_factory.getbasetemp()), kernels.needed_by(request.node):
         yield
 
 

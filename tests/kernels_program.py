@@ -9,15 +9,11 @@ from unittest.mock import patch
 
 import numba
 import numpy as np
+from belief_steps import track
 from random_models import distributions
 
 from mdm import load_model, problems
-from mdm.beliefs import Support, compact
-from mdm.beliefs.choice import AdaptiveFilter
-from mdm.beliefs.compact import CompactFilter
-from mdm.beliefs.compressed import GroupedFilter
-from mdm.beliefs.dense import LikelyFilter
-from mdm.beliefs.support import CompiledSupportFilter
+from mdm.beliefs import Support
 from mdm.models import MDP, POMDP
 from mdm.models.dynamics import Dynamics
 from mdm.policies import AlphaVectors, alpha_vectors
@@ -84,26 +80,6 @@ def chain(size: int) -> POMDP:
     np.fill_diagonal(ways, 1)
     rewards = np.eye(size)[:, :1]
     return POMDP([ways], np.full((1, size, 2), 0.5), rewards, discount=0.5, initial_belief=initial)
-
-
-def track(model: POMDP, seed: int) -> None:
-    """Step every compiled belief filter."""
-    dynamics = Dynamics(model)
-    filters = [CompactFilter(dynamics.model), GroupedFilter(dynamics), CompiledSupportFilter(dynamics)]
-    with patch.object(compact, "_SPARSE", 2):
-        filters.append(CompactFilter(dynamics.model))
-    filters.append(AdaptiveFilter(CompiledSupportFilter(dynamics), GroupedFilter(dynamics), 2, 2))
-    if not dynamics.model.event_observations:
-        filters.append(LikelyFilter(dynamics.model, fast=True))
-    for each in filters:
-        random = np.random.default_rng(seed)
-        (states,) = model.initial_belief.nonzero()
-        each.load(Support(states, model.initial_belief[states]))
-        for _ in range(6):
-            action = int(random.integers(dynamics.num_actions))
-            if not each.step(action, int(random.integers(dynamics.num_observations))) > 0:
-                each.predict(action)
-            each.dense()
 
 
 def solve(model: MDP, seed: int) -> None:

@@ -14,14 +14,16 @@ import pytest
 from mdm import ModelWarning, compilation
 from mdm.compilation import COMPILE_TIME
 
+pytestmark = pytest.mark.compiled(where_possible=True)
+
 
 @pytest.fixture(autouse=True)
 def forgotten():
     """Ask anew in each test: the answer is kept for a process."""
-    for known in (compilation.can_compile, compilation.may_compile):
+    for known in (compilation._is_loaded, compilation.may_compile):
         known.cache_clear()
     yield
-    for known in (compilation.can_compile, compilation.may_compile):
+    for known in (compilation._is_loaded, compilation.may_compile):
         known.cache_clear()
 
 
@@ -129,7 +131,7 @@ def test_no_kernel_leaves_its_arrays_on_models_of_others(corpus):
     assert ("solvers.sarsop.search", "explore") in bounds_checked(0, *(corpus / "models" / file for file in files))
 
 
-@pytest.mark.skipif(not compilation.may_compile(), reason="numba is not there, or MDM_COMPILE is 0")
+@pytest.mark.compiled("beliefs")
 def test_a_direct_call_is_the_same_call():
     from mdm.beliefs.kernels import move
 

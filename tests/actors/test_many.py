@@ -8,7 +8,7 @@ import sys
 from mdm import Actor, Ensemble, PredicateManager, StateFactor
 from mdm.testing import run_virtual
 
-MANY = 600  # their turns, one within the other, would be more than the stack is deep
+MANY = 520  # their turns, one within the other, would be more than the stack is deep
 
 
 def ensembles(log, number, *, max_age=None, shared=False):

@@ -8,13 +8,13 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from belief_steps import needs_numba
 
 from mdm.beliefs import BeliefTracker, choice as belief_choice
 from mdm.beliefs.choice import AdaptiveFilter, chosen_filter
 from mdm.beliefs.compact import CompactFilter
 from mdm.beliefs.compressed import CompressedFilter
 from mdm.beliefs.dense import FoldedFilter, LikelyFilter
-from mdm.compilation import can_compile
 from mdm.models import POMDP, Factor, Space
 
 
@@ -40,12 +40,11 @@ def dense_model(size, filled):
         (150, 0.01, 4_000_000, CompressedFilter, AdaptiveFilter),
     ],
 )
-def test_the_filter_suits_the_model(size, filled, folded, plain, compiled, monkeypatch):
+@pytest.mark.parametrize("fast", [False, pytest.param(True, marks=needs_numba)])
+def test_the_filter_suits_the_model(size, filled, folded, plain, compiled, fast, monkeypatch):
     monkeypatch.setattr(belief_choice, "FOLDED", folded)
     model = dense_model(size, filled)
-    assert type(chosen_filter(model, fast=False)) is plain
-    if can_compile():
-        assert type(chosen_filter(model, fast=True)) is compiled
+    assert type(chosen_filter(model, fast=fast)) is (compiled if fast else plain)
 
 
 def test_a_million_states_are_tracked_by_their_support():
@@ -77,12 +76,11 @@ def listeners(observations, actions=2):
     return POMDP([[[0.9, 0.1], [0.2, 0.8]]] * actions, told, np.zeros((2, actions)), discount=0.9)
 
 
-def test_many_observations_have_no_matrix_each():
+@pytest.mark.parametrize("fast", [False, pytest.param(True, marks=needs_numba)])
+def test_many_observations_have_no_matrix_each(fast):
     """A team of eight that hear three sounds each has thousands of them, for each of its actions."""
     model = listeners(12_000)
-    assert type(chosen_filter(model, fast=False)) is LikelyFilter
-    if can_compile():
-        assert type(chosen_filter(model, fast=True)) is LikelyFilter
+    assert type(chosen_filter(model, fast=fast)) is LikelyFilter
     tracker, plain = BeliefTracker(model), np.array(model.initial_belief)
     for action, seen in ((0, 5), (1, 11_999), (0, 7)):
         plain = (plain @ model.transition_matrix(action)) * model.observation_matrix(action)[:, seen]

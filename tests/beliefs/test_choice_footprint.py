@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import tracemalloc
+from functools import cache
 
 import numpy as np
 import pytest
+from belief_steps import needs_numba
 from sentences import refused
 
 import mdm
 from mdm import Controller
 from mdm.beliefs import choice
 from mdm.beliefs.choice import check_memory, footprint
-from mdm.compilation import may_compile
 from mdm.errors import ConfigError
 from mdm.models import MDP, POMDP, FactoredPOMDP
 from mdm.policies import ConstantPolicy
@@ -37,9 +38,9 @@ def constant(model, **options):
     return ConstantPolicy(0, len(model.action_space), len(model.state_space), **options)
 
 
-@pytest.fixture(scope="module", autouse=True)
-def compiled():
-    """Have kernels compiled, which takes memory of its own, once in a process."""
+@cache
+def load_kernels():
+    """Load compiled kernels, which takes memory of its own, once in a process."""
     for model in (mdm.problems.tiger(), mdm.problems.rock_sample(), dense_model(300, 3, 40, 0.5)):
         mdm.BeliefTracker(model)
 
@@ -56,12 +57,13 @@ MODELS = {
 }
 
 
-@pytest.mark.skipif(not may_compile(), reason="numba is not installed: other filters are chosen")
+@needs_numba  # without it other filters are chosen
 @pytest.mark.parametrize("name", MODELS)
 def test_what_is_told_is_within_a_factor_of_two_of_what_is_allocated(name):
     model = MODELS[name]()
     told = footprint(model, beliefs=True)
     policy = constant(model)
+    load_kernels()
     tracemalloc.start()
     Controller(policy, model)
     _, peak = tracemalloc.get_traced_memory()

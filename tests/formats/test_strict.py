@@ -42,6 +42,9 @@ def tree(random, actions, observations, depth):
 READERS = {".dpomdp": madp.read, ".pgmx": pgmx.read, ".pomdpx": pomdpx.read}
 SMALLER = {
     "rock_sample": lambda: problems.rock_sample(3, 2),
+    "fire_fighting": lambda: problems.fire_fighting(houses=2),
+    "machine_maintenance": lambda: problems.machine_maintenance(3),
+    "meeting": lambda: problems.meeting(2),
     "field_vision_rock_sample": lambda: problems.field_vision_rock_sample(3, 2),
 }
 LARGEST = 20_000_000
@@ -85,6 +88,12 @@ def test_standard_problems(name, tmp_path):
     if len(model.state_space) ** 2 * len(model.action_space) > LARGEST / 10:
         pytest.skip("too large for readers of dense arrays")
     assert_all_the_same(model, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["fire_fighting", "machine_maintenance", "meeting"])
+def test_standard_problems_in_their_usual_size(name, tmp_path):
+    assert_all_the_same(getattr(problems, name)(), tmp_path)
 
 
 @given(model=flat_models(events=True))

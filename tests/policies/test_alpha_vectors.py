@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 from sentences import refused
 
 from mdm.beliefs import Support
-from mdm.compilation import can_compile, may_compile, sparing
+from mdm.compilation import sparing
 from mdm.errors import ModelError
 from mdm.policies import AlphaVectors
 
@@ -37,16 +37,14 @@ def test_the_maximal_vector_decides_and_ties_go_to_the_lowest_action(seed, count
         assert policy.action(belief) == by_action.index(max(by_action))
 
 
-@pytest.mark.parametrize("fast", [True, False])
+@pytest.mark.parametrize("fast", [pytest.param(True, marks=pytest.mark.compiled("choices")), False])
 @given(st.integers(0, 2**32 - 1), st.integers(1, 300), st.integers(1, 200), st.integers(1, 200))
 def test_the_support_of_a_belief_says_as_much_as_the_belief(fast, seed, count, states, weighty):
     """Also where the vectors are so many that a dense belief is searched for its support."""
     random = np.random.default_rng(seed)
     vectors = random.normal(size=(count, states))
     actions = random.integers(5, size=count).tolist()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mdm.policies.alpha_vectors.can_compile", lambda: fast and can_compile())
-        policy = AlphaVectors(vectors, actions, 5)
+    policy = AlphaVectors(vectors, actions, 5)  # of both kinds, compiled or not
     chosen = random.permutation(states)[:weighty]
     support = Support(chosen, random.dirichlet(np.ones(len(chosen))))
     belief = support.dense(states)
@@ -67,7 +65,7 @@ def test_ties_go_to_the_lowest_action_however_the_belief_is_given(count):
         assert policy.action(support) == policy.action(support.dense(10)) == 1
 
 
-@pytest.mark.skipif(not may_compile(), reason="needs numba")
+@pytest.mark.compiled("choices")
 def test_no_choice_has_to_wait_for_the_compiler():
     from mdm.policies import alpha_kernels
 

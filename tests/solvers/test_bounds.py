@@ -92,6 +92,7 @@ def test_the_fast_informed_bound_is_the_limit_of_its_backups(model):
     np.testing.assert_allclose(found, informed(model, above, sweeps=200), atol=1e-5 * (1 + np.abs(above).max()))
 
 
+@pytest.mark.compiled("sweeps", where_possible=True)
 @given(POMDPS, st.integers(0, 99))
 def test_a_backup_and_sweeps_compiled_or_not(model, seed):
     model = model.with_discount(DISCOUNT)

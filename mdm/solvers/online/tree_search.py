@@ -22,6 +22,7 @@ import msgspec
 import numpy as np
 
 from mdm.beliefs import BeliefTracker, Information, KnownState
+from mdm.compilation import kernels
 from mdm.errors import ConfigError, ModelError
 from mdm.models.matrices import distribution
 from mdm.policies.policy import Kind, Scores, observable
@@ -41,6 +42,8 @@ __all__ = ["Search", "SearchResult", "TreeSearch"]
 
 _ROUND = 0.001
 """Seconds between readings of the clock."""
+_STEPS = "mdm.solvers.online.kernel"
+"""The module of what is compiled."""
 
 
 class SearchResult(msgspec.Struct, frozen=True):
@@ -128,17 +131,16 @@ class Search:
         stopped: Callable[[], bool],
         seconds: float,
     ) -> SearchResult:
-        from mdm.solvers.online.kernel import grow, plant  # noqa: PLC0415 - numba takes long to import
-
+        steps = kernels(_STEPS)
         began = self._clock()
         tree = self._room()
         drawn_by = hashlib.blake2b(states.tobytes() + weights.tobytes(), digest_size=8).digest()
         generator = np.random.default_rng([self._seed, int.from_bytes(drawn_by, "big")])
-        plant(self._tables, tree, states, weights, generator, self._particles)
+        steps.plant(self._tables, tree, states, weights, generator, self._particles)
         done, step = 0, 1
         while self._expansions is None or done < self._expansions:
             step = step if self._expansions is None else min(step, self._expansions - done)
-            expanded = grow(self._tables, tree, generator, self._particles, step)
+            expanded = steps.grow(self._tables, tree, generator, self._particles, step)
             done += expanded
             passed = self._clock() - began
             if expanded < step or passed >= seconds or stopped():
@@ -155,15 +157,13 @@ class Search:
         )
 
     def _room(self) -> SearchTree:
-        from mdm.solvers.online.kernel import search_tree  # noqa: PLC0415 - see above
-
         if self._tree is None:
             size, actions = self._tables.rewards.shape
             nodes = self._memory // (2 * (40 * actions + 48))
             entries = self._memory // (2 * 16) + size
             if self._expansions is not None:
                 nodes = min(nodes, self._expansions * (min(self._tables.num_observations, entries) + 1) + 1)
-            self._tree = search_tree(self._tables, max(nodes, 2), entries)
+            self._tree = kernels(_STEPS).search_tree(self._tables, max(nodes, 2), entries)
         return self._tree
 
 

@@ -156,11 +156,13 @@ def _check_compiler() -> None:
         warnings.warn(f"{text} 'markov-decision-making[fast]'", ModelWarning, stacklevel=4)
 
 
+def _fastest() -> Any:
+    """Return the steps compiled, now, or loaded; without a compiler as they are."""
+    return _compiled() if can_compile() else plain(_STEPS)
+
+
 @cache
 def _compiled() -> Any:
-    """Return the steps compiled, now, or loaded; without a compiler as they are."""
-    if not can_compile():
-        return plain(_STEPS)
     from mdm.solvers.sarsop import search  # noqa: PLC0415 - imports numba
 
     tiny = POMDP([np.eye(2)] * 2, [np.eye(2)] * 2, np.eye(2), discount=0.5)
@@ -191,7 +193,7 @@ class _Search:
             self._steps = plain(_STEPS)
         elif steps is None:
             with limits.uncounted():
-                self._steps = _compiled()
+                self._steps = _fastest()
         blind = blind_values(dynamics, limits.part(_BLIND_TIME))[:, self._order]
         bound = None if detections is None else detections.informed
         informed = informed_values(dynamics, limits, bound)[self._order].T
@@ -262,7 +264,7 @@ class _Search:
         if self._is_plain and limits.seconds > _SHORT:
             self._is_plain = False
             with limits.uncounted():
-                self._steps = _compiled()
+                self._steps = _fastest()
 
     def _grow(self, limits: Limits | None = None) -> bool:
         """Make room for another step, if the limits allow it."""

@@ -251,7 +251,7 @@ def test_one_that_fails_is_made_safe_once_though_the_program_ends_meanwhile():
     assert log == ["BELOW", "TOP begins", "TOP ends"]
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=75, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.data())
 def test_in_every_hierarchy_nothing_is_decided_while_safe_and_the_outermost_comes_last(data):
     robot = Robot(data.draw)

@@ -10,7 +10,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 from random_models import NAMES, assert_same, dense, flat_models
 from scipy import sparse
 from sentences import refused
@@ -24,6 +24,7 @@ from mdm.models import MDP, POMDP
 from mdm.policies import AlphaVectors
 
 
+@settings(max_examples=20)
 @given(model=flat_models(names=NAMES, events=True), kind=st.sampled_from([None, True, False]))
 def test_flat_models_come_back_bit_for_bit(model, kind, tmp_path_factory):
     path = tmp_path_factory.mktemp("round") / "model.npz"

@@ -64,7 +64,7 @@ def test_two_steps_are_solved_to_the_optimum(seed, events):
     assert solution.lower == pytest.approx(best_of_all(model, 2), abs=1e-9)
 
 
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60))
 def test_bounds_hold_however_early_the_search_ends(seed, effort):
     model = team(seed, states=3, discount=1.0)

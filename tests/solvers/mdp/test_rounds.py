@@ -65,6 +65,7 @@ def discounted(model):
     return model.with_discount(0.9) if model.discount == 1 else model
 
 
+@pytest.mark.compiled("sweeps", where_possible=True)
 @every_solver
 @given(data=st.data())
 @settings(max_examples=25)

@@ -12,6 +12,7 @@ from mdm.solvers.mdp import rounds as backups
 from mdm.solvers.mdp.rounds import backup, kernels, sweep
 
 
+@pytest.mark.compiled("sweeps", where_possible=True)
 @given(model=flat_models(), seed=st.integers(0, 99), each=st.integers(1, 4))
 def test_compiled_or_not(model, seed, each):
     model = model.with_discount(0.9)

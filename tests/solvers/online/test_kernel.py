@@ -8,10 +8,8 @@ import sys
 
 import pytest
 
-from mdm.compilation import may_compile
 
-
-@pytest.mark.skipif(not may_compile(), reason="numba is not there, or MDM_COMPILE is 0")
+@pytest.mark.compiled("search")
 def test_each_function_is_compiled_once():
     """A second type of an argument would double what its first user waits for."""
     # In a process of its own: other tests may have handed in other types.

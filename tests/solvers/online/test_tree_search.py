@@ -14,8 +14,7 @@ from random_models import dense, distributions, flat_models
 from sentences import refused
 
 import mdm
-from mdm.solvers.online import kernel
-from mdm.solvers.online.kernel import search_tree
+from mdm.compilation import plain
 from mdm.solvers.online.tables import search_tables
 from mdm.solvers.online.tree_search import Search
 
@@ -124,6 +123,7 @@ def test_the_tiger(tiger, left, action):
         assert policy.value(np.array([0.5, 0.5])) == max(lower)
 
 
+@pytest.mark.compiled("search", where_possible=True)
 def test_returns_with_the_tiger(tiger):
     result = mdm.simulate(tiger, mdm.solvers.TreeSearch(tiger, expansions=100), episodes=40, steps=40, seed=2)
     assert abs(result.mean - 19.37) < 4 * result.standard_error + 3
@@ -175,15 +175,14 @@ def test_the_same_seed_draws_the_same(tiger):
 
 
 def test_a_belief_is_drawn_from_in_proportion():
-    from mdm.solvers.online.kernel import plant, search_tree
-
+    kernel = plain("mdm.solvers.online.kernel")
     model = mdm.models.POMDP(np.eye(50)[None], np.ones((1, 50, 1)), np.arange(50.0)[:, None], discount=0.5)
     tables = search_tables(model, upper=None, lower=None)
-    tree = search_tree(tables, 10, 100)
+    tree = kernel.search_tree(tables, 10, 100)
     belief = distributions(np.random.default_rng(1), 50)
     sums = np.zeros(50)
     for seed in range(400):
-        plant(tables, tree, np.arange(50), belief, np.random.default_rng(seed), 10)
+        kernel.plant(tables, tree, np.arange(50), belief, np.random.default_rng(seed), 10)
         length = tree.sizes[1]
         assert length <= 10
         assert abs(tree.weights[:length].sum() - 1) < 1e-12
@@ -209,11 +208,12 @@ def test_time_is_kept(tiger):
 
 def test_what_the_first_search_waits_for_is_none_of_its_time(tiger, monkeypatch):
     """To import, to compile and to allocate."""
-    now = [0.0]
+    now, kernel = [0.0], plain("mdm.solvers.online.kernel")
+    make = kernel.search_tree
 
     def slow(*arguments):
         now[0] += 2.0
-        return search_tree(*arguments)
+        return make(*arguments)
 
     def clock():
         now[0] += 0.001
@@ -251,8 +251,8 @@ def test_a_certain_choice_ends_the_search():
     assert result.expansions < 10
 
 
+@pytest.mark.compiled("search")
 def test_compiled_or_not_the_numbers_are_the_same():
-    pytest.importorskip("numba")
     program = (
         f"import mdm, numpy as np; m = mdm.load_model(r'{TIGER}');"
         "r = mdm.solvers.TreeSearch(m, expansions=60, seed=3, particles=1).search(np.array([.7, .3]));"

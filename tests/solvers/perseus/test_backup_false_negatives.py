@@ -67,8 +67,8 @@ def test_false_negatives_are_part_of_the_bound(told):
 
 def test_patrol_with_false_negatives_earns_more_than_without_regard_to_them():
     patrol, theirs = figures.model("patrol").with_false_negatives("False Negative"), figures.vectors("patrol", 0.9)
-    solution = perseus(patrol, beliefs=300, limits=Limits(iterations=12))
-    ours, others = (evaluate(patrol, policy, episodes=3000, seed=1) for policy in (solution.policy, theirs))
+    solution = perseus(patrol, beliefs=100, limits=Limits(iterations=12))
+    ours, others = (evaluate(patrol, policy, episodes=1000, seed=1) for policy in (solution.policy, theirs))
     assert solution.lower - 4 * ours.standard_error < ours.mean
     difference = ours.returns - others.returns
     assert difference.mean() > -2 * difference.std() / np.sqrt(len(difference))

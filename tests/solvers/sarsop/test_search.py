@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from mdm.compilation import may_compile
 from mdm.problems import rock_sample
 from mdm.solvers import solve
 from mdm.solvers.sarsop import search
 
 
-@pytest.mark.skipif(not may_compile(), reason="numba is not there, or MDM_COMPILE is 0")
+@pytest.mark.slow
+@pytest.mark.compiled("sarsop")
 def test_each_step_is_compiled_once():
     """A second type of an argument would double what its first user waits for."""
     solve(rock_sample(4, 4), "sarsop", gap=10.0)  # too large a model to be begun in plain Python

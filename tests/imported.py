@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def forgetting(*folders: Path) -> Iterator[None]:
-    """Forget the modules of files in these folders, of examples and of recorded runs that are imported within.
+    """Forget modules that are imported within: of these folders, of examples, of recorded runs, of files that are gone.
 
     The next program may have others of their names; and what an example keeps of one run is wrong in another.
     """
@@ -27,5 +27,6 @@ def forgetting(*folders: Path) -> Iterator[None]:
         # Nearly always nothing has been: what is imported comes last, and to compare all names takes long.
         if next(reversed(sys.modules)) != next(reversed(before)) or len(sys.modules) != len(before):
             for name in sys.modules.keys() - before.keys():
-                if places.intersection(Path(getattr(sys.modules[name], "__file__", None) or "").parents):
+                file = Path(getattr(sys.modules[name], "__file__", None) or "")
+                if places.intersection(file.parents) or not file.exists():
                     del sys.modules[name]

@@ -79,12 +79,20 @@ def _sarsop() -> None:
     solver._compiled()
 
 
+def _rows() -> None:
+    from team.spaces import Space
+    from team.sweep import Sweep
+
+    Sweep(Space(2, "continue", False, steps=0)).run()
+
+
 _KINDS: dict[str, tuple[str, Callable[[], None]]] = {
     "beliefs": ("mdm.beliefs.kernels", _beliefs),
     "choices": ("mdm.policies.alpha_kernels", _choices),
     "sweeps": ("mdm.solvers.mdp.sweeps", _sweeps),
     "search": ("mdm.solvers.online.kernel", _search),
     "sarsop": ("mdm.solvers.sarsop.search", _sarsop),
+    "rows": ("team.rows", _rows),
 }
 """What a test may say that it needs: the module of the kernels, and the work that compiles them."""
 

@@ -97,7 +97,7 @@ def test_hidden_states_are_estimated_with_intervals_and_verdicts():
     assert rows["T", "listen", "tiger-left"].says == "certain"
     assert {each.action for each in report.frequencies} == {"listen", "open-left"}
     assert report.model.observation("listen", "tiger-left", "hear-left") == listening.entries[0].estimate
-    assert mdm.solve(report.model, gap=10).policy.num_actions == 3
+    assert mdm.solve(report.model, iterations=20).policy.num_actions == 3
 
 
 def test_the_decisions_of_a_real_loop_agree_with_the_model_that_drives_it():

@@ -8,8 +8,16 @@ from team.search import Search
 from team.spaces import Space
 from team.test_planted import PLANTED
 
-pytest.importorskip("numba")
-from team.sweep import Sweep
+# To compile the sweep takes longer than all small spaces here: the default ring has the search of `test_search`.
+pytestmark = [pytest.mark.slow, pytest.mark.compiled("rows")]
+
+
+def sweep(*arguments, **options):
+    """Return a sweep, whose module loads the compiler."""
+    from team.sweep import Sweep
+
+    return Sweep(*arguments, **options)
+
 
 SMALL = {
     "crash and restart": Space(2, "majority", False, steps=1, crashes=1, restarts=1),
@@ -39,7 +47,7 @@ def visited(search):
     """Return where agents stand, but for what they never read again, and what was applied, in all states."""
     assert search.run() > 150
     assert search.cut_off == 0
-    again = Sweep(search.space)
+    again = sweep(search.space)
     for machine in search.machines.things:
         again.number(machine)
     return set(again.machines.numbers), {entry for entry, *_ in search.entries.numbers}, set(search.bases.numbers)
@@ -47,18 +55,18 @@ def visited(search):
 
 @pytest.mark.parametrize("space", SPACES)
 def test_agents_come_to_the_same_with_fewer_states(space):
-    assert visited(Sweep(space)) == visited(Search(space))
+    assert visited(sweep(space)) == visited(Search(space))
 
 
 @pytest.mark.parametrize("steps", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_as_many_states_are_visited_where_none_is_left_out(steps):
     space = Space(2, "majority", False, steps=steps, crashes=1, restarts=1)
-    assert 1 + Sweep(space, reduced=False).run() == Search(space).run() > Sweep(space).run()
+    assert 1 + sweep(space, reduced=False).run() == Search(space).run() > sweep(space).run()
 
 
 @pytest.mark.parametrize(("steps", "least"), [(0, 500), pytest.param(1, 100_000, marks=pytest.mark.slow)])
 def test_three_agents_lose_one_or_a_message(steps, least):
-    search = Sweep(Space(3, "majority", False, steps=steps, crashes=1, losses=1, duplicates=1))
+    search = sweep(Space(3, "majority", False, steps=steps, crashes=1, losses=1, duplicates=1))
     assert search.run(settle_every=least // 100) > least
     assert search.cut_off == 0
 
@@ -82,4 +90,4 @@ def test_a_planted_fault_is_found(fault, monkeypatch):
     if ballot is not None:
         monkeypatch.setattr("mdm.team.agreement.agreement.Ballot", ballot)
     with pytest.raises(Violation):
-        Sweep(CAUGHT[fault], machine).run(settle_every=100, limit=1_000_000)
+        sweep(CAUGHT[fault], machine).run(settle_every=100, limit=1_000_000)

@@ -70,7 +70,7 @@ def test_a_resolvent_is_the_sum_of_all_powers(seed, size, count, compressed):
 
 @pytest.mark.parametrize("inverses", [4_000_000, 0])
 @given(flat_models(kinds=("POMDP",), events=True, finer=False) | factored_models(events=True), st.data())
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_a_model_s_resolvents_sum_its_false_negatives(inverses, model, data):
     assume(model.kind == "POMDP")
     count = len(model.observation_space)
@@ -104,7 +104,7 @@ def observed(model):
 
 
 @given(flat_models(kinds=("POMDP",), events=True, finer=False) | factored_models(events=True), st.data())
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_a_tracker_takes_what_it_needs_from_its_model(model, data):
     assume(model.kind == "POMDP")
     with warnings.catch_warnings():
@@ -357,7 +357,7 @@ def test_waits_are_discounted_in_beliefs_where_that_is_wanted(sparse):
 
 
 @given(flat_models(kinds=("POMDP",), events=True, finer=False) | factored_models(events=True), st.data())
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_discounted_waits_are_part_of_the_model(model, data):
     assume(model.kind == "POMDP" and len(model.observation_space) > 1)
     with warnings.catch_warnings():

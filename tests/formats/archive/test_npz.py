@@ -72,7 +72,7 @@ def test_each_flipped_bit_is_found_or_harmless(tmp_path):
     data = path.read_bytes()
     chance = random.Random(1)
     found = 0
-    for bit in chance.sample(range(8 * len(data)), 1500):
+    for bit in chance.sample(range(8 * len(data)), 600):
         flipped = bytearray(data)
         flipped[bit // 8] ^= 1 << bit % 8
         path.write_bytes(flipped)
@@ -80,7 +80,7 @@ def test_each_flipped_bit_is_found_or_harmless(tmp_path):
             assert_same(load_model(path), model, within=0)
         except FormatError:
             found += 1
-    assert found > 500
+    assert found > 200
 
 
 def test_an_archive_without_a_digest_has_checksums(tmp_path):

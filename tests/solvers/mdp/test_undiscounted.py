@@ -97,7 +97,7 @@ def chain_of(model, actions):
 
 @every_solver
 @given(model=mixed_models())
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_it_is_solved_or_refused_for_the_right_reason(solver, model):
     policies = itertools.product(range(len(model.action_space)), repeat=len(model.state_space))
     found = [chain_of(model, actions) for actions in policies]

@@ -70,7 +70,7 @@ def agrees(model, result, missed=None, depth=3):
     assert values[result.action] >= values.max() - 2 * rest - (upper.max() - lower.max())
 
 
-@settings(max_examples=40)
+@settings(max_examples=30)
 @given(
     flat_models(joint=False, events=True, finer=False).filter(lambda model: model.discount < 1),
     st.integers(1, 60),
@@ -90,7 +90,7 @@ def test_bounds_hold_against_exhaustive_look_ahead(model, expansions, misses):
         agrees(model, policy.search(model.initial_belief), missed)
 
 
-@settings(max_examples=20)
+@settings(max_examples=12)
 @given(st.integers(0, 10_000))
 def test_the_best_action_is_found_where_the_future_weighs_little(seed):
     random = np.random.default_rng(seed)

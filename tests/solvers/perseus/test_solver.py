@@ -29,7 +29,7 @@ def test_tiger_reaches_its_optimum():
 
 
 @given(SMALL, SEEDS)
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_bounds_enclose_the_optimum_and_policies_keep_their_promise(model, seed):
     model = model.with_discount(min(model.discount, 0.8))
     solution = perseus(model, beliefs=30, seed=seed, limits=Limits(iterations=6))

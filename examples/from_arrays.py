@@ -51,7 +51,7 @@ def unseen() -> None:
         observation_names=["fine", "faulty"],
         initial_belief=[1.0, 0.0],
     )
-    solution = mdm.solve(model, gap=0.01)
+    solution = mdm.solve(model, gap=0.1)
     print(f"value of the best policy: {solution.lower:.2f}")
     controller = mdm.Controller(solution.policy, model)
     controller.start()

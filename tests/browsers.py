@@ -9,6 +9,7 @@ from contextlib import asynccontextmanager
 from contextvars import copy_context
 
 import pytest
+from processor_time import uncharged
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 INSTALL = "apt-get install --no-install-recommends chromium fonts-dejavu-core"
@@ -24,7 +25,10 @@ def needed():
 
 
 class Shared:
-    """The browser of a session: to start it takes longer than most of its tests."""
+    """The browser of a file of tests: to start it takes longer than most of them.
+
+    It has threads of its own, by which a loop in virtual time would wait for input: so it ends with its file.
+    """
 
     def __init__(self):
         self.runner = self.driver = self.chromium = None
@@ -35,8 +39,9 @@ class Shared:
 
         if self.chromium is None:
             arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
-            self.driver = await async_playwright().start()
-            self.chromium = await self.driver.chromium.launch(executable_path=CHROMIUM, args=arguments)
+            with uncharged():
+                self.driver = await async_playwright().start()
+                self.chromium = await self.driver.chromium.launch(executable_path=CHROMIUM, args=arguments)
         return self.chromium
 
     def run(self, main):
@@ -54,8 +59,10 @@ class Shared:
                 await self.driver.stop()
 
         if self.runner is not None:
-            self.runner.run(end())
-            self.runner.close()
+            with uncharged():
+                self.runner.run(end())
+                self.runner.close()
+            self.runner = self.driver = self.chromium = None
 
 
 SHARED = Shared()

@@ -123,6 +123,7 @@ def test_no_kernel_leaves_its_arrays(random):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.foreign("models of cassandra/pomdp-solve, AdaCompNUS/sarsop and MADPToolbox/MADP")
 @pytest.mark.skipif(find_spec("numba") is None, reason="numba is not installed")
 def test_no_kernel_leaves_its_arrays_on_models_of_others(corpus):

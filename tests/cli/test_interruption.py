@@ -200,6 +200,7 @@ def test_a_policy_is_kept_whole_by_whom_the_signal_finds_writing_it(mdm, monkeyp
     assert load_policy(policy).value([0.5, 0.5]) > 19.3
 
 
+@pytest.mark.slow
 def test_a_policy_is_kept_where_the_terminal_has_gone(tmp_path):
     save_model(hallway(), tmp_path / "hallway.pomdp")
     ours, theirs = os.openpty()

@@ -359,7 +359,8 @@ def test_durations_that_do_not_fit_are_refused(model, durations, words):
             use()
 
 
-@pytest.mark.parametrize("episodes", [100, pytest.param(500, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("episodes", [100, 500])
 def test_hidden_states_that_take_longer_are_weighed_by_beliefs_in_time(episodes):
     """By the plain beliefs a policy may earn less than its bound; by those of the model in time it earns that."""
     model, durations = tiger(), Durations([[0.1, 1.0, 1.0], [20.0, 1.0, 1.0]])

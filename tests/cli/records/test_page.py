@@ -62,6 +62,7 @@ def test_a_record_is_served_with_tls_to_other_machines(record, tmp_path):
         assert asyncio.run(scene(address.replace("robot.test", "127.0.0.1")))["source"] == "record"
 
 
+@pytest.mark.slow
 def test_a_record_that_grows_is_shown_as_far_as_it_goes_when_the_page_is_loaded(tmp_path):
     growing = Writing(tmp_path / "run.mcap")
 

@@ -101,6 +101,7 @@ def test_one_that_hangs_is_told_and_the_others_are_asked(mdm, free):
         assert errors == "mdm team stop: joint: agent 'a' did not confirm: it does not answer\n"
 
 
+@pytest.mark.slow
 def test_the_operator_of_a_team_with_certificates_may_ask(mdm, free, up, tmp_path):
     pytest.importorskip("cryptography", reason="the extra mdm[certificates]")
     team = free(('name = "rooms"', 'name = "rooms"\naccess = "keys"'))

@@ -102,6 +102,7 @@ def test_a_set_is_read_by_its_base_alone(team):
     assert load_model(team.with_suffix(".agent0")).num_agents == 1
 
 
+@pytest.mark.slow
 @pytest.mark.foreign("twoCorridors_2.toi-dpomdp of MADPToolbox/MADP")
 def test_a_real_set(corpus):
     with warnings.catch_warnings():

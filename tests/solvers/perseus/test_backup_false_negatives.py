@@ -74,6 +74,7 @@ def test_patrol_with_false_negatives_earns_more_than_without_regard_to_them():
     assert difference.mean() > -2 * difference.std() / np.sqrt(len(difference))
 
 
+@pytest.mark.slow
 @pytest.mark.foreign("MAISS_TopLevel.pgmx of MADPToolbox/MADP")
 def test_the_top_level_with_false_negatives(corpus):
     with warnings.catch_warnings():

@@ -210,10 +210,10 @@ def test_the_look_ahead_is_the_value_of_an_action(decided, horizon):
     recollection = Recollection(controller_for(model, horizon=horizon), 0)
     recollection.start()
     recollection.observe(1)
-    policy, belief = policy_for(model), recollection.belief
     if decided:
         recollection.decide()
-    before = recollection.controller.digest()
+    before = recollection.controller.digest()  # before the belief is looked at, which normalises it in place
+    policy, belief = policy_for(model), recollection.belief
     for action in range(len(model.action_space)):
         expected = belief @ model.rewards[:, action]
         for observation in range(len(model.observation_space)):

@@ -127,7 +127,7 @@ def test_what_is_lost_on_the_way_is_made_good(seed):
 @pytest.mark.parametrize("seed", range(12))
 def test_a_lossy_network_that_heals_is_soon_made_good(seed):
     async def main(runtime):
-        network = Network(runtime.clock, team="walk", loss=0.2, seed=seed, delay=(0.001, 0.02))
+        network = Network(runtime.clock, team="walk", loss=0.1, seed=seed, delay=(0.001, 0.02))
         one, two_ = await two(runtime, network)
         for moving in (True, False):
             network.partition({"robot1"}, {"robot2"})

@@ -1,10 +1,12 @@
-"""The browser of the session."""
+"""The browser of a file of tests."""
 
 from __future__ import annotations
 
 import browsers
+import pytest
 
 
-def pytest_sessionfinish() -> None:
-    """End it: no test waits for it, nor is charged with it."""
+@pytest.fixture(autouse=True, scope="module")
+def _browser_ends():
+    yield
     browsers.SHARED.close()

@@ -29,6 +29,7 @@ from mdm.team.transport.certificates import make_certificates
 from mdm.testing import run_virtual
 
 browsers.needed()
+pytestmark = pytest.mark.slow  # each takes a second or two of a processor in Chromium
 
 UNTIL = "() => document.querySelector('main .row')"
 
@@ -73,7 +74,6 @@ def test_it_shows_modes_actions_beliefs_and_faults():
     seen(look_at, robot)
 
 
-@pytest.mark.slow
 def test_a_safe_mode_comes_first_with_its_cause_and_what_to_do():
     robot = ensemble(safe_action=lambda: None)
 
@@ -88,7 +88,6 @@ def test_a_safe_mode_comes_first_with_its_cause_and_what_to_do():
     seen(look_at, robot)
 
 
-@pytest.mark.slow
 def test_a_page_that_sleeps_is_sent_nothing_and_then_the_newest():
     async def look_at(page, runtime, served):
         await page.evaluate("globalThis.requestAnimationFrame = (draw) => { globalThis.slept = draw; }")
@@ -103,7 +102,6 @@ def test_a_page_that_sleeps_is_sent_nothing_and_then_the_newest():
     seen(look_at)
 
 
-@pytest.mark.slow
 def test_with_tls_a_browser_that_trusts_the_certificate_sees_the_page_and_another_does_not(tmp_path):
     pytest.importorskip("cryptography")
     robot = ensemble()
@@ -145,7 +143,6 @@ def test_commands_are_asked_twice_and_carried_out():
     seen(look_at, robot, control=True)
 
 
-@pytest.mark.slow
 def test_commands_of_a_team_are_said_to_concern_all_of_it_and_reach_all_of_it(tmp_path):
     """A process for each agent, each with a page, and that of the team, which the browser looks at."""
     pytest.importorskip("zenoh")
@@ -176,7 +173,6 @@ def test_commands_of_a_team_are_said_to_concern_all_of_it_and_reach_all_of_it(tm
         browsers.run(program(running))
 
 
-@pytest.mark.slow
 def test_without_being_asked_for_there_are_no_commands():
     robot = ensemble()
 
@@ -206,7 +202,7 @@ def test_it_finds_back_after_a_restart():
     browsers.run(program())
 
 
-@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_phone_has_room_for_all_of_it(scheme, tmp_path):
     async def look_at(page, *_):
         assert await page.evaluate("document.documentElement.scrollWidth") <= 360
@@ -216,7 +212,6 @@ def test_a_phone_has_room_for_all_of_it(scheme, tmp_path):
     seen(look_at, mdm.load_system(a_robot(tmp_path)), of=options)
 
 
-@pytest.mark.slow
 def test_a_thousand_ensembles_are_drawn_as_far_as_they_are_in_sight():
     actors = [
         Ensemble(f"robot{number:03}", policy=DeterministicPolicy([0, 0]), actions={0: lambda: None})
@@ -235,7 +230,6 @@ def test_a_thousand_ensembles_are_drawn_as_far_as_they_are_in_sight():
     seen(look_at, *actors)
 
 
-@pytest.mark.slow
 def test_a_belief_of_a_hundred_thousand_states_shows_the_likeliest():
     import numpy as np
     from scipy.sparse import identity
@@ -323,7 +317,6 @@ def test_a_record_is_stepped_through_by_keyboard_alone(tmp_path):
     browsers.run(program())
 
 
-@pytest.mark.slow
 def test_the_arrows_choose_an_ensemble_wherever_the_focus_is(tmp_path):
     async def look_at(page, *_):
         await page.locator("h1").click()
@@ -337,7 +330,6 @@ def test_the_arrows_choose_an_ensemble_wherever_the_focus_is(tmp_path):
     seen(look_at, mdm.load_system(a_robot(tmp_path)))
 
 
-@pytest.mark.slow
 def test_an_oddity_is_told_at_the_top_and_goes_when_it_is_over():
     async def nothing():
         pass
@@ -360,7 +352,6 @@ def test_an_oddity_is_told_at_the_top_and_goes_when_it_is_over():
     seen(look_at, robot)
 
 
-@pytest.mark.slow
 def test_predicates_that_the_chosen_ensemble_decides_on_come_first_and_have_lanes(tmp_path):
     async def look_at(page, *_):
         for key, mine in (("ArrowUp", "Low"), ("ArrowDown", "Near")):
@@ -379,7 +370,6 @@ def test_predicates_that_the_chosen_ensemble_decides_on_come_first_and_have_lane
     seen(look_at, mdm.load_system(a_robot(tmp_path)))
 
 
-@pytest.mark.slow
 def test_what_ensembles_do_tells_which_are_above_each_other():
     paths = ("ada/patrol", "bob/patrol", "bob/patrol/leg")
     lives = [(LifeFrame(action, 3.0),) for action in ("GoEast", "Leg", "GoWest")]
@@ -397,7 +387,6 @@ def test_what_ensembles_do_tells_which_are_above_each_other():
     browsers.run(program())
 
 
-@pytest.mark.slow
 def test_a_factor_told_by_places_says_by_which_predicate_and_that_the_map_tells_it():
     class Patrol(Told):
         def scene(self):
@@ -426,7 +415,6 @@ def test_a_factor_told_by_places_says_by_which_predicate_and_that_the_map_tells_
     browsers.run(program())
 
 
-@pytest.mark.slow
 def test_a_lane_of_a_predicate_says_from_when_on_it_is_known():
     class Late(Told):
         def frame(self, close=()):
@@ -501,7 +489,6 @@ def test_the_timeline_tells_of_what_the_pointer_is_on(tmp_path):
     browsers.run(program())
 
 
-@pytest.mark.slow
 def test_over_time_is_of_the_whole_record_though_nobody_has_gone_through_it_and_of_the_time_that_is_zoomed_to(tmp_path):
     robot, heard = ensemble(), []
 
@@ -543,7 +530,6 @@ def test_over_time_is_of_the_whole_record_though_nobody_has_gone_through_it_and_
     browsers.run(program())
 
 
-@pytest.mark.slow
 def test_a_key_and_a_button_lead_to_where_something_first_looked_odd_and_the_timeline_marks_it(tmp_path):
     spans = iter([2.0, 3.0, 2.0, 1e9])
 
@@ -584,7 +570,6 @@ def test_a_key_and_a_button_lead_to_where_something_first_looked_odd_and_the_tim
     browsers.run(program())
 
 
-@pytest.mark.slow
 def test_a_record_in_the_dark_keeps_nobody_out(tmp_path):
     async def run(runtime):
         await runtime.start(mdm.load_system(a_robot(tmp_path)))

@@ -11,6 +11,7 @@ from mdm.snapshots import EnsembleFrame
 from mdm.snapshots.frame import CauseFrame
 
 browsers.needed()
+pytestmark = pytest.mark.slow  # each takes a second or two of a processor in Chromium
 
 
 def in_a_browser(program, **options):
@@ -61,7 +62,6 @@ def test_a_team_that_ends_leaves_its_last_picture_and_one_that_begins_anew_makes
     in_a_browser(program)
 
 
-@pytest.mark.slow
 def test_a_part_that_cannot_be_drawn_is_said_to_be_and_leaves_the_others():
     async def program(look, wrong):
         async with served(Told()) as address:
@@ -90,7 +90,6 @@ def test_a_part_that_cannot_be_drawn_is_said_to_be_and_leaves_the_others():
     in_a_browser(program)
 
 
-@pytest.mark.slow
 def test_a_question_is_in_sight_takes_the_focus_and_gives_it_back():
     told = Told(control=True)
 
@@ -122,7 +121,6 @@ def test_a_question_is_in_sight_takes_the_focus_and_gives_it_back():
     in_a_browser(program, viewport={"width": 1300, "height": 900})
 
 
-@pytest.mark.slow
 def test_where_the_program_has_ended_nothing_looks_alive_and_no_command_is_offered():
     told = Told(control=True)
 
@@ -149,7 +147,6 @@ def test_where_the_program_has_ended_nothing_looks_alive_and_no_command_is_offer
     in_a_browser(program, viewport={"width": 390, "height": 844})
 
 
-@pytest.mark.slow
 def test_the_headline_has_the_sign_and_the_colour_of_that_which_it_says():
     stopped, idle = EnsembleFrame("stopped", 1.0), EnsembleFrame("deciding", 1.0, idle=2.0)
     odd = EnsembleFrame("deciding", 1.0, odd=("it repeats itself",))
@@ -178,7 +175,6 @@ def test_the_headline_has_the_sign_and_the_colour_of_that_which_it_says():
     in_a_browser(program)
 
 
-@pytest.mark.slow
 def test_what_was_said_of_a_run_goes_with_it_and_that_a_command_is_done_after_some_seconds():
     port = free_port()
     told = Told(control=True)

@@ -7,6 +7,7 @@ import pytest
 from told import Kept, Told, served
 
 browsers.needed()
+pytestmark = pytest.mark.slow  # each takes a second or two of a processor in Chromium
 
 
 def in_a_browser(program, **options):
@@ -61,7 +62,6 @@ def test_the_keys_of_a_record_work_at_its_own_controls(of):
     in_a_browser(program)
 
 
-@pytest.mark.slow
 def test_a_click_on_the_name_of_a_lane_chooses_its_ensemble_and_leaves_the_time():
     async def program(look, _):
         async with served(Kept()) as address:
@@ -81,7 +81,6 @@ def test_a_click_on_the_name_of_a_lane_chooses_its_ensemble_and_leaves_the_time(
     in_a_browser(program)
 
 
-@pytest.mark.slow
 def test_the_focus_and_the_answer_to_why_come_into_sight_above_the_bar_of_a_record():
     async def program(look, _):
         async with served(Kept(tuple(f"robot{number:02}" for number in range(14)))) as address:
@@ -109,7 +108,6 @@ def test_the_focus_and_the_answer_to_why_come_into_sight_above_the_bar_of_a_reco
     in_a_browser(program, viewport={"width": 390, "height": 500})
 
 
-@pytest.mark.slow
 def test_the_list_of_keys_has_those_that_do_something_and_a_step_says_where_there_is_none():
     async def keys(page):
         await page.wait_for_selector("[role=option]")

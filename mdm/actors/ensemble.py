@@ -582,6 +582,14 @@ class Ensemble(Layer):
         if not (isinstance(above, Ensemble) and above.life == "running"):  # else that one ends this one
             self.safety.end("end", "the runtime ends", lambda: None)
 
+    def on_starved(self, detail: str) -> None:
+        """Go safe while a turn goes on without end and other input comes."""
+        now = self.runtime.now()
+        if detail:
+            self.safety.endanger("starved", detail, now)
+        else:
+            self.safety.reopen(frozenset({"starved"}), now)
+
     async def on_stopping(self) -> None:
         """End the running action and the ensembles below, and run the safe actions: the outermost has the last word."""
         done = anyio.Event()

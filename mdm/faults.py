@@ -51,6 +51,10 @@ KINDS: Final[dict[str, FaultKind]] = {
         "A turn went round in a circle: what is published in it causes itself.",
         "Break the circle that the detail names: a callback should not set what it depends on within the same turn.",
     ),
+    "starved": FaultKind(
+        "A turn goes on without end while other input comes; all ensembles with a safe action are safe until it ends.",
+        "Break the circle that the detail names, as for `endless_turn`; `starved_after` says how long one may last.",
+    ),
     "stall": FaultKind(
         "The event loop stood still for longer than the watchdog's limit.",
         "Move the call that the detail names to a thread or a process; see docs/safety.md.",

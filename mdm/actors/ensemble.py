@@ -22,6 +22,7 @@ from mdm.actors.control.source import JointProcess
 from mdm.actors.layer import Layer
 from mdm.actors.options import ControlOptions, SafetyOptions
 from mdm.actors.predicates.predicate_manager import PredicateManager
+from mdm.actors.safety.circles import circles
 from mdm.actors.safety.liveness import Liveness
 from mdm.actors.safety.safety import Safety
 from mdm.actors.wiring import combined
@@ -271,6 +272,7 @@ class Ensemble(Layer):
                 f"{'is' if len(silent) == 1 else 'are'} no longer sensed: give sensors a max_age"
             )
         yield from self.liveness.notes()
+        yield from circles(self)
         if not isinstance(self.parent, Ensemble):  # else a decision above ends its action, too
             yield from self.liveness.endless()
 
@@ -581,6 +583,14 @@ class Ensemble(Layer):
         above = self.parent
         if not (isinstance(above, Ensemble) and above.life == "running"):  # else that one ends this one
             self.safety.end("end", "the runtime ends", lambda: None)
+
+    def on_starved(self, detail: str) -> None:
+        """Go safe while a turn goes on without end and other input comes."""
+        now = self.runtime.now()
+        if detail:
+            self.safety.endanger("starved", detail, now)
+        else:
+            self.safety.reopen(frozenset({"starved"}), now)
 
     async def on_stopping(self) -> None:
         """End the running action and the ensembles below, and run the safe actions: the outermost has the last word."""

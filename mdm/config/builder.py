@@ -17,6 +17,7 @@ from mdm.errors import ConfigError
 from mdm.formats.archive.npz import is_archive
 from mdm.formats.recognition import beginning, holds_policy
 from mdm.runtime.process.emergency import check_emergency
+from mdm.runtime.time.clock import check_seconds
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -151,7 +152,7 @@ class _Builder:
     def system(self, agent: str | None, **options: Any) -> System:
         """Return the system, or raise all problems."""
         document = self._read()
-        known = ("team", "places", "predicates", "events", "ensembles", "tasks", "emergency")
+        known = ("team", "places", "predicates", "events", "ensembles", "tasks", "emergency", "starved_after")
         for key in document:
             if key not in known:
                 self._problems.add(f"there is no key {key!r} here; the keys are {', '.join(known)}", key)
@@ -169,6 +170,10 @@ class _Builder:
         ensembles = builder.build(document)
         tasks = self._tasks(self._own_tasks(document, share))
         emergency = self._emergency(document.get("emergency"))
+        starved_after = document.get("starved_after")
+        with self._problems.collecting("starved_after"):
+            if starved_after is not None:
+                check_seconds(starved_after, "starved_after", key="starved_after")
         if located:
             declarations.check()
         before = len(self._problems)
@@ -191,6 +196,7 @@ class _Builder:
             places=places,
             member=member,
             emergency=emergency,
+            starved_after=starved_after,
             monitors=builder.monitors,
         )
 

@@ -33,6 +33,8 @@ class System(Actor):
         places: Where the robot is, on a map; its tasks tell it poses.
         member: Of a team, this agent's part: its ensembles start with it.
         emergency: A plain function without arguments that the runtime calls as the last resort, besides its own.
+        starved_after: Seconds for which a turn that was cut short may go on while other input comes, where the runtime
+            is given none of its own.
         monitors: Actors that start before the ensembles and watch them, such as drift monitors.
     """
 
@@ -46,6 +48,7 @@ class System(Actor):
         places: Places | None = None,
         member: Member | None = None,
         emergency: Callable[[], object] | None = None,
+        starved_after: float | None = None,
         monitors: Iterable[Actor] = (),
     ) -> None:
         super().__init__(name)
@@ -55,6 +58,7 @@ class System(Actor):
         self.places = places
         self.member = member
         self.emergency = emergency
+        self.starved_after = starved_after
         self.add(predicates)
         if places is not None:
             self.add(places)
@@ -83,9 +87,11 @@ class System(Actor):
         return tuple(ensemble for name, ensemble in self.ensembles.items() if name not in below)
 
     def on_start(self) -> None:
-        """Tell the runtime of the emergency; have teammates' predicates known before the predicate manager starts."""
+        """Give the runtime what is its own; have teammates' predicates known before the predicate manager starts."""
         if self.emergency is not None and not self._is_repeated:
             self.runtime.add_emergency(self.emergency)
+        if self.starved_after is not None:
+            self.runtime.limit_starving(self.starved_after)
         if self.member is not None:
             self.member.prepare(self.runtime)
 

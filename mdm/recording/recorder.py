@@ -28,6 +28,7 @@ from mdm.recording.stimuli import (
     TRUE_STATE,
     Began,
     Behind,
+    Cut,
     Delays,
     Ended,
     Failed,
@@ -37,6 +38,7 @@ from mdm.recording.stimuli import (
     Lasts,
     Late,
     Raised,
+    Resumed,
     Said,
     Stimulus,
     Ticked,
@@ -341,6 +343,18 @@ class Recorder:
             self._put((Behind(time, actor, number, begin),))
         return begin
 
+    def place(self) -> int:
+        """Return how many messages were published that lead to decisions."""
+        return 0 if self._runtime is None else count_messages(self._runtime.channels)
+
+    def cut(self, time: int) -> None:
+        """Note that a turn was cut short, and where."""
+        self._put((Cut(time, self.place()),))
+
+    def resumed(self, time: int, *, starved: bool) -> None:
+        """Note that a turn that was cut short goes on."""
+        self._put((Resumed(time, starved),))
+
     def rates(self, actor: str, rate: float, ticker: Any) -> None:
         """Let an actor tick."""
 
@@ -350,7 +364,7 @@ class Recorder:
 
     def finishes(self, time: int) -> None:
         """Note that the runtime begins to end; make a fault of a channel that was asked for and never there."""
-        self._put((Finished(time),))
+        self._put((Finished(time, self._dispatcher.time >= 0 and bool(self._dispatcher.queue)),))
         missing = [name for name in self.channels if name not in self._topics]
         if missing and self._runtime is not None:
             there = [channel.name for channel in self._runtime.channels if channel.name not in self._topics]

@@ -33,6 +33,7 @@ __all__ = [
     "Began",
     "Behind",
     "Commanded",
+    "Cut",
     "Delays",
     "Ended",
     "Failed",
@@ -45,6 +46,7 @@ __all__ = [
     "Opened",
     "Raised",
     "Received",
+    "Resumed",
     "Said",
     "Seen",
     "Stimulus",
@@ -210,6 +212,18 @@ class Behind(_Stimulus, frozen=True, gc=False):
     begin: int
 
 
+class Cut(_Stimulus, frozen=True, gc=False):
+    """The turn of this time was cut short; ``after`` is how many messages had been published, see `count_messages`."""
+
+    after: int
+
+
+class Resumed(_Stimulus, frozen=True, gc=False):
+    """The turn that was cut short went on; ``starved`` where other input had come for too long by then."""
+
+    starved: bool = False
+
+
 class Joined(_Stimulus, frozen=True, gc=False):
     """An agent of a team began its link to the others, in a life of this number.
 
@@ -283,7 +297,9 @@ class Commanded(_Stimulus, frozen=True, gc=False):
 
 
 class Finished(_Stimulus, frozen=True, gc=False):
-    """The runtime began to end."""
+    """The runtime began to end; ``within`` a turn, as where a signal came, which may have gone on."""
+
+    within: bool = False
 
 
 Stimulus = (
@@ -298,6 +314,8 @@ Stimulus = (
     | GoesOn
     | Late
     | Behind
+    | Cut
+    | Resumed
     | Joined
     | Opened
     | Seen

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from mdm import messages
 from mdm.messages import Tick
-from mdm.recording.stimuli import Began, Ended, Failed, Finished, Said, Ticked, count_messages
+from mdm.recording.stimuli import Began, Cut, Ended, Failed, Finished, Resumed, Said, Ticked, count_messages
 from mdm.replay.exchange import PartedError
 from mdm.replay.input import give
 from mdm.replay.stand_in import AsRecordedError
@@ -53,7 +53,7 @@ class Driver:
         self._program: list[asyncio.Task[None]] = []
         self._stops: dict[str, asyncio.Task[None]] = {}
         player.say = self._say
-        runtime.dispatcher.watch = self._say_in_turn
+        runtime.dispatcher.watch = self._watch
 
     async def play(self, stimuli: Sequence[Stimulus], most: int) -> None:
         """Play all stimuli, or those up to the last difference that is to be found."""
@@ -90,6 +90,7 @@ class Driver:
                 if not work.done:
                     stand_in.end()
             player.release()
+            self._runtime.dispatcher.resume_later()
 
     async def _move_to(self, time: int) -> None:
         """Let timers fire that are due by then; what they begin takes its first step."""
@@ -116,8 +117,19 @@ class Driver:
                 ticker.tick(Tick(stimulus.time, stimulus.number, 0, stimulus.missed))
         elif isinstance(stimulus, Ended):
             await self._end(stimulus)
+        elif isinstance(stimulus, Cut | Resumed):
+            self._cut_or_resume(stimulus)
         else:
             await self._teammates.give(stimulus)
+
+    def _cut_or_resume(self, stimulus: Cut | Resumed) -> None:
+        """Have a turn that is cut short go on; forget a cut to whose place no turn has come."""
+        cuts, dispatcher = self._player.cuts, self._runtime.dispatcher
+        if isinstance(stimulus, Resumed):
+            if dispatcher.active:
+                dispatcher.resume(stimulus.time, starved=stimulus.starved)
+        elif cuts and cuts[0] is stimulus:
+            cuts.popleft()
 
     # -- Actors ------------------------------------------------------------------------------------------------------
 
@@ -175,6 +187,15 @@ class Driver:
         elif said.where == "turn" and player.turns and player.turns[0][0] is said:  # else its turn has come
             player.turns.popleft()
             self._say(said)
+
+    def _watch(self) -> bool:
+        """Say what was said at this place of the running turn; return whether it was cut short there."""
+        self._say_in_turn()
+        cuts, dispatcher = self._player.cuts, self._runtime.dispatcher
+        if not cuts or cuts[0].time != dispatcher.time or count_messages(self._runtime.channels) < cuts[0].after:
+            return False
+        cuts.popleft()
+        return True
 
     def _say_in_turn(self) -> None:
         """Publish what users' handlers said in the running turn, once that has come as far as it had then.

@@ -3,11 +3,26 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections import Counter, defaultdict, deque
 from typing import TYPE_CHECKING, Any
 
 from mdm.messages import Decision
-from mdm.recording.stimuli import Began, Behind, Delays, Ended, GoesOn, Kept, Lasts, Late, Raised, Said, Ticked
+from mdm.recording.stimuli import (
+    Began,
+    Behind,
+    Cut,
+    Delays,
+    Ended,
+    Finished,
+    GoesOn,
+    Kept,
+    Lasts,
+    Late,
+    Raised,
+    Said,
+    Ticked,
+)
 from mdm.replay.difference import Difference, unlike
 from mdm.replay.stand_in import AsRecordedError, StandIn
 
@@ -78,6 +93,11 @@ class Player:
         # What users' handlers said within turns, and was not said yet, each with the ticks before it; and those so far.
         self.turns: deque[tuple[Said, int]] = deque()
         self.ticks = 0
+        # Where turns were cut short, and have not been yet.
+        self.cuts = deque(each for each in stimuli if isinstance(each, Cut))
+        # From when on the run was ending, where that began within a turn: what that decided further is not recorded.
+        within = (each.time for each in stimuli if isinstance(each, Finished) and each.within)
+        self._ending = next(within, math.inf)
         self.since: deque[Stimulus] = deque(maxlen=_SINCE)
         self._tolerance, self._most = tolerance, most
         self._expected: dict[str, deque[tuple[int, Decision, int]]] = defaultdict(deque)
@@ -173,6 +193,7 @@ class Player:
     def release(self) -> None:
         """Hold nobody any more: the record is over."""
         self._over = True
+        self.cuts.clear()
         for permit in self._waiting.values():
             if not permit.done():
                 permit.set_result(None)
@@ -203,6 +224,16 @@ class Player:
     def counts_from(self, actor: str, time: int, begin: int) -> int:
         """Return when a delay began."""
         return self._behind.get((actor, time, self._delays.count(actor, time)), time)
+
+    def place(self) -> int:
+        """Return how far the run has come, which nobody asks."""
+        return 0
+
+    def cut(self, time: int) -> None:
+        """Take it that a turn is cut short."""
+
+    def resumed(self, time: int, *, starved: bool) -> None:
+        """Take it that a turn goes on."""
 
     def rates(self, actor: str, rate: float, ticker: Ticker) -> None:
         """Keep a ticker, which ticks when the record does."""
@@ -308,8 +339,10 @@ class Player:
         name = output.name_of(action)
         made = Decision(time, output.ensemble, epoch, cause, state, observation, belief, action, name, reward)
         now = self._now()
-        self.made.append(now)
         expected = self._expected[output.ensemble]
+        if not expected and now >= self._ending:
+            return
+        self.made.append(now)
         if not expected:
             self._differ(Difference(self._next, None, made, (), tuple(self.since)), now)
             return

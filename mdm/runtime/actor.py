@@ -85,7 +85,7 @@ class Start:
 
 T = TypeVar("T")
 Request = Literal["none", "stop", "restart", "fail"]
-_PLAIN_HOOKS = ("on_start", "on_running", "on_failing", "on_ending", "on_stop")
+_PLAIN_HOOKS = ("on_start", "on_running", "on_failing", "on_ending", "on_starved", "on_stop")
 _OVERRIDABLE = frozenset({*_PLAIN_HOOKS, "on_stopping", "patience", "statistics"})
 _LATE = 1.0
 Life = Literal["created", "starting", "running", "restarting", "stopping", "stopped", "failed"]
@@ -180,6 +180,9 @@ class Actor:
 
     def on_ending(self) -> None:
         """React at once to the end of the whole runtime. Called in all running actors before the first stops."""
+
+    def on_starved(self, detail: str) -> None:
+        """React at once to a turn that goes on without end while other input comes; ``detail`` is empty at its end."""
 
     def on_stop(self) -> None:
         """Release the resources taken in `on_start`; subscriptions, timers and work have ended by then."""
@@ -382,7 +385,7 @@ class Actor:
             self.__runtime.abort(error)
             return
         dispatcher = None if self.__runtime is None else self.__runtime.dispatcher
-        if dispatcher is not None and dispatcher.time < 0 and not dispatcher.active:
+        if dispatcher is not None and dispatcher.time < 0:
             dispatcher.deliver(Subscription(None, None, lambda _: self.fail(error)), None)  # which has one time
             return
         if self.life in {"created", "stopped", "failed"} or self.__request in {"restart", "fail"}:

@@ -178,7 +178,7 @@ class Channel(Generic[T]):
             if dispatcher.active:  # though none runs: one was cut short
                 if dispatcher.tape is not None and self.input:
                     dispatcher.tape.said(self, message, time)
-                self._wait_behind(message, time)
+                self._wait(message)
                 return
             dispatcher.time = dispatcher.last = time
             if dispatcher.tape is not None and self.input:
@@ -208,7 +208,7 @@ class Channel(Generic[T]):
         if dispatcher.time < 0:
             time = dispatcher.now()
             if dispatcher.active:
-                self._wait_behind(message, time)
+                self._wait(message)
                 return
             dispatcher.begin(time)
         self.published += 1
@@ -230,15 +230,15 @@ class Channel(Generic[T]):
         elif not self._streams:
             self._unheard += 1
 
-    def _wait_behind(self, message: T, time: int) -> None:
-        """Publish a message while a turn is cut short: its own turn comes behind that."""
+    def _wait(self, message: T) -> None:
+        """Publish a message while a turn is cut short: it comes behind all that was published by then."""
         self.published += 1
         self.last = message
         for subscription in self._subscriptions:
             if subscription.topics is not None:
                 subscription.taken += 1
         if self._subscriptions:
-            self._dispatcher.wait_behind(tuple([(subscription, message) for subscription in self._subscriptions]), time)
+            self._dispatcher.wait(tuple([(subscription, message) for subscription in self._subscriptions]))
         elif not self._streams:
             self._unheard += 1
 

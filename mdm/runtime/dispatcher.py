@@ -19,17 +19,19 @@ from msgspec.structs import replace
 
 from mdm.errors import Error
 from mdm.messages import Belief, Control, Observation, SensorUpdate, State
+from mdm.runtime.channel import Subscription
+from mdm.runtime.circle import Circle
 from mdm.runtime.statistics import DispatcherStatistics
 
 if TYPE_CHECKING:
     import asyncio
     from collections.abc import Callable, Hashable
 
-    from mdm.runtime.channel import Channel, Subscription
+    from mdm.runtime.channel import Channel
     from mdm.runtime.tape import Tape
     from mdm.runtime.time.clock import Clock, Timer
 
-__all__ = ["Dispatcher", "Inbox"]
+__all__ = ["LOOK_EVERY", "Dispatcher", "Inbox"]
 
 
 class Inbox:
@@ -115,7 +117,15 @@ _FRESH: Final = 1_000_000
 _BEHIND: Final = 10_000_000
 """Nanoseconds by which a turn may be behind the clock, and delays still count from its own time."""
 _SLICE: Final = 256
-_MOST_CUTS: Final = 64
+_SHORTER: Final = 10
+"""By how much the slices of a turn that was cut are shorter than the first: the rest of the program waits for each."""
+_MOST_CUTS: Final = 512
+_LOOKS: Final = 16
+"""Cuts of a turn from one look at who keeps it going to the next."""
+LOOK_EVERY: Final = 1_000
+"""Rounds of an event loop whose time is virtual from one look whether it stands still to the next."""
+_AT_ONCE: Final = 100_000
+"""Messages of one turn, or turns, at one instant, beyond which time would never go on."""
 _ROOM: Final = 500
 _STRAIGHT: Final = 16
 _OPEN: WeakSet[Dispatcher] = WeakSet()
@@ -128,23 +138,35 @@ class Dispatcher:
         clock: Tells when a turn has taken too long.
         max_messages: A turn that delivers more yields to the event loop and continues afterwards.
         max_seconds: The same by time (looked at every 256 messages).
+        starved_after: Seconds for which a turn that was cut may go on while other input comes.
     """
 
     __slots__ = (
         "__weakref__",
         "_behind",
-        "_cut",
+        "_circle",
+        "_cuts",
+        "_first_cut",
         "_forked",
         "_from_threads",
+        "_handed",
         "_inbox",
+        "_instant",
         "_interrupted",
-        "_lasting",
+        "_looks",
         "_max_nanoseconds",
         "_max_slices",
         "_overflowing",
         "_refused",
+        "_rounds",
+        "_seen",
+        "_since",
+        "_starved",
+        "_taken",
         "_turns",
         "_turns_behind",
+        "_waits",
+        "_waits_since",
         "_woken",
         "active",
         "blamed",
@@ -154,7 +176,10 @@ class Dispatcher:
         "now",
         "on_endless",
         "on_overflow",
+        "on_standstill",
+        "on_starved",
         "queue",
+        "starved_after",
         "straight",
         "tape",
         "thread",
@@ -162,25 +187,26 @@ class Dispatcher:
         "watch",
     )
 
-    def __init__(self, clock: Clock, *, max_messages: int = 16_384, max_seconds: float = 0.05) -> None:
+    def __init__(
+        self, clock: Clock, *, max_messages: int = 16_384, max_seconds: float = 0.05, starved_after: float = 1.0
+    ) -> None:
         self.clock = clock
         self.now = self._reader()
         self._max_slices = max(1, max_messages // _SLICE)
         self._max_nanoseconds = int(max_seconds * 1e9)
+        self.starved_after = starved_after
         self.queue: deque[tuple[Subscription[Any], Any]] = deque()
         # Turns that begin behind the running one: at its time, or at one of their own.
         self._behind: deque[tuple[int | None, tuple[tuple[Subscription[Any], Any], ...]]] = deque()
         self.active = False
-        # The running turn's time, -1 between turns and while one is cut short; that of the last turn that has begun;
-        # and that of the turn that is cut short.
+        # The running turn's time, -1 between turns and while one is cut short; and that of the last one.
         self.time = -1
         self.last = 0
-        self._cut = -1
         # What a run is recorded on, where it is.
         self.tape: Tape | None = None
-        # Called before each message of a turn is delivered, and once more behind the last one, where a run is repeated:
-        # its turns are never cut short, however long they take.
-        self.watch: Callable[[], object] | None = None
+        # Called before each message of a turn is delivered, and once more behind the last one, where a run is repeated
+        # or a circle is looked for; returns whether the turn is cut there.
+        self.watch: Callable[[], bool] | None = None
         # How many messages the first handler of this turn, and those whom it leads to, may still hand on by a call.
         self.straight = 0
         # Whose handler has raised, where that was not the first one's.
@@ -192,8 +218,23 @@ class Dispatcher:
         self._overflowing: set[Channel[Any]] = set()
         self.on_overflow: Callable[[str], object] = str
         self.on_endless: Callable[[str], object] = str
+        # Called with words when other input has come for too long while a turn was cut, and with none at its end.
+        self.on_starved: Callable[[str], object] = str
+        self.on_standstill: Callable[[str], object] = str
         self._forked = False
-        self._lasting = (0, 0)
+        # Of the turn that is cut: how often it was, how many messages it had delivered by then, when it was first, when
+        # other input came first, whether that was told as starved, and who keeps the turn going.
+        self._cuts = self._handed = 0
+        self._first_cut = self._waits_since = -1
+        self._starved = False
+        self._circle: Circle | None = None
+        # Whether what other threads said last is still to be delivered; it is when this is.
+        self._waits = False
+        self._taken: Subscription[None] = Subscription(None, None, self._take_more)
+        # What an event loop whose time is virtual calls now and then. Of the instant that its clock shows: which, how
+        # many turns there had been before it and when it was looked at last, and how many rounds it has lasted.
+        self._looks: list[Callable[[], object]] = []
+        self._instant, self._since, self._seen, self._rounds = -1, 0, 0, 0
         self._woken = False
         self._turns = 0
         # Turns that began behind another one, within the limits of that one: a chain of them may have no end, either.
@@ -207,6 +248,8 @@ class Dispatcher:
         self.loop = loop
         self.thread = get_ident()
         self.last = self.clock.now()
+        self._looks = getattr(loop, "looks", self._looks)
+        self._looks.append(self.look_at_time)
         _OPEN.add(self)
 
     def leave_to_parent(self) -> None:
@@ -218,6 +261,8 @@ class Dispatcher:
     def close(self) -> None:
         """Deliver the waiting messages, as far as one turn may go, then accept no more from other threads."""
         self.loop = None
+        if self.look_at_time in self._looks:
+            self._looks.remove(self.look_at_time)
         self._drain()
         if self.queue or self._behind:
             self._go_on()
@@ -278,10 +323,11 @@ class Dispatcher:
         """Hand a message to one subscriber: in the running turn, or in a turn of its own, now."""
         if self.time >= 0:
             self.queue.append((subscription, message))
-        elif self.active:
-            self.wait_behind(((subscription, message),), self.now())
+            return
+        self.begin(self.now())
+        if self.active:
+            self._take(subscription, message)
         else:
-            self.begin(self.now())
             self.queue.append((subscription, message))
             self.run()
 
@@ -292,10 +338,13 @@ class Dispatcher:
 
     def deliver_due(self, subscription: Subscription[Any], message: object, time: int) -> None:
         """Hand a timer's message to one subscriber, in a turn at the time when that was due."""
+        if self.time >= 0:
+            self._behind.append((time, ((subscription, message),)))
+            return
+        self.time = self.last = time
         if self.active:
-            self.wait_behind(((subscription, message),), time)
+            self._take(subscription, message)
         else:
-            self.time = self.last = time
             self.queue.append((subscription, message))
             self.run()
 
@@ -306,9 +355,25 @@ class Dispatcher:
         else:
             self.deliver(subscription, message)
 
-    def wait_behind(self, items: tuple[tuple[Subscription[Any], Any], ...], time: int) -> None:
-        """Hand messages to subscribers in a turn behind one that is cut short, or runs."""
-        self._behind.append((time, items))
+    def wait(self, items: tuple[tuple[Subscription[Any], Any], ...]) -> None:
+        """Hand messages of other input to subscribers while a turn is cut short, behind all that it has published.
+
+        Were they handed over sooner, what was published before them would undo them, for who takes both.
+        """
+        self._note_waiting()
+        self._turns_behind += 1
+        self.queue.extend(items)
+
+    def _take(self, subscription: Subscription[Any], message: object) -> None:
+        """Have other input handled while a turn is cut short; what it leads to waits as messages do that come then."""
+        self._note_waiting()
+        self._turns_behind += 1
+        try:
+            subscription.handler(message)
+        except BaseException as error:
+            subscription.fail(error)
+        finally:
+            self.time = -1
 
     def run(  # noqa: C901 - hot path, no calls
         self, first: Subscription[Any] | None = None, message: object = None
@@ -355,14 +420,13 @@ class Dispatcher:
                         budget = _SLICE
                         now = self.clock.now()
                         if not deadline:
-                            deadline = now + self._max_nanoseconds
-                            slices = self._max_slices
+                            deadline, slices = self._limits(now)
+                        self._handed += _SLICE
                         slices -= 1
                         if not slices or now > deadline:
-                            self._interrupted += 1
-                            self._look_for_end()
-                            self._resume_later()
-                            return
+                            if self._cut_short(now):
+                                return
+                            deadline = 0
                 if not self._behind:
                     break
                 time, items = self._behind.popleft()
@@ -380,76 +444,205 @@ class Dispatcher:
             raise
 
     def _run_watched(self, first: Subscription[Any] | None, message: object) -> None:
-        """As `run`, with each message from the queue, and without limits."""
-        queue, watch = self.queue, self.watch
-        assert watch is not None
+        """As `run`, with each message from the queue, and cut where whoever watches says so."""
+        queue, left = self.queue, 4 * self._max_slices * _SLICE
         self.active = True
         if first is not None:
             queue.append((first, message))
-        while True:
-            watch()
-            if queue:
-                subscription, message = queue.popleft()
-                try:
-                    subscription.handler(message)
-                except BaseException as error:
-                    subscription.fail(error)
-            elif self._behind:
-                time, items = self._behind.popleft()
-                if time is not None:
-                    self.time = self.last = time
-                queue.extend(items)
-                self._turns_behind += 1
-            else:
-                break
-        self._turns += 1
-        self.active = False
-        self.time = -1
+        try:
+            while (watch := self.watch) is not None:
+                if watch():
+                    self._cuts += 1
+                    self.time = -1
+                    return
+                left -= 1
+                if left < 0:  # the run that is repeated has ended before this turn, or made another one of it
+                    self._resume_later()
+                    return
+                if queue:
+                    subscription, message = queue.popleft()
+                    try:
+                        subscription.handler(message)
+                    except BaseException as error:
+                        subscription.fail(error)
+                elif self._behind:
+                    time, items = self._behind.popleft()
+                    if time is not None:
+                        self.time = self.last = time
+                    queue.extend(items)
+                    self._turns_behind += 1
+                else:
+                    self._turns += 1
+                    self.active = False
+                    self.time = -1
+                    return
+        except BaseException:
+            self.active = False
+            self._resume_later()
+            raise
+        self.run()
 
     def _culprit(self, first: Subscription[Any]) -> Subscription[Any]:
         """Return the actor whose handler has raised: the first handler, or one that it has called."""
         blamed, self.blamed = self.blamed, None
         return first if blamed is None else blamed
 
-    def _look_for_end(self) -> None:
-        """Tell, once, of a turn that was cut short so often that it may have no end."""
-        turn, times = self._lasting
-        times = times + 1 if turn == self._turns else 1
-        self._lasting = (self._turns, times)
-        if times == _MOST_CUTS:
-            channels = {waiting.channel.name for waiting, _ in self.queue if waiting.channel is not None}
+    # -- Turns that are cut short --------------------------------------------------------------------------------
+
+    def _limits(self, now: int) -> tuple[int, int]:
+        """Return until when a turn may go on, and for how many slices of messages."""
+        if self._cuts:  # the program has waited for it already
+            return now + self._max_nanoseconds // _SHORTER, max(1, self._max_slices // _SHORTER)
+        self._handed = 0
+        return now + self._max_nanoseconds, self._max_slices
+
+    def _cut_short(self, now: int) -> bool:
+        """Cut a turn, so that the event loop turns before it goes on; return False where it ends by itself first."""
+        if self.tape is not None and not self._come_to_a_place(self.tape):
+            return False
+        self._interrupted += 1
+        if not self._cuts:
+            self._first_cut = now
+        elif self._cuts == _MOST_CUTS and not self._starved:
             self.on_endless(
-                f"one turn has been cut short {times} times and goes on: handlers may publish to each other without "
-                f"end, on {', '.join(map(repr, sorted(channels)[:5]))}"
+                f"one turn has been cut short {_MOST_CUTS} times and goes on: handlers may publish to each other "
+                f"without end{self._going()}"
             )
+        self._resume_later()
+        if self._handed >= _AT_ONCE and now == self._first_cut:
+            self._stand_still("messages of one turn")
+        return True
+
+    def _going(self) -> str:
+        """Return in words who keeps the turn going, where that is known."""
+        told = str(self._circle or "")
+        return told and f": {told}"
+
+    def _stand_still(self, what: str) -> None:
+        self.on_standstill(
+            f"time stands still: {_AT_ONCE:,} {what} at one instant, and they go on{self._going()}: what an action "
+            f"or a message leads to must not bring that about at once"
+        )
+
+    def look_at_time(self) -> None:
+        """See whether time stands still, once in so many rounds of an event loop whose time is virtual."""
+        if self.tape is not None and self.tape.repeats:
+            return  # its time is that of the record
+        now, turns = self.clock.now(), self._turns + self._turns_behind
+        if now != self._instant or turns == self._seen:
+            self._instant, self._since, self._rounds = now, turns, 0
+            if not self.active:
+                self._circle = None
+        self._seen = turns
+        self._rounds += LOOK_EVERY
+        if min(turns - self._since, self._rounds) < _AT_ONCE or self.active:
+            return
+        if self._circle is None:
+            self._look_for_circle()
+        elif self.watch is None:
+            self._stand_still("turns")
+
+    def _look_for_circle(self) -> None:
+        if self.watch is None:
+            self._circle = Circle(self)
+            self.watch = self._circle.look
+
+    def _come_to_a_place(self, tape: Tape) -> bool:
+        """Deliver messages until a handler has published something by which a record can say where the turn was cut.
+
+        What comes then stands behind that when the run is repeated, too. Where handlers of the program alone publish to
+        each other, which nothing repeats, any place will do.
+        """
+        before, queue = tape.place(), self.queue
+        for _ in range(_SLICE):
+            if not queue:
+                return bool(self._behind)
+            subscription, message = queue.popleft()
+            try:
+                subscription.handler(message)
+            except BaseException as error:
+                subscription.fail(error)
+            if tape.place() != before:
+                break
+        return True
 
     def _resume_later(self, resume: Callable[[], object] | None = None) -> None:
         # `active` stays true: whatever is published meanwhile waits behind what the turn still has to deliver.
         if self.time >= 0:
-            self._cut, self.time = self.time, -1
+            if self.tape is not None:
+                self.tape.cut(self.time)
+            self.time = -1
+            self._cuts += 1
         if self.loop is not None and not self.loop.is_closed():
             self.loop.call_soon(resume or self._go_on)
             self.active = True
         else:
             self.active = False
 
+    def resume_later(self) -> None:
+        """Go on with a turn that is cut where whoever watched said so, from the event loop."""
+        if self.active:
+            self._resume_later()
+
     def _go_on(self) -> None:
-        """Run the rest of a turn that was cut short, or what was left between turns, at its time."""
-        self.time = self._cut if self._cut >= 0 else self.clock.now()
-        self._cut = -1
-        self.run()
+        """Run the rest of a turn that was cut short, or what was left between turns, at the present time."""
+        now = self.clock.now()
+        if now >= self.clock.due and self.clock.firing < 0:
+            self.clock.fire_before(now)  # as before any stimulus
+        waited = now - self._waits_since if self._waits_since >= 0 else 0
+        self.resume(now, starved=waited > self.starved_after * 1e9)
+
+    def resume(self, time: int, *, starved: bool) -> None:
+        """Go on with the turn that is cut, and with what has come meanwhile, as of a time.
+
+        Args:
+            time: The time.
+            starved: Whether other input has waited for too long by then.
+        """
+        self.time = self.last = time
+        if self.tape is not None:
+            self.tape.resumed(time, starved=starved)
+        if self._cuts > 1:  # what is to come behind a turn without end comes behind what that has published by now
+            while self._behind:
+                self.queue.extend(self._behind.popleft()[1])
+        if starved and not self._starved:
+            self._starved = True
+            self.on_starved(
+                f"a turn goes on without end, and other input has come for {self.starved_after:g} s{self._going()}"
+            )
+        if self._cuts % _LOOKS == 1:
+            self._look_for_circle()
+        try:
+            self.run()
+        finally:
+            if not self.active:
+                self._end_cuts()
+
+    def _end_cuts(self) -> None:
+        """Take it that the turn that was cut has come to its end."""
+        if self._circle is not None and self.watch == self._circle.look:
+            self.watch = None
+        self._circle = None
+        self._cuts = 0
+        self._waits_since = -1
+        if self._starved:
+            self._starved = False
+            self.on_starved("")
+
+    def _note_waiting(self) -> None:
+        """Note that other input waits for the turn that is cut."""
+        if self._waits_since < 0:
+            self._waits_since = self.clock.now()
 
     def _fail_later(self, subscription: Subscription[Any], error: RecursionError, limit: int) -> None:
         """Handle a failure, and the rest of the turn, from the event loop: the stack here is too deep."""
         self.straight = 0
+        failing: Subscription[None] = Subscription(None, None, lambda _: subscription.fail(error))
+        self.queue.appendleft((failing, None))
 
         def resume() -> None:
             sys.setrecursionlimit(limit)
-            self.time = self._cut
-            try:
-                subscription.fail(error)
-            finally:
-                self._go_on()
+            self._go_on()
 
         self._resume_later(resume)
         if not self.active:
@@ -477,10 +670,12 @@ class Dispatcher:
 
     def _drain(self) -> None:
         loop, inbox = self.loop, self._inbox
-        if self.active and loop is not None and len(self.queue) + len(self._behind) >= inbox.bound:
+        if self.active and self._waits and loop is not None:
             loop.call_soon(self._drain)  # a turn without end must not become the place where things pile up
+            self._note_waiting()
             return
         self._woken = False
+        before = self._from_threads
         # Only what is there now: what comes meanwhile has woken the event loop anew, which must not starve.
         for _ in range(len(inbox)):
             item = inbox.take()
@@ -489,7 +684,13 @@ class Dispatcher:
             self._from_threads += 1
             channel, message = item
             channel.publish(self._delivered(message))
+        if self.active and self._from_threads > before:
+            self._waits = True
+            self.queue.append((self._taken, None))
         self._tell_losses()
+
+    def _take_more(self, _: None) -> None:
+        self._waits = False
 
     def _delivered(self, message: Any) -> Any:
         """Return a message of another thread with the time at which it is delivered."""

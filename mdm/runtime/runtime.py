@@ -34,7 +34,7 @@ from mdm.runtime.statistics import (
     LoopStatistics,
 )
 from mdm.runtime.supervision import LEAVING, ActorFailure, describe, text_of
-from mdm.runtime.time.clock import Clock, WallClock
+from mdm.runtime.time.clock import Clock, WallClock, check_seconds
 from mdm.runtime.time.virtual import VirtualClock, VirtualEventLoop
 from mdm.runtime.work import hide
 
@@ -122,6 +122,9 @@ class Runtime:
             relay). It is called on a thread of its own, when nothing else can be relied on.
         emergency_after: Seconds for which the event loop stands still before ``emergency`` is called; by default those
             of ``watchdog``.
+        starved_after: Seconds for which a turn that was cut short may go on while other input comes, before all
+            ensembles go safe; by default those of the system's file, else 1. In virtual time 100,000 messages or turns
+            at one instant end the runtime.
         signals: Whether signals end the runtime; by default in the main thread, under a wall clock.
         record: The file, such as ``run.mcap``, to which the run is recorded, or a `Recorder` with options of its own.
             It needs the extra ``record``. What cannot be recorded is told by a fault, and lets the run go on.
@@ -134,6 +137,7 @@ class Runtime:
 
     Attributes:
         ending: Whether it ends: no decided action starts any more.
+        starved: Why other input has waited for too long for a turn that goes on; empty where none has.
         recorder: What the run is recorded by; None where it is not.
         page: The page that shows it; None where there is none.
     """
@@ -147,12 +151,15 @@ class Runtime:
         watchdog: float | None = 1.0,
         emergency: Callable[[], object] | None = None,
         emergency_after: float | None = None,
+        starved_after: float | None = None,
         signals: bool | None = None,
         record: str | os.PathLike[str] | Recorder | None = None,
         page: int | Showing | None = None,
     ) -> None:
         check_watch(watchdog, emergency, emergency_after)
         check_flag(debug, "debug")
+        if starved_after is not None:
+            check_seconds(starved_after, "starved_after")
         if signals is not None:
             check_flag(signals, "signals")
         if clock is not None and not isinstance(clock, Clock):
@@ -161,6 +168,11 @@ class Runtime:
         self.dispatcher = Dispatcher(self.clock)
         self.dispatcher.on_overflow = lambda detail: self._alarm("overflow", detail)
         self.dispatcher.on_endless = lambda detail: self._alarm("endless_turn", detail)
+        self.dispatcher.on_starved = self._starve
+        self.dispatcher.on_standstill = lambda detail: self.abort(Error(detail))
+        self._starved_after = starved_after
+        self.limit_starving(1.0)
+        self.starved = ""
         self.abandoned: list[Work] = []
         self._channels: dict[str, Channel[Any]] = {}
         self._deserted: WeakValueDictionary[str, Channel[Any]] = WeakValueDictionary()
@@ -280,7 +292,7 @@ class Runtime:
         if self.ending:
             return
         self.ending = True
-        if self.dispatcher.active:
+        if self.dispatcher.time >= 0:
             self._tell_of_end()
         else:  # in one turn, so that what one of them publishes reaches no other before that has been told
             self.dispatcher.deliver(Subscription(None, None, lambda _: self._tell_of_end()), None)
@@ -288,13 +300,33 @@ class Runtime:
     def _tell_of_end(self) -> None:
         if self.dispatcher.tape is not None:
             self.dispatcher.tape.finishes(self.now())
+        self._tell_all(lambda actor: actor.on_ending())
+
+    def _starve(self, detail: str) -> None:
+        """Tell all that run that input has waited for too long, in the running turn; or, behind it, no longer does."""
+        self.starved = detail
+        if detail:
+            self._alarm("starved", detail)
+            self._tell_all(lambda actor: actor.on_starved(detail))
+        else:
+            end: Subscription[None] = Subscription(
+                None, None, lambda _: self._tell_all(lambda actor: actor.on_starved(""))
+            )
+            self.dispatcher.deliver_due(end, None, self.dispatcher.last)
+
+    def limit_starving(self, seconds: float) -> None:
+        """Have a turn that was cut go on for so many seconds while other input comes, where nothing else was given."""
+        self.dispatcher.starved_after = seconds if self._starved_after is None else self._starved_after
+
+    def _tell_all(self, tell: Callable[[Actor], object]) -> None:
+        """Tell all actors that run, each before its children."""
         waiting: list[Actor] = [self.root]
         while waiting:
             actor = waiting.pop()
             waiting += reversed(actor.children)
             if actor.life == "running" and not actor.failing:  # one that has failed is told so in this very call
                 try:
-                    actor.on_ending()
+                    tell(actor)
                 except BaseException as error:
                     actor.report("exception", describe(error))
                     if isinstance(error, LEAVING):

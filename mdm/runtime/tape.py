@@ -124,6 +124,15 @@ class Tape(Protocol):
     def counts_from(self, actor: str, time: int, begin: int) -> int:
         """Return when a delay begins that an actor asks for in the turn of a time: then, or as the record has it."""
 
+    def place(self) -> int:
+        """Return how far the run has come, by what was published."""
+
+    def cut(self, time: int) -> None:
+        """The turn of a time was cut short: other input comes before it goes on."""
+
+    def resumed(self, time: int, *, starved: bool) -> None:
+        """The turn that is cut goes on at a time; by then other input may have waited for too long."""
+
     def rates(self, actor: str, rate: float, ticker: Ticker) -> None:
         """An actor is to tick, so many times a second."""
 

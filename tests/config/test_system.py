@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
+import pytest
 from loading import written
 from robot_file import CALLBACKS, GOOD
 from sentences import refused
@@ -50,6 +51,18 @@ def test_the_emergency_of_a_file_is_called_besides_that_of_the_program(folder):
 
     assert "rest" in run_virtual(main, emergency=lambda: called.append("program"))
     assert called == ["program"]
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "expected"),
+    [("", {}, 1.0), ("starved_after = 0.25\n", {}, 0.25), ("starved_after = 0.25\n", {"starved_after": 3}, 3)],
+)
+def test_a_file_says_how_long_a_turn_may_starve_others_where_the_runtime_does_not(folder, text, options, expected):
+    async def main(runtime):
+        await runtime.start(load_system(written(folder, f"{text}{GOOD}", "robot.toml")))
+        return runtime.dispatcher.starved_after
+
+    assert run_virtual(main, **options) == expected
 
 
 def chain(levels):

@@ -95,6 +95,8 @@ WRONG = [
     ('tasks = ["robot_code:sense"]', 'tasks = ["robot_code:not_async"]', "tasks", "not an async function"),
     ('tasks = ["robot_code:sense"]', 'tasks = ["robot_code:no_argument"]', "tasks", "one argument, the System"),
     ('tasks = ["robot_code:sense"]', 'tasks = "robot_code:sense"', "tasks", "a list of functions"),
+    ("[predicates]", "starved_after = 0\n[predicates]", "starved_after", "a number of seconds above 0"),
+    ("[predicates]", "starved_after = 'soon'\n[predicates]", "starved_after", "a number of seconds above 0"),
     ("[predicates]", "emergency = 7\n[predicates]", "emergency", "must be a function, such as 'robot:cut_motors'"),
     ("[predicates]", 'emergency = "robot_code:brake"\n[predicates]', "emergency", "has no 'brake'"),
     ("[predicates]", 'emergency = "robot_code:work"\n[predicates]', "emergency", "must be a plain function"),

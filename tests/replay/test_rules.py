@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 import threading
+from random import Random
 
 import pytest
+from circles import Lamp
 from replay import held
 from replay.held import START, HeldClock, recorded
 
 import mdm
 from mdm.messages import Tick
+from mdm.recording.recorder import Recorder
 from mdm.replay import replay
 from mdm.runtime.dispatcher import Dispatcher
 from mdm.runtime.time.clock import Clock
@@ -274,3 +278,122 @@ def test_who_decides_again_sooner_than_it_has_acted_leaves_the_loop_to_others(tm
     result = replay(tmp_path / "run.mcap", Tired().robot)
     assert result.differences == ()
     assert result.recorded == len(decisions) > 5
+
+
+class Circle(Lamp):
+    """A lamp that goes round, with an action of the robot beside it that takes time."""
+
+    def __init__(self, acts=lambda: None):
+        super().__init__(acts)
+        self.beside = mdm.Ensemble(
+            "beside",
+            policy=[0, 1],
+            predicates=self.predicates,
+            states=[mdm.StateFactor("obstacle", ["Obstacle"])],
+            actions={"go": mdm.Binding(self.go, then="decide", pause=0.25), "stay": lambda: None},
+        )
+        self.tops.append(self.beside)
+
+    async def go(self):
+        await asyncio.sleep(0)
+
+
+def run_in_a_circle(path, seed=1):
+    """Record a lamp that goes round while other input comes; return what is decided, and how often a turn was cut."""
+    circle, cuts, random = Circle(), [], Random(seed)
+
+    async def happen(clock):
+        def acts():
+            clock.shown += random.randrange(6 * _MS)
+
+        def tell(sensor, value):
+            thread = threading.Thread(target=sensor.set, args=(value,))
+            thread.start()
+            thread.join()
+
+        circle.acts = acts
+        runtime = circle.lamp.runtime
+        circle.power.set(True)
+        for _ in range(18):
+            value = random.random() < 0.5
+            for do in random.sample(
+                [
+                    lambda value=value: tell(circle.obstacle, value),
+                    lambda value=value: circle.obstacle.set(not value),
+                    circle.robot.stop,
+                    circle.robot.start,
+                    circle.beside.reset,
+                    *[lambda: None] * 5,
+                ],
+                2,
+            ):
+                do()
+            await asyncio.sleep(0)
+        cuts.append(runtime.statistics().dispatcher.interrupted)
+        circle.power.set(False)
+        while runtime.dispatcher.active:
+            await asyncio.sleep(0)
+        circle.obstacle.set(True)
+
+    decisions = recorded(path, circle.tops, happen)
+    return decisions, cuts[0]
+
+
+def note_no_cuts(patch):
+    patch.setattr(Recorder, "cut", lambda self, time: None)
+
+
+def note_cuts_elsewhere(patch):
+    cut = Recorder.place
+    patch.setattr(Recorder, "place", lambda self: cut(self) - 2)
+
+
+def note_nothing_of_hunger(patch):
+    resumed = Recorder.resumed
+    patch.setattr(Recorder, "resumed", lambda self, time, *, starved: resumed(self, time, starved=False))
+
+
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 41))])
+def test_a_turn_that_time_has_cut_is_cut_where_it_was_when_it_is_repeated(tmp_path, seed):
+    decisions, cuts = run_in_a_circle(tmp_path / "run.mcap", seed)
+    assert cuts > 10
+    assert {"robot", "lamp", "beside"} == {decision.ensemble for decision in decisions}
+    result = replay(tmp_path / "run.mcap", Circle().tops)
+    assert result.differences == ()
+    assert result.recorded == result.replayed == len(decisions)
+
+
+@pytest.mark.parametrize("plant", [note_no_cuts, note_cuts_elsewhere, note_nothing_of_hunger])
+def test_without_the_places_of_cuts_a_replay_differs(tmp_path, plant):
+    with pytest.MonkeyPatch.context() as patch:
+        plant(patch)
+        run_in_a_circle(tmp_path / "run.mcap")
+    assert replay(tmp_path / "run.mcap", Circle().tops).differences
+
+
+@pytest.mark.parametrize("within", [False, True])
+def test_a_run_that_ends_in_the_midst_of_a_turn_without_end_is_repeated_up_to_there(tmp_path, within):
+    circle = Circle()
+
+    async def happen(clock):
+        def acts():
+            clock.shown += 3 * _MS
+            if within and circle.switches == 500:
+                sys.exit("enough")
+
+        circle.acts = acts
+        circle.power.set(True)
+        for number in range(5):
+            circle.obstacle.set(number % 2 == 0)
+            await asyncio.sleep(0)
+        assert circle.lamp.runtime.dispatcher.active
+
+    path = tmp_path / "run.mcap"
+    if within:
+        with pytest.raises(SystemExit, match="enough"):
+            recorded(path, circle.tops, happen)
+    else:
+        recorded(path, circle.tops, happen)
+    result = replay(path, Circle().tops)
+    assert result.differences == ()
+    assert result.recorded == result.replayed > 500

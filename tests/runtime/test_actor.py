@@ -127,7 +127,7 @@ def test_random_trees_that_fail_at_random_leave_nothing_behind(data):
 
 
 PUBLIC = sorted(name for name in vars(Actor) if not name.startswith("_"))
-HOOKS = ("on_start", "on_running", "on_failing", "on_ending", "on_stop")
+HOOKS = ("on_start", "on_running", "on_failing", "on_ending", "on_starved", "on_stop")
 FREE = {*HOOKS, "on_stopping", "patience", "statistics"}
 
 

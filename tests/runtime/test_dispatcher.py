@@ -16,8 +16,9 @@ from hypothesis import given, strategies as st
 from patience import PATIENCE
 from programs import python
 from recorded import state, tell
+from replay.held import START, HeldClock
 
-from mdm import Actor, Error, Runtime, run
+from mdm import Actor, ActorFailure, Ensemble, Error, PredicateManager, Runtime, StateFactor, run
 from mdm.messages import State
 from mdm.runtime import Dispatcher, WallClock
 from mdm.runtime.channel import Channel, Subscription, Topics
@@ -102,7 +103,9 @@ def test_a_turn_behind_comes_to_its_end_before_the_next_one():
     assert log == ["begins 0", 0, "begins 1", 1, "begins 2", 2]
 
 
-def test_turns_that_lead_to_further_ones_behind_them_yield_to_the_event_loop_and_are_told():
+def test_turns_that_lead_to_further_ones_behind_them_yield_to_the_event_loop_and_are_told(monkeypatch):
+    monkeypatch.setattr("mdm.runtime.dispatcher._MOST_CUTS", 8)
+
     async def main(runtime):
         dispatcher, faults, count, other = runtime.dispatcher, probe(runtime.faults), [0], []
 
@@ -119,7 +122,7 @@ def test_turns_that_lead_to_further_ones_behind_them_yield_to_the_event_loop_and
         assert other[0] <= 16_384  # the loop turns after as many messages as one turn may have
         while not faults:
             await asyncio.sleep(0)
-        assert dispatcher.statistics().interrupted >= 64
+        assert dispatcher.statistics().interrupted >= 8
         return faults[0]
 
     fault = run_virtual(main)
@@ -387,7 +390,7 @@ def test_the_fault_about_lost_messages_is_told_once_each_time():
     assert fault.detail.startswith("952 messages of other threads on channel 'x' were lost: 2,048 waited already")
 
 
-def test_what_threads_say_does_not_pile_up_behind_a_turn_without_end():
+def test_what_threads_say_is_taken_in_and_does_not_pile_up_behind_a_turn_without_end():
     async def main(runtime):
         channel, endless = runtime.channel("x", State), [True]
         sides = [runtime.channel(name, State) for name in ("ping", "pong")]
@@ -401,21 +404,29 @@ def test_what_threads_say_does_not_pile_up_behind_a_turn_without_end():
         for number in (0, 1):
             sides[number].subscribe(lambda _, to=sides[1 - number]: pass_on(to))
         sides[0].publish(state(0))
-        for _ in range(5):
+        most = 0
+        for _ in range(20):
             thread = threading.Thread(target=lambda: [channel.publish(state(i)) for i in range(3000)])
             thread.start()
             thread.join()
             await asyncio.sleep(0)
-            assert len(runtime.dispatcher.queue) < 10_000
+            most = max(most, len(runtime.dispatcher.queue))
+        assert runtime.dispatcher.active
+        assert len(seen) >= 2048
+        assert 5000 < most <= 5000 + 2048 + 2
         endless.clear()
-        while len(seen) < 2048:
+        while runtime.dispatcher.active:
             await asyncio.sleep(0)
-        return runtime.statistics().dispatcher
+        counts = runtime.statistics().dispatcher
+        assert counts.from_threads == len(seen)
+        assert counts.lost == 20 * 3000 - len(seen)
 
-    assert run_virtual(main).lost == 5 * 3000 - 2048
+    run_virtual(main)
 
 
-def test_a_turn_without_end_is_told_once():
+def test_a_turn_without_end_is_told_once(monkeypatch):
+    monkeypatch.setattr("mdm.runtime.dispatcher._MOST_CUTS", 8)
+
     class Ping(Actor):
         def on_start(self):
             self.own = self.channel("own", State)
@@ -426,13 +437,13 @@ def test_a_turn_without_end_is_told_once():
         actor = Ping("ping")
         await runtime.start(actor)
         asyncio.get_running_loop().call_soon(actor.own.publish, state(0))
-        while runtime.statistics().dispatcher.interrupted < 140:
+        while runtime.statistics().dispatcher.interrupted < 20:
             await asyncio.sleep(0)
         actor.subscriptions[0].cancel()
         await asyncio.sleep(0)
         await asyncio.sleep(1)
         assert [fault.kind for fault in faults] == ["endless_turn"]
-        assert "'ping/own'" in faults[0].detail
+        assert faults[0].detail.endswith("without end: 'ping' publishes on 'ping/own'")
 
     run_virtual(main)
 
@@ -623,7 +634,9 @@ def test_what_is_handed_on_by_a_call_comes_as_if_it_had_been_queued(subscribers,
             before = plain.steps
             plain.turn(channel)
             turns += plain.steps > before
-            cuts += (plain.steps - before) // 256
+            # What comes behind the first cut is watched, for 256 messages, and then counted anew.
+            steps = plain.steps - before
+            cuts += (steps >= 256) + max(0, steps // 256 - 2)
             real.channels[channel].publish(state(real.channels[channel].published + 1))
             while real.dispatcher.active:
                 loop.run_until_complete(asyncio.sleep(0))
@@ -651,3 +664,97 @@ def test_what_is_handed_on_by_a_call_counts_as_any_message_of_a_turn(messages, c
     loop.run_until_complete(asyncio.sleep(0))
     assert (dispatcher.statistics().turns, third.published) == (1, messages - 2)
     loop.close()
+
+
+def test_other_input_comes_behind_what_a_turn_that_is_cut_has_published_and_in_the_order_of_its_time():
+    log = []
+
+    async def main(runtime):
+        dispatcher, channel = runtime.dispatcher, runtime.channel("x", State)
+        channel.subscribe(lambda message: log.append((message.index, dispatcher.time)))
+        clock.shown += 5
+        clock.call_at(clock.shown + 10, lambda: dispatcher.deliver_due(timer, None, START + 15))
+        timer = Subscription(None, None, lambda _: (log.append(("timer", dispatcher.time)), tell(runtime, 2)))
+        dispatcher.deliver(Subscription(None, None, lambda _: cut(runtime, 20_000, channel)), None)
+        assert dispatcher.active
+        before = len(log)
+        clock.shown += 20
+        channel.publish(state(1))  # behind the timer, which was due before
+        dispatcher.deliver(Subscription(None, None, lambda _: log.append(("direct", dispatcher.time))), None)
+        assert log[before:] == [("timer", START + 15), ("direct", START + 25)]
+        clock.shown += 5
+        while dispatcher.active:
+            await asyncio.sleep(0)
+        rest = [entry for entry in log[before + 2 :] if entry[0] != 0]
+        assert rest == [(2, START + 30), (1, START + 30)]
+        assert len(log) == 20_000 + 4
+        assert log[-2:] == rest
+
+    def cut(runtime, number, channel):
+        for _ in range(number):
+            channel.publish(state(0))
+
+    def tell(runtime, number):
+        runtime.channel("x", State).publish(state(number))
+
+    clock = HeldClock()
+
+    async def program():
+        async with Runtime(clock=clock, log=False, watchdog=None) as runtime:
+            await main(runtime)
+
+    asyncio.run(program())
+
+
+@pytest.mark.parametrize("tasks", [False, True])
+def test_a_runtime_in_which_virtual_time_stands_still_ends_and_names_the_circle(monkeypatch, tasks):
+    if tasks:  # of which each turn takes some rounds of the event loop
+        monkeypatch.setattr("mdm.runtime.dispatcher._AT_ONCE", 3_000)
+        monkeypatch.setattr("mdm.runtime.time.virtual.LOOK_EVERY", 100)
+        monkeypatch.setattr("mdm.runtime.dispatcher.LOOK_EVERY", 100)
+    predicates = PredicateManager("predicates")
+    lit = predicates.sensor("Lit", initial=False)
+
+    async def soon(value):
+        lit.set(value)
+
+    act = soon if tasks else lit.set
+    lamp = Ensemble(
+        "lamp",
+        policy=[0, 1],
+        predicates=predicates,
+        states=[StateFactor("lit", ["Lit"])],
+        actions={"on": lambda: act(True), "off": lambda: act(False)},
+    )
+    count = []
+
+    async def main(runtime):
+        runtime.decisions.subscribe(count.append)
+        await runtime.start(lamp)
+        await asyncio.sleep(10)
+
+    with pytest.raises(ActorFailure, match="^time stands still: ") as failure:
+        run_virtual(main)
+    told = str(failure.value)
+    kind = "turns at one instant" if tasks else "messages of one turn at one instant"
+    assert kind in told
+    assert "'lamp/control' publishes on 'lamp/action'" in told
+    assert told.endswith("what an action or a message leads to must not bring that about at once")
+    assert 1_000 <= len(count) < 40_000
+    assert {decision.time for decision in count} == {0}
+
+
+def test_many_turns_at_one_instant_that_the_program_itself_begins_stop_no_time(monkeypatch):
+    monkeypatch.setattr("mdm.runtime.dispatcher._AT_ONCE", 1_000)
+
+    async def main(runtime):
+        channel = runtime.channel("x", State)
+        seen = probe(channel)
+        for _ in range(5_000):
+            channel.publish(state(0))
+        await asyncio.sleep(1)
+        for _ in range(3_000):
+            await asyncio.sleep(0)
+        return len(seen)
+
+    assert run_virtual(main) == 5_000

@@ -74,6 +74,7 @@ def test_ensembles_of_ever_new_names_leave_nothing_in_a_runtime_that_goes_on():
         ({"clock": 5}, "a runtime's clock is a WallClock"),
         ({"debug": "yes"}, "debug is True or False, not 'yes'"),
         ({"signals": 1}, "signals is True or False, not 1"),
+        ({"starved_after": 0}, "starved_after is a number of seconds above 0"),
     ],
 )
 def test_what_is_no_setting_of_a_runtime_is_refused(options, words):

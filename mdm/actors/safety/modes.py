@@ -83,6 +83,7 @@ WAYS_BACK: Final = {
     "stale_input": "known",
     "unknown_input": "known",
     "action": "input",
+    "starved": "turn",
     "safe_action": "release",
     "lost_teammate": "team",
     "lost_majority": "team",

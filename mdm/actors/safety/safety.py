@@ -170,6 +170,8 @@ class Safety:
                 ensemble.action.when_idle(ensemble.became_idle)
         elif not ensemble.runtime.ending:
             self._obey(self.modes.start(time), time)
+            if ensemble.runtime.starved:
+                self.endanger("starved", ensemble.runtime.starved, time)
 
     def stop(self, time: int) -> None:
         """Decide no more; an ensemble that is ending already is made safe all the same."""

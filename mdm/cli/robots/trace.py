@@ -6,7 +6,6 @@ Equal input gives equal bytes. Use it to inspect or compare policies and to test
 from __future__ import annotations
 
 import sys
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     async def main() -> None:
         async with Runtime(log=False, clock=VirtualClock(epoch=epoch)) as runtime:
-            runtime.faults.subscribe(partial(_tell, runtime))
+            runtime.faults.subscribe(_tell)
             runtime.decisions.subscribe(_printer(runtime, epoch, several=len(system.ensembles) > 1))
             await runtime.start(system)
             await _feed(runtime, system, stimuli, epoch)
@@ -72,12 +71,9 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _tell(runtime: Runtime, fault: Fault) -> None:
-    """Print a fault; a turn that has no end is the end of the trace."""
-    if fault.kind == "endless_turn":
-        runtime.abort(Error(f"{fault.detail}: what an action's end leads to must not bring about that end at once"))
-    else:
-        print(f"mdm trace: {fault.detail}", file=sys.stderr)
+def _tell(fault: Fault) -> None:
+    """Print a fault."""
+    print(f"mdm trace: {fault.detail}", file=sys.stderr)
 
 
 def _system(arguments: argparse.Namespace) -> System:

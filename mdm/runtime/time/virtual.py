@@ -13,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple
 
 from mdm.errors import Error
+from mdm.runtime.dispatcher import LOOK_EVERY
 from mdm.runtime.time.clock import Clock
 
 if TYPE_CHECKING:
@@ -45,6 +46,9 @@ class _VirtualSelector(selectors.BaseSelector):
         self.workers: set[threading.Thread] = set()
         self.settled: list[Callable[[], object]] = []
         self._rounds = 0
+        # Called once in `LOOK_EVERY` rounds of all.
+        self.looks: list[Callable[[], object]] = []
+        self._all_rounds = 0
 
     def answered(self, _: object) -> None:
         """Wait for one thread less."""
@@ -66,6 +70,10 @@ class _VirtualSelector(selectors.BaseSelector):
         self._selector.close()
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        self._all_rounds += 1
+        if not self._all_rounds % LOOK_EVERY:
+            for look in self.looks:
+                look()
         ready = self._selector.select(0)
         is_busy = bool(ready) or (timeout is not None and timeout <= 0)
         if self.settled:
@@ -104,6 +112,11 @@ class VirtualEventLoop(asyncio.SelectorEventLoop):
         self._has_executor = False
         # asyncio treats timers within its clock's resolution as due; virtual time is exact to the nanosecond.
         self._clock_resolution = 1e-9
+
+    @property
+    def looks(self) -> list[Callable[[], object]]:
+        """Functions that are called once in `LOOK_EVERY` rounds, whether time goes on or not."""
+        return self._virtual.looks
 
     def time(self) -> float:
         """Return virtual seconds."""

@@ -197,13 +197,12 @@ def test_trace_of_actions_that_take_time_ends_them_by_stimuli(mdm, tmp_path):
     assert "action 'Back' failed" in told
 
 
-def test_trace_of_a_turn_without_end_ends_with_a_sentence(mdm, tmp_path, monkeypatch):
-    monkeypatch.setattr("mdm.runtime.dispatcher._MOST_CUTS", 4)  # of 16,384 messages each, in place of 64
+def test_trace_of_a_turn_without_end_ends_with_a_sentence(mdm, tmp_path):
     status, _, told = traced(mdm, shuttle(tmp_path, "def go(): ...\ndef back(): ...\n"), stdin='{"time": 1}')
     assert status == 1
     (line,) = told.splitlines()
     assert line.startswith("mdm trace: ")
-    assert "must not bring about that end at once" in line
+    assert "must not bring that about at once" in line
 
 
 def test_trace_releases_a_robot_that_is_safe(mdm, tmp_path):

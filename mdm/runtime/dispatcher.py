@@ -465,8 +465,10 @@ class Dispatcher:
     def publish_from_thread(self, channel: Channel[Any], message: object) -> None:
         """Take a message from another thread into the `Inbox`; many of them share one wake-up of the event loop.
 
+        After the end it is counted, and that is all: drivers' threads end when they end, and none can know of ours.
+
         Raises:
-            Error: If the runtime does not run.
+            Error: If the runtime has not begun, or is that of the process from which this one was forked.
         """
         loop = self.loop
         if loop is None or loop.is_closed():
@@ -476,11 +478,16 @@ class Dispatcher:
                     f"channel {channel.name!r} got a message in a forked process, but its runtime is the parent's: "
                     f"send it there through a pipe or a queue"
                 )
-            raise Error(f"channel {channel.name!r} got a message while its runtime did not run")
+            if not self.thread:
+                raise Error(f"channel {channel.name!r} got a message before its runtime began")
+            return
         self._inbox.put(channel, message, self.clock.now())
         if not self._woken:
             self._woken = True
-            loop.call_soon_threadsafe(self._drain)
+            try:
+                loop.call_soon_threadsafe(self._drain)
+            except RuntimeError:  # it has just been closed
+                self._refused += 1
 
     def _drain(self) -> None:
         loop, inbox = self.loop, self._inbox

@@ -63,7 +63,8 @@ class Sensor:
         """Say whether the predicate holds, or of one with a threshold the number; None says that it is unknown.
 
         In the event loop all that follows has happened when this returns, up to the first line of an action's callback.
-        In another thread this wakes the event loop, where it follows, and returns at once.
+        In another thread this wakes the event loop, where it follows, and returns at once. After the runtime's end
+        nothing follows, and it is counted.
 
         Raises:
             Error: If the value is no truth value.

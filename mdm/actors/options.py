@@ -25,9 +25,10 @@ class ControlOptions(ControllerOptions, total=False):
             ``FixedRate(rate)`` or a number, so many times a second.
         on_no_observation: The meaning of a fixed-rate tick without a new observation: ``predict`` (the default: time
             passes, nothing seen), ``repeat`` the last one, or the name of an observation.
-        deadline: Seconds from stimulus to decision, or from the first of the ticks that were missed before it; a later
-            decision is reported, and where there is a safe action the ensemble goes safe in place of it. An
-            answer of a search's fallback at the deadline is in time for a tenth of a second more.
+        deadline: Seconds from stimulus to decision, or from the first of the ticks that were missed before it; of input
+            from another thread, from when that told it. A later decision is reported, and where there is a safe action
+            the ensemble goes safe in place of it. An answer of a search's fallback at the deadline is in time for a
+            tenth of a second more.
     """
 
     drive: Drive | float | str | None

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["Declarations"]
 
 _KEYS = {
-    "sensor": ("sensor", "max_age", "initial"),
+    "sensor": ("sensor", "when", "max_age", "initial"),
     "formula": ("formula", "held_for"),
     "latch": ("set", "reset", "initial"),
 }
@@ -83,7 +83,7 @@ class Declarations:
             on, off = self._formula(table.set, key), self._formula(table.reset, key)
             self.manager.latch(name, set=on, reset=off, initial=bool(table.initial))
         else:
-            self.manager.sensor(name, max_age=table.max_age, initial=table.initial)
+            self.manager.sensor(name, when=table.when, max_age=table.max_age, initial=table.initial)
 
     def _event(self, name: str, value: Any) -> None:
         key = f"events.{name}"

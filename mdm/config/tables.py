@@ -40,10 +40,11 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class PredicateTable(Table, frozen=True):
-    """A predicate set by code, or one derived by ``formula``, or by ``set`` and ``reset``.
+    """A predicate set by code, also by numbers, or one derived by ``formula``, or by ``set`` and ``reset``.
 
     Attributes:
         sensor: False for a predicate that no code sets: it has a formula, or is a latch.
+        when: When it holds, of numbers that code sets: ``< 0.2 until > 0.3``; without ``until`` one comparison.
         formula: Of other predicates and events, in propositional logic; short form: the formula alone.
         held_for: Seconds that the formula has to hold before the predicate is true.
         max_age: Seconds after which a value that was not told again is unknown.
@@ -53,6 +54,7 @@ class PredicateTable(Table, frozen=True):
     """
 
     sensor: bool = True
+    when: str | None = None
     formula: str | None = None
     held_for: Seconds | None = None
     max_age: Seconds | None = None

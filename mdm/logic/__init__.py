@@ -4,5 +4,6 @@ from mdm.logic.declarations import similar
 from mdm.logic.formula import Formula, P
 from mdm.logic.network import Change, Network
 from mdm.logic.parser import parse
+from mdm.logic.threshold import Threshold, parse_threshold
 
-__all__ = ["Change", "Formula", "Network", "P", "parse", "similar"]
+__all__ = ["Change", "Formula", "Network", "P", "Threshold", "parse", "parse_threshold", "similar"]

@@ -156,7 +156,7 @@ class Channel(Generic[T]):
 
         Raises:
             TypeError: If the message is not of the channel's type.
-            Error: If the runtime does not run: it has not begun, or, from another thread, has stopped.
+            Error: If the runtime has not begun, or is another process's. After its end messages are counted alone.
         """
         dispatcher = self._dispatcher
         if message.__class__ is not self.type:

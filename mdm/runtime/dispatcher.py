@@ -50,7 +50,7 @@ class Inbox:
         self.replaced = 0
         self.lost = 0
         self._rests: dict[Channel[Any], int] = {}
-        self._waiting: OrderedDict[Hashable, tuple[Channel[Any], Any]] = OrderedDict()
+        self._waiting: OrderedDict[Hashable, tuple[Channel[Any], Any, int]] = OrderedDict()
         self._counts: dict[Channel[Any], int] = {}
         self._losses: Counter[Channel[Any]] = Counter()
         self._number = 0
@@ -60,8 +60,8 @@ class Inbox:
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def put(self, channel: Channel[Any], message: object) -> None:
-        """Let a message wait."""
+    def put(self, channel: Channel[Any], message: Any, since: int = 0) -> None:
+        """Let a message wait that came at a time; one that says what the superseded one says waits since that came."""
         supersedes = channel.supersedes
         subject = None if supersedes is None else supersedes(message)
         with self._lock:
@@ -76,31 +76,34 @@ class Inbox:
                 if place is None:
                     place = self._rests[channel] = self._next()
                 elif (rest := self._waiting.get(place)) is not None:
-                    message = channel.merge(rest[1], message)
+                    message, since = channel.merge(rest[1], message), rest[2]
             else:
                 if self._rests:
                     self._rests.pop(channel, None)
                 place = self._next() if subject is None else (channel, subject, self._number)
-            if self._waiting and self._waiting.pop(place, None) is not None:
+            if self._waiting and (older := self._waiting.pop(place, None)) is not None:
                 count -= 1
                 self.replaced += 1
-            self._waiting[place] = (channel, message)
+                if message.__class__ is SensorUpdate and older[1].predicates == message.predicates:
+                    since = older[2]
+            self._waiting[place] = (channel, message, since)
             self._counts[channel] = count + 1
 
     def _next(self) -> int:
         self._number += 1
         return self._number
 
-    def take(self) -> tuple[Channel[Any], Any] | None:
-        """Return the message that came first, and wait with it no longer; None where none waits."""
+    def take(self) -> tuple[Channel[Any], Any, int] | None:
+        """Return the message that came first, with its time, and wait with it no longer; None where none waits."""
         with self._lock:
             if not self._waiting:
                 return None
-            _, (channel, message) = self._waiting.popitem(last=False)
+            _, item = self._waiting.popitem(last=False)
+            channel = item[0]
             count = self._counts.pop(channel) - 1
             if count:
                 self._counts[channel] = count
-            return channel, message
+            return item
 
     def losses(self) -> Counter[Channel[Any]]:
         """Return how many messages of which channels were lost since this was last asked."""
@@ -128,6 +131,7 @@ _AT_ONCE: Final = 100_000
 """Messages of one turn, or turns, at one instant, beyond which time would never go on."""
 _ROOM: Final = 500
 _STRAIGHT: Final = 16
+_NONE_TOLD: Final = (1 << 63, 0)
 _OPEN: WeakSet[Dispatcher] = WeakSet()
 
 
@@ -184,6 +188,7 @@ class Dispatcher:
         "tape",
         "thread",
         "time",
+        "told",
         "watch",
     )
 
@@ -211,6 +216,8 @@ class Dispatcher:
         self.straight = 0
         # Whose handler has raised, where that was not the first one's.
         self.blamed: Subscription[Any] | None = None
+        # While what another thread told is delivered: the time from which turns are on that, and when it was told.
+        self.told = _NONE_TOLD
         self.thread = 0
         # Where turns run, while they do.
         self.loop: asyncio.AbstractEventLoop | None = None
@@ -651,8 +658,10 @@ class Dispatcher:
     def publish_from_thread(self, channel: Channel[Any], message: object) -> None:
         """Take a message from another thread into the `Inbox`; many of them share one wake-up of the event loop.
 
+        After the end it is counted, and that is all: drivers' threads end when they end, and none can know of ours.
+
         Raises:
-            Error: If the runtime does not run.
+            Error: If the runtime has not begun, or is that of the process from which this one was forked.
         """
         loop = self.loop
         if loop is None or loop.is_closed():
@@ -662,11 +671,16 @@ class Dispatcher:
                     f"channel {channel.name!r} got a message in a forked process, but its runtime is the parent's: "
                     f"send it there through a pipe or a queue"
                 )
-            raise Error(f"channel {channel.name!r} got a message while its runtime did not run")
-        self._inbox.put(channel, message)
+            if not self.thread:
+                raise Error(f"channel {channel.name!r} got a message before its runtime began")
+            return
+        self._inbox.put(channel, message, self.clock.now())
         if not self._woken:
             self._woken = True
-            loop.call_soon_threadsafe(self._drain)
+            try:
+                loop.call_soon_threadsafe(self._drain)
+            except RuntimeError:  # it has just been closed
+                self._refused += 1
 
     def _drain(self) -> None:
         loop, inbox = self.loop, self._inbox
@@ -682,8 +696,13 @@ class Dispatcher:
             if item is None:
                 break
             self._from_threads += 1
-            channel, message = item
-            channel.publish(self._delivered(message))
+            channel, message, since = item
+            now = self.clock.now()
+            self.told = (now, since)
+            try:
+                channel.publish(self._delivered(message, now))
+            finally:
+                self.told = _NONE_TOLD
         if self.active and self._from_threads > before:
             self._waits = True
             self.queue.append((self._taken, None))
@@ -692,14 +711,19 @@ class Dispatcher:
     def _take_more(self, _: None) -> None:
         self._waits = False
 
-    def _delivered(self, message: Any) -> Any:
+    def _delivered(self, message: Any, now: int) -> Any:
         """Return a message of another thread with the time at which it is delivered."""
         if message.__class__ is SensorUpdate:
             time = message.time if message.sensed is None else message.sensed
-            return SensorUpdate(self.clock.now(), message.predicates, message.events, time)
+            return SensorUpdate(now, message.predicates, message.events, time)
         if isinstance(message, _STAMPED):
-            return replace(message, time=self.clock.now())
+            return replace(message, time=now)
         return message
+
+    def waited(self, time: int) -> int:
+        """Return for how long what the turn of a time is on had waited before, in nanoseconds: input of threads."""
+        delivered, since = self.told
+        return time - since if time >= delivered else 0
 
     def _tell_losses(self) -> None:
         """Report lost messages: once, until all of a channel's messages are accepted again."""

@@ -97,7 +97,8 @@ class DispatcherStatistics(_Snapshot, frozen=True):
         from_threads: Messages that came from other threads.
         replaced: Of these, messages that a newer one superseded while they waited.
         lost: Of these, messages that were too many.
-        refused: Messages of other threads that came while the runtime did not run.
+        refused: Messages of other threads that came after the end, and decided nothing; and those refused before it
+            began, or in a forked process.
     """
 
     turns: int

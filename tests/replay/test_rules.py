@@ -113,7 +113,7 @@ def give_the_turn_of_a_timer_the_present_time(patch):
 
 
 def stamp_input_of_threads_when_it_is_sensed(patch):
-    patch.setattr(Dispatcher, "_delivered", lambda self, message: message)
+    patch.setattr(Dispatcher, "_delivered", lambda self, message, now: message)
 
 
 def give_a_turn_many_times(patch):

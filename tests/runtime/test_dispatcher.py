@@ -259,17 +259,39 @@ def test_other_threads_publish_through_one_wake_up(uvloop):
     runtime, channel = run(main, uvloop=uvloop)
     failures = []
 
-    def late():
+    def late(channel):
         try:
             channel.publish(state(0))
         except Error as error:
             failures.append(str(error))
 
-    thread = threading.Thread(target=late)
-    thread.start()
-    thread.join()
-    assert "while its runtime did not run" in failures[0]
+    for each in (channel, Runtime(log=None).channel("early", State)):
+        thread = threading.Thread(target=late, args=(each,))
+        thread.start()
+        thread.join()
+    assert failures == ["channel 'early' got a message before its runtime began"]
     assert runtime.statistics().dispatcher.refused == 1
+
+
+def test_a_loop_that_is_closed_while_a_thread_publishes_is_the_end():
+    class Closing:
+        def is_closed(self):
+            return False
+
+        def call_soon_threadsafe(self, call):
+            raise RuntimeError("Event loop is closed")
+
+    async def main(runtime):
+        channel = runtime.channel("x", State)
+        dispatcher = runtime.dispatcher
+        loop, dispatcher.loop = dispatcher.loop, Closing()
+        thread = threading.Thread(target=channel.publish, args=(state(0),))
+        thread.start()
+        thread.join()
+        dispatcher.loop = loop
+        return runtime.statistics().dispatcher.refused
+
+    assert run_virtual(main) == 1
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit])

@@ -533,6 +533,7 @@ class ControlLayer(Layer):
                 self.begin_episode()
             controller.advance(controller.symbols.state_index(state))
         self._question += 1
+        self.output.waited = self.runtime.dispatcher.waited(time)
         self._open = (time, cause, observation, state)
         self._questions.publish(
             Question(time, self._question, controller.information.current if state is None else state)
@@ -543,7 +544,7 @@ class ControlLayer(Layer):
             return
         (time, cause, observation, state), self._open = self._open, None
         if answer.action is None:
-            self._late(self._now() - time, time)
+            self._late(self._now() - time + self.output.waited, time)
             return
         self.output.publish(self.controller.decide(answer.action), time, cause, observation, state)
 

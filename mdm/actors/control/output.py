@@ -47,6 +47,7 @@ class Output:
         acted: The last action that was published in this episode, or None.
         cause: The kind of stimulus on which it was decided, as in `Decision`.
         overdue: Nanoseconds from the first of the ticks that were missed to the present one.
+        waited: Nanoseconds for which the stimulus of the planner's question had waited for the event loop.
     """
 
     # The attributes that each decision reads or writes, close together: many ensembles do not all fit the cache.
@@ -66,12 +67,14 @@ class Output:
         "_refuses",
         "_rewards",
         "_tape",
+        "_wait_of",
         "acted",
         "action_names",
         "cause",
         "factor_names",
         "overdue",
         "record",
+        "waited",
     )
 
     def __init__(self, controller: Controller, deadline: int | None, refuses: Callable[[Step, int, int], bool]) -> None:
@@ -81,6 +84,7 @@ class Output:
         self.acted: int | None = None
         self.cause = ""
         self.overdue = 0
+        self.waited = 0
         self._controller = controller
         self._deadline = deadline
         self._refuses = refuses
@@ -105,6 +109,7 @@ class Output:
         self._beliefs = channel("belief", Belief, retain=True)
         self._decisions = layer.runtime.decisions
         self._path = layer.owner.path
+        self._wait_of = layer.runtime.dispatcher.waited
         self._tape = layer.runtime.dispatcher.tape
         if self._tape is not None:
             self._tape.controls(self)
@@ -219,6 +224,7 @@ class Output:
     def _is_refused(self, step: Step, latency: int, time: int) -> bool:
         """Whether a decision comes past its deadline, and is not published."""
         assert self._deadline is not None
+        latency += self.waited or self._wait_of(time)
         if self._tape is not None:
             limit = self._deadline - self.overdue
             latency = self._tape.latency(self._path, step.epoch, time, latency, limit)

@@ -93,6 +93,8 @@ class Planner(Layer):
         self._process: SearchProcess | None = None
         self._ready = anyio.Event()
         self._open: Question | None = None
+        # When the stimulus of the newest question was told.
+        self._told = 0
         self._timer: Timer | None = None
         self._silent = False
         self._virtual = False
@@ -141,6 +143,7 @@ class Planner(Layer):
         if self._open is not None:
             self._superseded += 1
         self._open = question
+        self._told = question.time - self.runtime.dispatcher.waited(question.time)
         if self._virtual:
             result = self.policy.search(question.at, timed=False)
             self._expansions += result.expansions
@@ -152,7 +155,7 @@ class Planner(Layer):
         if self._open is None or self._timer is not None:
             return
         if self.deadline is not None:
-            self._timer = self.call_at(question.time + round(self.deadline * 1e9), self._on_deadline)
+            self._timer = self.call_at(self._told + round(self.deadline * 1e9), self._on_deadline)
         elif not self._silent:
             self._timer = self.call_at(question.time + round(self._patience * 1e9), self._on_silence)
 
@@ -164,7 +167,7 @@ class Planner(Layer):
         self._expansions += result.expansions
         if self._open is None or self._open.number != number:
             self._late += 1
-        elif self.deadline is not None and self.runtime.clock.now() > self._open.time + round(self.deadline * 1e9):
+        elif self.deadline is not None and self.runtime.clock.now() > self._told + round(self.deadline * 1e9):
             self._late += 1  # the loop has come late for it, ahead of the timer
             self._miss()
         else:

@@ -12,7 +12,7 @@ from mdm.logic import Network, similar
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from mdm.logic import Formula
+    from mdm.logic import Formula, Threshold
 
 __all__ = ["ACTION_END", "Declarations", "Kind", "near_end"]
 
@@ -38,9 +38,10 @@ class Declarations:
     Attributes:
         held_for: Nanoseconds for which a predicate's formula must have been true.
         max_age: Nanoseconds after which a sensor's value becomes unknown.
+        thresholds: When a predicate holds that is told by numbers.
     """
 
-    __slots__ = ("_ages", "_formulas", "_kinds", "_parts", "_sensors", "_used", "held_for", "max_age")
+    __slots__ = ("_ages", "_formulas", "_kinds", "_parts", "_sensors", "_used", "held_for", "max_age", "thresholds")
 
     def __init__(self) -> None:
         self._parts: dict[str, Callable[[Network], None]] = {}
@@ -50,6 +51,7 @@ class Declarations:
         self._used: set[str] = set()
         self.held_for: dict[str, int] = {}
         self.max_age: dict[str, int] = {}
+        self.thresholds: dict[str, Threshold] = {}
         self._ages: dict[str, tuple[float, str]] = {}
 
     def add(
@@ -160,7 +162,8 @@ class Declarations:
             seconds, teller = self._ages[name]
             return f"told by {teller}, unknown after {seconds:g} s"
         aged = f", unknown after {self.max_age[name] / 1e9:g} s" if name in self.max_age else ""
-        return f"{'raised' if kind == 'event' else 'set'} by code{aged}"
+        told = f" to a number: {self.thresholds[name]}" if name in self.thresholds else ""
+        return f"{'raised' if kind == 'event' else 'set'} by code{told}{aged}"
 
     def inputs_of(self, name: str) -> set[str]:
         """Return the names of all sensors and events that a predicate or event depends on, itself included."""

@@ -6,12 +6,12 @@ It owns one network of formulas, updates it in dependency order once a turn, and
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from mdm.actors.predicates.declarations import ACTION_END, Declarations
-from mdm.actors.predicates.sources import Backlog, Batch, Batches, EventSource, Follower, Sensor, truth
+from mdm.actors.predicates.sources import Backlog, Batch, Batches, EventSource, Follower, NumberSensor, Sensor, truth
 from mdm.errors import ConfigError, Error
-from mdm.logic import Formula, Network, parse
+from mdm.logic import Formula, Network, parse, parse_threshold
 from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate, SensorUpdate
 from mdm.runtime import Actor
 from mdm.runtime.channel import Topics
@@ -116,7 +116,7 @@ class PredicateManager(Actor):
         self,
         name: str,
         channel: Channel[T] | tuple[str, type[T]] | None = None,
-        when: Callable[[T], Truth] | None = None,
+        when: Callable[[T], Truth] | str | None = None,
         *,
         max_age: Number | None = None,
         initial: bool | np.bool_ | None = None,
@@ -126,25 +126,34 @@ class PredicateManager(Actor):
         Args:
             name: The predicate's name.
             channel: Ground it on the messages of this channel (or of the runtime's channel of that name and type).
-            when: Tells from a message whether the predicate holds; None says that it cannot be told.
+            when: Tells from a message whether the predicate holds; None says that it cannot be told. Or without a
+                channel a threshold, by which it is told numbers: ``"< 0.2 until > 0.3"`` is true from below 0.2 until
+                above 0.3, and in between as before; ``"< 0.2"`` is false from 0.2 on. Numbers that lie in between at
+                the start, and NaN, leave it unknown.
             max_age: Seconds after which a value that was not refreshed becomes unknown.
             initial: Its value at start.
         """
-        if (channel is None) != (when is None):
+        threshold = parse_threshold(when) if isinstance(when, str) and channel is None else None
+        if threshold is None and (channel is None) != (when is None):
             raise ConfigError(f"predicate {name!r} needs a channel and a 'when' function, or neither", key=name)
         if max_age is not None:
             check_seconds(max_age, f"max_age of {name!r}", key=name)
         first = truth(name, initial)
-        if when is not None:
+        if when is not None and threshold is None:
             check_plain(when, f"the 'when' of predicate {name!r}")
         self._declare(
             name, "predicate", lambda network: network.add_input(name, self._initial(name, first)), sensed=True
         )
         if channel is not None and when is not None:
-            self._groundings.append((name, channel, when))
+            self._groundings.append((name, channel, cast("Callable[[T], Truth]", when)))
         if max_age is not None:
             self._max_age[name] = round(max_age * 1e9)
-        sensor = self._sensors[name] = Sensor(name, self)
+        if threshold is None:
+            sensor = Sensor(name, self)
+        else:
+            sensor = NumberSensor(name, self, threshold, first)
+            self.declared.thresholds[name] = threshold
+        self._sensors[name] = sensor
         return sensor
 
     def define(self, name: str, formula: Formula | str, *, held_for: Number | None = None) -> None:
@@ -234,15 +243,25 @@ class PredicateManager(Actor):
         """
         return Batch(self._batches)
 
-    def sense(self, name: str, value: bool | np.bool_ | None) -> None:
-        """Take a predicate's value, by its name. From any thread.
+    def sense(self, name: str, value: bool | np.bool_ | Number | None) -> None:
+        """Take a predicate's value, or of one with a threshold the number, by its name. From any thread.
 
         Raises:
             Error: If code cannot set a predicate of that name, or the value is no truth value.
         """
-        if name not in self._sensors:
+        self.take(((name, self.truth_of(name, value)),))
+
+    def truth_of(self, name: str, value: bool | np.bool_ | Number | None) -> bool | None:
+        """Return what a predicate's sensor tells by a value.
+
+        Raises:
+            Error: As `sense`.
+        """
+        sensor = self._sensors.get(name)
+        if sensor is None:
             self.declared.check_input(name, "predicate")
-        self.take(((name, truth(name, value)),))
+            return truth(name, value)
+        return sensor.truth(value)
 
     def take(self, readings: Readings) -> None:
         """Take a predicate's value; `Sensor.set` calls this. From any thread."""
@@ -338,6 +357,8 @@ class PredicateManager(Actor):
         self._take_in()
         now = self.runtime.now()
         self._begun = self._home is self.runtime
+        if not self._begun:
+            self._forget_numbers()
         self._home = self.runtime
         if (tape := self.runtime.dispatcher.tape) is not None:
             backlog = self._backlog
@@ -380,6 +401,12 @@ class PredicateManager(Actor):
             follower = Follower(self, agent, full)
             self.subscribe(updates, follower.update)
             follower.synchronise()
+
+    def _forget_numbers(self) -> None:
+        """Have thresholds know nothing of an earlier runtime."""
+        for sensor in self._sensors.values():
+            if isinstance(sensor, NumberSensor):
+                sensor.begin(self._backlog.values)
 
     def on_failing(self, error: BaseException) -> None:
         """Let every predicate be unknown at once; sensors' reports from now on are kept for the next start."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from asyncio import _get_running_loop
+from numbers import Real
 from threading import get_ident
 from typing import TYPE_CHECKING
 
@@ -15,11 +16,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
     from mdm.actors.predicates.predicate_manager import PredicateManager
+    from mdm.checks import Number
+    from mdm.logic import Threshold
     from mdm.messages import PredicateMap, PredicateUpdate
     from mdm.runtime import Channel, Subscription
     from mdm.runtime.dispatcher import Dispatcher
 
-__all__ = ["Backlog", "Batch", "Batches", "EventSource", "Follower", "Sensor", "truth"]
+__all__ = ["Backlog", "Batch", "Batches", "EventSource", "Follower", "NumberSensor", "Sensor", "truth"]
 
 
 Readings = tuple[tuple[str, "bool | None"]]
@@ -36,7 +39,8 @@ def truth(name: str, value: object) -> bool | None:
         return value
     if isinstance(value, np.bool_):
         return bool(value)
-    raise Error(f"predicate {name!r} is True, False or None (unknown), not {value!r}")
+    hint = "; a number needs a threshold, as in when = '< 0.2 until > 0.3'" if isinstance(value, Real) else ""
+    raise Error(f"predicate {name!r} is True, False or None (unknown), not {value!r}{hint}")
 
 
 class Sensor:
@@ -55,11 +59,12 @@ class Sensor:
         self._true: Readings = ((name, True),)
         self._false: Readings = ((name, False),)
 
-    def set(self, value: bool | np.bool_ | None) -> None:
-        """Say whether the predicate holds; None says that it is unknown.
+    def set(self, value: bool | np.bool_ | Number | None) -> None:
+        """Say whether the predicate holds, or of one with a threshold the number; None says that it is unknown.
 
         In the event loop all that follows has happened when this returns, up to the first line of an action's callback.
-        In another thread this wakes the event loop, where it follows, and returns at once.
+        In another thread this wakes the event loop, where it follows, and returns at once. After the runtime's end
+        nothing follows, and it is counted.
 
         Raises:
             Error: If the value is no truth value.
@@ -69,13 +74,63 @@ class Sensor:
         elif value is False:
             readings = self._false
         else:
-            readings = ((self.name, truth(self.name, value)),)
+            readings = ((self.name, self.truth(value)),)
         self._manager.take(readings)
+
+    def truth(self, value: object) -> bool | None:
+        """Return the value of the predicate that is told by this one.
+
+        Raises:
+            Error: If it tells none.
+        """
+        return truth(self.name, value)
 
     @property
     def value(self) -> bool | None:
         """The predicate's present value."""
         return self._manager.value(self.name)
+
+
+class NumberSensor(Sensor):
+    """Sets one predicate by numbers, from anywhere: whether a threshold holds.
+
+    Between its two bounds a number leaves the predicate as it was last known, and at the start unknown. NaN and None
+    are unknown; a truth value is taken as it is.
+
+    Args:
+        name: The predicate.
+        manager: Its predicate manager.
+        threshold: When it holds.
+        initial: Its value at the start.
+    """
+
+    __slots__ = ("_before", "_initial", "_threshold")
+
+    def __init__(self, name: str, manager: PredicateManager, threshold: Threshold, initial: bool | None) -> None:
+        super().__init__(name, manager)
+        self._threshold = threshold
+        self._initial = self._before = initial
+
+    def begin(self, told: Mapping[str, bool | None]) -> None:
+        """Forget all that was known but what has been told for the first start."""
+        known = told.get(self.name)
+        self._before = self._initial if known is None else known
+
+    def set(self, value: bool | np.bool_ | Number | None) -> None:
+        """Tell the number, as `Sensor.set` does a truth value."""
+        self._manager.take(((self.name, self.truth(value)),))
+
+    def truth(self, value: object) -> bool | None:
+        """Return whether the threshold holds for a number."""
+        if value is None or isinstance(value, bool | np.bool_):
+            told = truth(self.name, value)
+        elif isinstance(value, Real):
+            told = self._threshold.of(value, self._before)  # type: ignore[arg-type]  # which is compared alone
+        else:
+            raise Error(f"predicate {self.name!r} is told numbers ({self._threshold}), not {value!r}")
+        if told is not None:
+            self._before = told
+        return told
 
 
 class EventSource:

@@ -78,9 +78,10 @@ def add_trace(verbs: Any, line: str) -> None:
         help=line,
         description=(
             "Read JSON lines from standard input, one stimulus a line, and print one JSON line a decision. A stimulus "
-            'has any of "time" (seconds), "observation", "state", "belief", "predicates" ({"name": true}), "events" '
-            '(["name"]) and "control" ("start", "stop", "reset", "release"). Async functions of the file stand for '
-            'actions that take time: they end by an event such as "Go.succeeded" or "Go.failed", and not by themselves.'
+            'has any of "time" (seconds), "observation", "state", "belief", "predicates" ({"name": true}, or a number '
+            'for a threshold), "events" (["name"]) and "control" ("start", "stop", "reset", "release"). Async '
+            'functions of the file stand for actions that take time: they end by an event such as "Go.succeeded" or '
+            '"Go.failed", and not by themselves.'
         ),
         epilog="example: echo '{\"observation\": 0}' | mdm trace tiger.pomdp tiger.vf",
     )

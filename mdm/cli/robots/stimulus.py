@@ -28,7 +28,7 @@ class _Line(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     observation: int | str | list[int | str | None] | None = None
     state: int | str | list[int | str] | None = None
     belief: list[float] | None = None
-    predicates: dict[str, bool | None] | None = None
+    predicates: dict[str, bool | float | None] | None = None
     events: list[str] | None = None
     control: Literal["start", "stop", "reset", "release"] | None = None
     ensemble: str | None = None
@@ -78,7 +78,9 @@ class Stimulus:
         others = [event for event in line.events or () if not _end(system, event)]
         heard = tuple(event for event in others if event in declared.used or event in declared.names)
         if line.predicates or heard:
-            sensed = SensorUpdate(now, tuple((line.predicates or {}).items()), heard)
+            told = (line.predicates or {}).items()
+            values = tuple((name, system.predicates.truth_of(name, value)) for name, value in told)
+            sensed = SensorUpdate(now, values, heard)
             give(runtime, f"{system.predicates.path}/sensed", sensed)
         if self._state is not None:
             give(runtime, f"{path}/state", State(now, *self._state))

@@ -114,7 +114,11 @@ class Network:
 
     def connected(self, first: str, second: str) -> bool:
         """Whether messages pass between two agents."""
-        return first in self._open and second in self._open and self._sides.get(first, 0) == self._sides.get(second, 0)
+        return first in self._open and second in self._open and self.together(first, second)
+
+    def together(self, first: str, second: str) -> bool:
+        """Whether two agents are on the same side."""
+        return self._sides.get(first, 0) == self._sides.get(second, 0)
 
     def join(self, transport: SimulatedTransport) -> None:
         """Let a transport take part.
@@ -132,14 +136,24 @@ class Network:
         self._changed(0)
 
     def leave(self, transport: SimulatedTransport) -> None:
-        """Let a transport take part no more."""
+        """Let a transport take part no more; each of the others hears of it behind what it put before."""
         del self._open[transport.agent]
-        self._changed(0)
+        for receiver in tuple(self._open.values()):
+            if self.together(transport.agent, receiver.agent):
+                receiver.leaving[transport.agent] = transport.incarnation
+            arrival = self._behind(transport.agent, receiver, self.clock.now() + self._draw())
+            self.clock.call_at(arrival, partial(receiver.see_end, transport.agent, transport.incarnation))
 
     def _changed(self, after: int) -> None:
         """Have every agent look who is live: as soon as word of it comes, or once a lease is over."""
         for transport in tuple(self._open.values()):
             self.clock.call_at(self.clock.now() + after + self._draw(), transport.look)
+
+    def _behind(self, sender: str, receiver: SimulatedTransport, arrival: int) -> int:
+        """Return when that comes which would come then, behind all that went the same way before."""
+        way = (sender, receiver.agent)
+        self._arrivals[way] = max(arrival, self._arrivals.get(way, 0))
+        return self._arrivals[way]
 
     def _draw(self) -> int:
         return round(self.random.uniform(*self._delay) * 1e9)
@@ -164,8 +178,7 @@ class Network:
         for _ in range(times):
             arrival = self.clock.now() + self._draw()
             if not self.random.random() < self.reordering:
-                way = (sender, receiver.agent)
-                arrival = self._arrivals[way] = max(arrival, self._arrivals.get(way, 0))
+                arrival = self._behind(sender, receiver, arrival)
             self.clock.call_at(arrival, deliver)
 
 
@@ -180,6 +193,8 @@ class SimulatedTransport:
         self.router = Router(network.team, agent, later=self._call_later, failed=_raise_in_loop, largest=largest)
         self._network = network
         self._largest = largest
+        # Agents that have left, with their incarnations, while word of it is on its way here.
+        self.leaving: dict[str, int] = {}
 
     def _call_later(self, seconds: float, callback: Callable[[], None]) -> None:
         clock = self._network.clock
@@ -200,7 +215,14 @@ class SimulatedTransport:
     def look(self) -> None:
         """See who is live."""
         if self.state == "open":
-            self.router.see(self._network.live(self.agent))
+            left = {agent: life for agent, life in self.leaving.items() if self._network.together(self.agent, agent)}
+            self.router.see(self._network.live(self.agent) | left)
+
+    def see_end(self, agent: str, incarnation: int) -> None:
+        """Take it that an agent has left."""
+        if self.leaving.get(agent) == incarnation:
+            del self.leaving[agent]
+        self.look()
 
     def put(self, key: str, body: bytes, *, priority: Priority = "value") -> bool:
         """Send to all who subscribed."""

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 from sentences import refused
 
+import mdm
 from mdm import Error, PredicateManager
 from mdm.actors.predicates.sources import truth
 from mdm.testing import run_virtual
@@ -42,3 +45,44 @@ def test_values_are_seen_at_once():
         assert door.value is None
 
     run_virtual(main)
+
+
+def test_what_a_thread_tells_after_the_end_is_counted_and_raises_nothing():
+    predicates = PredicateManager()
+    near, bell = predicates.sensor("Near", initial=False), predicates.event("Bell")
+    robot = mdm.Ensemble(
+        "robot",
+        policy=[0, 1],
+        predicates=predicates,
+        states=[mdm.StateFactor("near", ["Near"])],
+        actions={"stay": lambda: None, "go": lambda: None},
+    )
+
+    async def main(runtime):
+        await runtime.start(robot)
+        near.set(False)
+        return runtime
+
+    runtime = run_virtual(main)
+    raised = []
+
+    def together():
+        with predicates.batch():
+            near.set(True)
+
+    def drive():
+        for call in (
+            *(lambda: near.set(True), lambda: predicates.sense("Near", True), bell.fire, together),
+            *(lambda: predicates.occur("Bell"), lambda: robot.publish_state(1)),
+        ):
+            try:
+                call()
+            except Exception as error:
+                raised.append(error)
+
+    driver = threading.Thread(target=drive)
+    driver.start()
+    driver.join()
+    assert raised == []
+    assert runtime.statistics().dispatcher.refused == 6
+    assert near.value is False

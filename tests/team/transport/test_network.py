@@ -69,6 +69,47 @@ def test_without_reordering_all_messages_keep_their_order_whatever_their_delay()
     assert 0 < statistics.lateness.maximum < 0.06
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_an_end_does_not_overtake_what_was_put_before_it(seed):
+    """Nor where others make an agent look, or a new life of its name begins: it is seen behind the farewell."""
+
+    async def main(net):
+        a, b, c = (net.transport(agent) for agent in "abc")
+        seen = []
+        b.subscribe("mdm/team/a/**", lambda sample: seen.append(sample.body))
+        b.watch(lambda live: seen.append(live.get("a")))
+        await net.open(a, b)
+        await asyncio.sleep(0.1)
+        for number in range(5):
+            a.put(key("a"), b"%d" % number)
+        await a.close()
+        await net.open(c)
+        again = net.transport("a")
+        if seed % 2:
+            await net.open(again)
+        await asyncio.sleep(0.2)
+        assert [each for each in seen if isinstance(each, bytes)] == [b"0", b"1", b"2", b"3", b"4"]
+        assert set(seen[: seen.index(b"4")]) <= {1, None, b"0", b"1", b"2", b"3"}
+        assert None not in seen[seen.index(1) : seen.index(b"4")]
+        assert seen[-1] == (2 if seed % 2 else None)
+        assert b.router.live.get("a") == seen[-1]
+
+    SIMULATED(main, delay=(0, 0.05), seed=seed)
+
+
+def test_who_left_beyond_a_partition_is_hidden_by_it():
+    async def main(net):
+        a, b = net.transport("a"), net.transport("b")
+        await net.open(a, b)
+        await asyncio.sleep(0.1)
+        await a.close()
+        net.network.partition({"a"}, {"b"})
+        b.look()
+        assert set(b.router.live) == {"b"}
+
+    SIMULATED(main, delay=0.05)
+
+
 def test_a_partition_hides_agents_after_the_lease_and_heals():
     async def main(net):
         a, b, c = (net.transport(agent) for agent in "abc")

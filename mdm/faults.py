@@ -68,6 +68,11 @@ KINDS: Final[dict[str, FaultKind]] = {
         "The detail says why. Free the disk where it is full; find what has ended the process that writes, as the "
         "system does for want of memory; record less, or with a larger `bound`, where too much waited.",
     ),
+    "observer": FaultKind(
+        "The record, the page or the log has failed and lacks something; the run goes on as if it had not been there.",
+        "The detail says which and why, and how much it lacks is counted. A message that cannot be written as JSON is "
+        "for the one who publishes it to correct; an error in the library is worth a report.",
+    ),
     # -- Sensors and places --------------------------------------------------------------------------------------
     "sensor": FaultKind(
         "A sensor told a value that its predicate cannot have, or has told none; the predicate is unknown.",

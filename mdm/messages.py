@@ -13,6 +13,8 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from mdm.texts import encodable
+
 __all__ = [
     "Action",
     "ActionLife",
@@ -280,11 +282,15 @@ class Answer(Message, frozen=True, gc=False):
 
 
 class Fault(Message, frozen=True, gc=False):
-    """A fault: the actor's path, the kind, and a description."""
+    """A fault: the actor's path, the kind, and a description, made `encodable`."""
 
     source: str
     kind: str
     detail: str
+
+    def __post_init__(self) -> None:
+        if isinstance(self.detail, str):
+            msgspec.structs.force_setattr(self, "detail", encodable(self.detail))
 
 
 class StateChange(Message, frozen=True, gc=False):

@@ -17,6 +17,7 @@ import select
 import signal
 import struct
 import sys
+import tempfile
 import time
 import uuid
 from contextlib import suppress
@@ -25,7 +26,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 __all__ = [
     "ATTACHMENT",
@@ -38,6 +39,7 @@ __all__ = [
     "TOPIC",
     "Claimed",
     "File",
+    "Gone",
     "Kept",
     "claim",
 ]
@@ -61,6 +63,10 @@ _READ = 1 << 20
 
 class Claimed(OSError):
     """A file is being written by another program, or is none that may be replaced; its text is a sentence."""
+
+
+class Gone(Claimed):
+    """A file is no longer what was written to it."""
 
 
 class Kept(Claimed):
@@ -109,6 +115,7 @@ class _Stream:
         return self._position
 
     def write(self, data: bytes) -> int:
+        self.check()
         view = memoryview(data)
         try:
             while view:
@@ -121,8 +128,48 @@ class _Stream:
         self._position += len(data)
         return len(data)
 
+    def check(self) -> None:
+        """Look whether the file is there; a name of another kind is fine.
+
+        Raises:
+            Gone: If it was removed, or has less than was written.
+        """
+        found = os.fstat(self.descriptor)
+        if not found.st_nlink:
+            raise Gone("the file was removed")
+        if found.st_size < self._position:
+            raise Gone("another program has cut the file short")
+
     def flush(self) -> None:
         pass  # there is no buffer
+
+
+class _Indexes:
+    """The indexes of chunks, of which a day has 100,000s: kept in a nameless file until the summary takes them.
+
+    Args:
+        folder: Where the file is.
+        builder: Encodes one of them.
+    """
+
+    def __init__(self, folder: Path, builder: Any) -> None:
+        self._builder = builder
+        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - for as long as the record
+
+    def append(self, index: Any) -> None:
+        index.write(self._builder)
+        self._file.write(self._builder.end())
+
+    def __iter__(self) -> Iterator[_Indexes]:
+        yield self  # whose `write` writes them all
+
+    def write(self, builder: Any) -> None:
+        self._file.seek(0)
+        builder.write(self._file.read())
+
+    def close(self) -> None:
+        with suppress(OSError):  # of a full disk
+            self._file.close()
 
 
 class File:
@@ -132,12 +179,19 @@ class File:
         stream: What it is written to.
         library: The program that writes it, and its version.
         chunk: Bytes of messages that are compressed together.
+        folder: Where indexes are kept until the file is complete; in memory where none is given.
     """
 
-    def __init__(self, stream: Any, library: str, chunk: int = _CHUNK) -> None:
+    def __init__(self, stream: Any, library: str, chunk: int = _CHUNK, folder: Path | None = None) -> None:
         mcap: Any = importlib.import_module("mcap.writer")  # an extra
         compression = mcap.CompressionType.NONE if mcap.zstandard is None else mcap.CompressionType.ZSTD
         self._writer = mcap.Writer(stream, chunk_size=chunk, compression=compression, enable_data_crcs=True)
+        self.leave: Callable[[], object] = lambda: None
+        if folder is not None:
+            builder: Any = importlib.import_module("mcap.data_stream").RecordBuilder()
+            with suppress(OSError):  # a folder in which nothing else may be made
+                indexes = self._writer._Writer__chunk_indices = _Indexes(folder, builder)  # noqa: SLF001 - else 900 bytes each
+                self.leave = indexes.close
         self._writer.start(library=library)
         self._schemas: dict[str, int] = {}
         self.add_message = self._writer.add_message
@@ -190,7 +244,7 @@ class _Output:
 
     def _open(self, descriptor: int) -> None:
         self._stream = _Stream(descriptor)
-        self._file = File(self._stream, self._library, self._chunk)
+        self._file = File(self._stream, self._library, self._chunk, Path(self._path).parent)
         self._first = None
         self._file.metadata("mdm.file", {"record": self._record, "number": str(self._number)})
         for metadata in self._metadata:
@@ -240,12 +294,21 @@ class _Output:
         path = Path(self._path)
         self._open(claim(str(path.with_name(f"{path.stem}-{self._number}{path.suffix}"))))
 
+    def check(self) -> None:
+        """Raise `Gone` where the file is no longer what was written."""
+        self._stream.check()
+
     def _finish(self) -> None:
         try:
             self._file.finish()
             os.fsync(self._stream.descriptor)
         finally:
+            self.leave()
             os.close(self._stream.descriptor)
+
+    def leave(self) -> None:
+        """Let go of what is kept until the file is complete."""
+        self._file.leave()
 
     def synchronise(self) -> None:
         """Put on the disk what was written."""
@@ -290,7 +353,11 @@ class _Recorder:
         try:
             work()
         except Exception as error:
-            self._output = None
+            output, self._output = self._output, None
+            if output is not None:
+                output.leave()
+            if isinstance(error, Gone):
+                self._written = 0
             text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
             self._report({"failure": text or type(error).__name__})
 
@@ -320,8 +387,8 @@ class _Recorder:
 
     def second(self) -> None:
         """Do what is due every second."""
-        if self._output is not None and self._output.dirty:
-            self._try(self._output.synchronise)
+        if self._output is not None:
+            self._try(self._output.synchronise if self._output.dirty else self._output.check)
         self._tell()
 
     def close(self) -> None:

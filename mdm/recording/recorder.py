@@ -44,7 +44,7 @@ from mdm.recording.stimuli import (
     Ticked,
     count_messages,
 )
-from mdm.recording.writer import RecordWriter
+from mdm.recording.writer import SILENT, RecordWriter
 from mdm.version import __version__
 
 if TYPE_CHECKING:
@@ -61,7 +61,10 @@ _AFTER = 0.05
 """Seconds after which what was noted is encoded."""
 _SLICE = 100_000
 """Nanoseconds that encoding takes before the event loop has its turn."""
+_LOOK = 1.0
+"""Seconds after which the process that writes is listened to."""
 _BOUND = 100_000
+_LATEST = 1 << 63
 _Kept = tuple[dict[str, "bool | None"], dict[str, int]]
 _HEARD, _SAID, _CALLED, _LIVED, _DECIDED, _SENT = range(6)
 
@@ -121,8 +124,10 @@ class Recorder:
         self._delays = Delays()
         self._waits = False
         self._virtual = False
-        self._failed = False
-        self._told_lost = 0
+        self._failed = self._silent = False
+        self._told_lost = self._skipped = 0
+        self._guard: Any = None
+        self._looks: asyncio.TimerHandle | None = None
         self._runtime: _Runtime | None = None
         self._dispatcher: Any = None
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -145,6 +150,7 @@ class Recorder:
         """
         if self._runtime is not None:
             raise Error(f"{self.path}: a Recorder is for one run: make a new one for each runtime")
+        self._guard = runtime.guard("the record")
         self._writer.open()
         self.path = self._writer.path
         self._runtime, self._virtual = runtime, virtual
@@ -153,27 +159,34 @@ class Recorder:
         for name, media_type, data in self._attached:
             self._writer.attach(name, media_type, data)
         self._dispatcher = runtime.dispatcher
-        runtime.dispatcher.tape = self
+        runtime.dispatcher.tape = self._guard.tape(self)
         for topic, kind in (("stimuli", Stimulus), ("decisions", Decision), ("lives", ActionLife)):
             self._topics[topic] = self._writer.topic(topic, schemas.name(kind), schemas.schema(kind))
         for channel in (runtime.modes, runtime.faults, runtime.lives, runtime.idles):
             topic = "actors" if channel is runtime.lives else channel.name
             self._hear(topic, channel)
+        if not virtual:
+            self._looks = self._loop.call_later(_LOOK, self._look)
 
     def _hear(self, topic: str, channel: Any) -> None:
         if topic not in self._topics:
             kind = channel.type
             self._topics[topic] = self._writer.topic(topic, schemas.name(kind), schemas.schema(kind))
         number = self._topics[topic]
-        channel.subscribe(lambda message: self._put((_SENT, number, message)))
+        channel.subscribe(self._guard(lambda message: self._put((_SENT, number, message))))
 
     def close(self, seconds: float = 5.0) -> None:
         """Complete the file; what has not been written after so many seconds is lost."""
-        self._write(slice_=None)
-        self._writer.close(seconds)
-        if self._runtime is not None:
-            self._runtime.dispatcher.tape = None
-        self._loop = None
+        if self._looks is not None:
+            self._looks.cancel()
+        try:
+            self._write(slice_=None)
+            self._write(slice_=None)  # the faults that this has made
+            self._writer.close(seconds)
+        finally:
+            if self._runtime is not None:
+                self._runtime.dispatcher.tape = None
+            self._loop = None
 
     @property
     def kept_files(self) -> tuple[Path, ...]:
@@ -188,7 +201,11 @@ class Recorder:
     def statistics(self) -> RecordStatistics:
         """Return how many messages were taken, written and lost."""
         found = self._writer.statistics()
-        return msgspec.structs.replace(found, dropped=found.dropped + self.lost)
+        return msgspec.structs.replace(found, dropped=found.dropped + self._lost - self._skipped)
+
+    @property
+    def _lost(self) -> int:
+        return self.lost + (0 if self._guard is None else self._guard.lost)
 
     # -- From the tape to the file ---------------------------------------------------------------------------------
 
@@ -206,30 +223,53 @@ class Recorder:
                 self._loop.call_later(_AFTER, self._write)
 
     def _write(self, slice_: int | None = _SLICE) -> None:
-        """Encode what was noted, for so many nanoseconds, or all of it."""
+        """Encode what was noted, for so many nanoseconds, or all of it; what fails is lost, and the rest goes on."""
         items, self._items = self._items, []
         until = None if slice_ is None else times.perf_counter_ns() + slice_
         for number, item in enumerate(items):
-            self._encode_item(item)
+            try:
+                self._encode_item(item)
+            except Exception as error:
+                self._guard.lose(error)
             if until is not None and not number % 8 and times.perf_counter_ns() > until:
                 self._items = items[number + 1 :] + self._items
                 break
-        if self._virtual:
-            self._writer.drain(10.0)  # time stands still: nothing is gained by losing anything
-        else:
-            self._writer.flush()
+        self._guard(self._send)()
         self._waits = False
         if self._items and self._loop is not None:
             self._waits = True
             self._loop.call_soon(self._write, slice_)
         self._complain()
 
+    def _send(self) -> None:
+        """Send what is encoded to the process that writes, and say how much is lost."""
+        lost = self._lost
+        self._writer.skip(lost - self._skipped)
+        self._skipped = lost
+        if self._virtual and not self._silent:
+            self._writer.drain(10.0)  # time stands still: nothing is gained by losing anything
+        else:
+            self._writer.flush()
+
+    def _look(self) -> None:
+        """Hear the process that writes, whether there is something to write or not."""
+        if self._loop is not None:
+            self._looks = self._loop.call_later(_LOOK, self._look)
+            self._guard(self._send)()
+            self._complain()
+
     def _complain(self) -> None:
-        """Make a fault of it, once, that the record ends, or that some of it is lost."""
+        """Make a fault of it, once, that the record ends, that nobody writes it, or that some of it is lost."""
         runtime, failure = self._runtime, self._writer.failure
         if runtime is None or self._loop is None:
             return
-        lost = self.statistics().dropped
+        silent, self._silent = self._silent, self._writer.silent
+        if self._silent and not silent:
+            text = (
+                f"{self.path}: the process that writes the record has said nothing for {SILENT:g} s: what is recorded "
+            )
+            runtime.faults.publish(Fault(runtime.now(), "runtime", "record", f"{text}now is lost if that stays so"))
+        lost = self.statistics().dropped - self._guard.lost  # of which another fault tells
         if failure is not None and not self._failed:
             self._failed = True
             text = f"{failure}; {lost:,} messages are lost by now, or may be" if lost else failure
@@ -262,7 +302,9 @@ class Recorder:
         else:
             _, topic, message = item
             time = getattr(message, "time", None)
-            self._writer.write(topic, self._now() if time is None else time, self._encode(message))
+            if not isinstance(time, int) or not 0 <= time < _LATEST:
+                time = self._now()
+            self._writer.write(topic, time, self._encode(message))
 
     def _now(self) -> int:
         return 0 if self._runtime is None else self._runtime.now()
@@ -390,8 +432,7 @@ class Recorder:
     def ended(self, ensemble: str, life: int, work: Any, time: int) -> None:
         """Note that the work of a life has ended, and how."""
         self._tasks.pop(work.task, None)
-        error = None if work.error is None else f"{type(work.error).__name__}: {work.error}"
-        self._put((Ended(time, ensemble, life, work.interrupted, work.cancelled, error),))
+        self._put((Ended(time, ensemble, life, work.interrupted, work.cancelled, work.failure),))
 
     def raised(self, ensemble: str, life: int, error: str, time: int, *, unrun: bool) -> None:
         """Note that the function of a life has raised, or has not run."""
@@ -499,6 +540,8 @@ class _Runtime(Protocol):
     def channels(self) -> tuple[Any, ...]: ...
 
     def now(self) -> int: ...
+
+    def guard(self, observer: str) -> Any: ...
 
 
 def _names(channels: object) -> tuple[str, ...]:

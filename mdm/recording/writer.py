@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import math
 import os
 import re
 import select
@@ -30,8 +31,12 @@ from mdm.version import __version__
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["RecordStatistics", "RecordWriter"]
+__all__ = ["SILENT", "RecordStatistics", "RecordWriter"]
 
+SILENT = 3.0
+"""Seconds after which a process that writes, and reports once a second, has been silent for too long."""
+_STARTS = 30.0
+"""The same, of one that has not said its first word."""
 _BOUND = 16 * 1024 * 1024
 _PIPE = 1 << 20
 """Bytes that a pipe is asked to hold, where the system lets programs say so."""
@@ -115,6 +120,7 @@ class RecordWriter:
         self._written = 0
         self._finished = False
         self._heard = b""
+        self._heard_by = math.inf
         self._process: subprocess.Popen[bytes] | None = None
         self._pipe = -1
         self._ear = -1
@@ -147,6 +153,7 @@ class RecordWriter:
         finally:
             os.close(descriptor)
         self._limit = self._bound
+        self._heard_by = times.monotonic() + _STARTS
 
     def _claim(self, path: Path) -> int:
         """Open the file, or the first one of the next number that takes the place of no record."""
@@ -259,10 +266,21 @@ class RecordWriter:
             buffer += _FRAME(process.LOST, 8)
             buffer += struct.pack("<Q", self._gap)
             self._gap = 0
-        buffer += _PACK(process.MESSAGE, size + 10, topic, time)
-        buffer += data
+        buffer += (
+            _PACK(process.MESSAGE, size + 10, topic, time) + data
+        )  # in one, for there may be no room for the second
         self._messages += 1
         self._bytes += size
+
+    def skip(self, count: int) -> None:
+        """Count messages that were lost before they came here, and leave their numbers out."""
+        self._dropped += count
+        self._gap += count
+
+    @property
+    def silent(self) -> bool:
+        """Whether the process that writes should have been heard by now."""
+        return self.failure is None and times.monotonic() > self._heard_by
 
     def flush(self) -> None:
         """Send as much as the pipe takes; never waits."""
@@ -281,6 +299,8 @@ class RecordWriter:
 
     def drain(self, seconds: float) -> None:
         """Send all that waits, waiting so many seconds at most: where time is virtual, and waiting costs nothing."""
+        if self._pipe < 0:
+            return
         deadline = times.monotonic() + seconds
         ready = select.poll()
         ready.register(self._pipe, select.POLLOUT)
@@ -296,6 +316,7 @@ class RecordWriter:
         try:
             while data := os.read(self._ear, 65536):
                 self._heard += data
+                self._heard_by = times.monotonic() + SILENT
         except BlockingIOError:
             pass
         else:  # it has ended

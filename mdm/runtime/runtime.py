@@ -7,7 +7,7 @@ import builtins
 import importlib
 import os
 import threading
-from contextlib import suppress
+from contextlib import AsyncExitStack, suppress
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
 
@@ -21,6 +21,7 @@ from mdm.runtime.actor import Actor, descendants
 from mdm.runtime.channel import Channel, Subscription
 from mdm.runtime.dispatcher import Dispatcher
 from mdm.runtime.executors import unwatch, watch
+from mdm.runtime.guard import Guard
 from mdm.runtime.process.emergency import Emergency, check_emergency
 from mdm.runtime.process.log import FirstFailures, Log
 from mdm.runtime.process.signals import Signals
@@ -258,6 +259,10 @@ class Runtime:
         """All channels, in the order of their making."""
         return tuple(self._channels.values())
 
+    def guard(self, observer: str) -> Guard:
+        """Return a guard around what only watches, such as ``the page``: nothing that it raises reaches a turn."""
+        return Guard(self, observer)
+
     # -- Actors --------------------------------------------------------------------------------------------------
 
     async def start(self, actor: Actor) -> None:
@@ -375,7 +380,8 @@ class Runtime:
         """Publish a fault of the runtime itself, and log it before: the event loop may not turn."""
         fault = Fault(self.now(), "runtime", kind, detail)
         if self._log is not None:
-            self._log.tell(fault)
+            with suppress(Exception):  # a log that fails must end nothing
+                self._log.tell(fault)
         with suppress(Error):  # a runtime that does not run has no subscribers
             self.faults.publish(fault)
 
@@ -475,25 +481,34 @@ class Runtime:
             raise self._failure
 
     async def _stop_tree(self, tree: asyncio.Task[None]) -> None:
-        """Stop the actors in order and close everything."""
-        try:
-            await self._end(tree)
-        finally:
-            if self._watchdog is not None:
-                self._watchdog.close()
-            self._emergency.close()
-            if self.page is not None:
-                with anyio.CancelScope(shield=True):
-                    await self.page.close()
-            for channel in self._channels.values():
-                channel.close()
-            self.dispatcher.close()
-            self.clock.close()
-            unwatch(tree.get_loop())
-            for told in (self._log, self._first_failures, self.recorder):
+        """Stop the actors in order and close everything, the last of these first, past whatever raises."""
+        async with AsyncExitStack() as closing:
+            later = closing.callback
+            later(self._signals.close)
+            for name, told in (("record", self.recorder), ("log", self._first_failures), ("log", self._log)):
                 if told is not None:
-                    told.close()
-            self._signals.close()
+                    later(self.guard(f"the {name}")(told.close))
+            later(unwatch, tree.get_loop())
+            later(self.clock.close)
+            later(self.dispatcher.close)
+            later(self._close_channels)
+            if self.page is not None:
+                closing.push_async_callback(self._close_page, self.page)
+            later(self._emergency.close)
+            if self._watchdog is not None:
+                later(self._watchdog.close)
+            await self._end(tree)
+
+    def _close_channels(self) -> None:
+        for channel in self._channels.values():
+            channel.close()
+
+    async def _close_page(self, page: Showing) -> None:
+        with anyio.CancelScope(shield=True):
+            try:
+                await page.close()
+            except Exception as error:
+                self.guard("the page").lose(error)
 
     async def _end(self, tree: asyncio.Task[None], *, pressed: bool = False) -> None:
         """Stop the actors in order; a cancellation waits until they have stopped, or are past their limits.

@@ -15,6 +15,7 @@ import msgspec
 from mdm.checks import is_number, is_whole
 from mdm.errors import ConfigError, Error
 from mdm.runtime.time.clock import check_seconds
+from mdm.texts import encodable
 
 __all__ = [
     "LEAVING",
@@ -146,14 +147,14 @@ def text_of(error: BaseException) -> str:
     That of a group, which only counts its errors, is followed by their texts, group within group.
     """
     try:
-        text = str(error)
+        text = encodable(str(error))
     except BaseException as another:
         return f"its text cannot be had, for that raises {type(another).__name__}"
     if not isinstance(error, BaseExceptionGroup):
         return text
     inner = _inner(error)
     more = f"; and {len(inner) - _TOLD} more" if len(inner) > _TOLD else ""
-    return f"{text}: {'; '.join(map(describe, inner[:_TOLD]))}{more}"
+    return encodable(f"{text}: {'; '.join(map(describe, inner[:_TOLD]))}{more}")
 
 
 def _inner(group: BaseExceptionGroup[BaseException]) -> list[BaseException]:

@@ -11,7 +11,7 @@ from mdm.errors import Error
 from mdm.runtime.channel import Subscription
 from mdm.runtime.executors import OWNER, Jobs
 from mdm.runtime.handler import check_plain
-from mdm.runtime.supervision import LEAVING, ActorFailure
+from mdm.runtime.supervision import LEAVING, ActorFailure, text_of
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable
@@ -145,6 +145,12 @@ class Work:
         if not self.task.done() or self.task.cancelled():
             return None
         return self.task.exception()
+
+    @property
+    def failure(self) -> str | None:
+        """The type and text of its error, if it has ended with one."""
+        error = self.error
+        return None if error is None else f"{type(error).__name__}: {text_of(error)}"
 
     @property
     def result(self) -> Any:

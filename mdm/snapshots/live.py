@@ -202,6 +202,7 @@ class LiveRun:
 
     def __init__(self, runtime: Runtime, *, title: str = "", control: bool = False) -> None:
         self._runtime = runtime
+        self._guard = runtime.guard("the page")
         self._title = title
         self._control = control
         self._epoch = runtime.now()
@@ -234,9 +235,9 @@ class LiveRun:
         """Hear what is rare."""
         runtime = self._runtime
         self._subscriptions = [
-            runtime.modes.subscribe(self._on_mode),
-            runtime.faults.subscribe(self._on_fault),
-            runtime.idles.subscribe(self._on_idle),
+            runtime.modes.subscribe(self._guard(self._on_mode)),
+            runtime.faults.subscribe(self._guard(self._on_fault)),
+            runtime.idles.subscribe(self._guard(self._on_idle)),
         ]
 
     def close(self) -> None:
@@ -329,7 +330,7 @@ class LiveRun:
             self.generation += 1
 
     def _met(self, ensemble: Ensemble) -> _Ensemble:
-        ensemble.action.observer = self._on_life
+        ensemble.action.observer = self._guard(self._on_life)
         lookout = Lookout(ensemble, self._seconds, partial(self._on_odd, ensemble.path))
         for life in ensemble.action.lives.living:  # which began before this was known
             time = self._seconds(life.action.time)
@@ -530,6 +531,7 @@ class LiveRun:
         }
         if runtime.recorder is not None:
             counts["lost of the record"] = runtime.recorder.statistics().dropped
+        counts["lost of the page"] = self._guard.lost
         near = [self._by_path[path] for path in close if path in self._by_path]
         for each in near:
             statistics = each.ensemble.control.statistics()

@@ -1,11 +1,16 @@
 from __future__ import annotations
 
+import gc
 import json
 import os
 import subprocess
 import sys
+import tracemalloc
+from functools import partial
+from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 from records import HEAD, PATIENCE, official
 
 from mdm.messages import Control
@@ -83,6 +88,112 @@ def test_a_frame_that_cannot_be_written_is_told(tmp_path):
     told = ran(path, BEGIN + frame(process.METADATA, b"?") + message(1, 7, b"{}"))
     assert [*told[0]] == ["failure"]
     assert told[-1] == {"written": 0, "lost": 1, "finished": False}
+
+
+def opened(path, told):
+    """Return what takes frames, with a file that is open."""
+    settings = {"path": str(path), "descriptor": claim(str(path)), "library": "mdm/0.1.0"}
+    make = partial(process._Output, split_bytes=None, split_time=None, **settings)
+    return process._Recorder(make, told.append)
+
+
+def truncated(path):
+    os.truncate(path, 100)
+
+
+def replaced(path):
+    other = path.with_name("other.mcap")
+    other.write_bytes(path.read_bytes())
+    other.replace(path)
+
+
+@pytest.mark.parametrize(
+    ("harm", "why"),
+    [
+        (Path.unlink, "the file was removed"),
+        (replaced, "the file was removed"),
+        (truncated, "another program has cut the file short"),
+    ],
+)
+@pytest.mark.parametrize("more", [b"", message(1, 8, b"{}")], ids=["idle", "busy"])
+def test_a_file_that_is_gone_or_cut_is_told_with_all_that_is_lost(tmp_path, harm, why, more):
+    told = []
+    taker = opened(tmp_path / "run.mcap", told)
+    taker.take(bytearray(BEGIN + message(1, 7, b"{}")))
+    taker.second()
+    harm(tmp_path / "run.mcap")
+    taker.take(bytearray(more))
+    taker.second()
+    taker.take(bytearray(message(1, 9, b"{}")))
+    taker.close()
+    lost = 2 + bool(more)
+    assert told == [
+        {"written": 1},
+        {"failure": why},
+        {"written": 0, "lost": lost - 1},
+        {"written": 0, "lost": lost, "finished": False},
+    ]
+
+
+def test_a_file_that_is_cut_just_before_its_end_is_told(tmp_path):
+    told = []
+    taker = opened(tmp_path / "run.mcap", told)
+    taker.take(bytearray(BEGIN + message(1, 7, b"{}") + frame(process.END, b"")))
+    taker.second()
+    (tmp_path / "run.mcap").unlink()
+    taker.close()
+    assert told[1:] == [{"failure": "the file was removed"}, {"written": 0, "lost": 1, "finished": False}]
+
+
+def test_a_file_may_be_moved_while_it_is_written(tmp_path):
+    told = []
+    taker = opened(tmp_path / "run.mcap", told)
+    taker.take(bytearray(BEGIN + message(1, 7, b"{}")))
+    taker.second()
+    (tmp_path / "run.mcap").rename(tmp_path / "kept.mcap")
+    taker.take(bytearray(message(1, 8, b"{}") + frame(process.END, b"")))
+    taker.close()
+    assert told == [{"written": 1}, {"written": 2, "finished": True}]
+    assert Record(tmp_path / "kept.mcap").closed
+
+
+def test_a_long_record_takes_no_more_memory_and_its_summary_has_all_chunks(tmp_path):
+    path, chunks = tmp_path / "run.mcap", 400
+    taker = opened(path, [])
+    taker.take(bytearray(BEGIN))
+
+    def grow(since):
+        for stamp in range(since, since + chunks):
+            taker.take(bytearray(message(1, stamp, b"{}")))
+            taker._output._file.flush()  # a chunk of its own
+        gc.collect()
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        before = grow(0)
+        after = grow(chunks)
+    finally:
+        tracemalloc.stop()
+    assert (after - before) / chunks < 50
+    taker.take(bytearray(frame(process.END, b"")))
+    taker.close()
+    assert [each.name for each in tmp_path.iterdir()] == ["run.mcap"]
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert [each.message_start_time for each in summary.chunk_indexes] == [*range(2 * chunks)]
+    assert [each[1] for each in official(path)] == [*range(2 * chunks)]
+
+
+def test_a_folder_that_takes_no_other_file_takes_a_record(tmp_path, monkeypatch):
+    def refuse(**_):
+        raise PermissionError
+
+    monkeypatch.setattr(process.tempfile, "TemporaryFile", refuse)
+    taker = opened(tmp_path / "run.mcap", [])
+    taker.take(bytearray(BEGIN + message(1, 7, b"{}") + frame(process.END, b"")))
+    taker.close()
+    assert Record(tmp_path / "run.mcap").closed
 
 
 def test_it_loads_no_more_than_it_needs():

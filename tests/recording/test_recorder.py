@@ -5,7 +5,11 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+import signal
+from types import SimpleNamespace
+from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from records import PATIENCE
@@ -230,7 +234,7 @@ def test_beyond_the_bound_items_are_lost_counted_and_told(tmp_path):
 
     run_virtual(main, record=recorder)
     assert recorder.lost > 100
-    assert recorder.statistics().dropped == recorder.lost
+    assert recorder.statistics().dropped == recorder.lost == Record(recorder.path).lost
     (fault,) = (each for each in faults if each.kind == "record")
     assert fault.detail.endswith("messages of the record are lost: more was recorded than could be written")
 
@@ -285,6 +289,55 @@ def test_the_end_of_the_process_that_writes_is_told_with_what_is_lost(tmp_path):
     (fault,) = run_virtual(main, record=recorder)
     found = re.search(r"the process that writes it has ended \(signal 9\); ([\d,]+) messages are lost", fault.detail)
     assert 0 < int(found.group(1).replace(",", "")) <= recorder.statistics().dropped
+
+
+@pytest.mark.parametrize("virtual", [True, False])
+def test_a_process_that_is_silent_is_told_though_nothing_is_recorded(tmp_path, monkeypatch, virtual):
+    now = [0.0]
+    monkeypatch.setattr("mdm.recording.writer.times", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr("mdm.recording.recorder._LOOK", 0.01)
+    recorder = Recorder(tmp_path / "run.mcap")
+
+    async def main():
+        ensemble, near = robot()
+        told = asyncio.Event()
+        async with mdm.Runtime(log=False, record=recorder) as runtime:
+            faults = probe(runtime.faults)
+            runtime.faults.subscribe(lambda _: told.set())
+            await runtime.start(ensemble)
+            process = recorder._writer._process
+            process.send_signal(signal.SIGSTOP)
+            now[0] += 31.0  # as many seconds as it has for its first word, and one more
+            if virtual:
+                near.set(True)
+            await asyncio.wait_for(told.wait(), PATIENCE)
+            process.send_signal(signal.SIGCONT)
+        return faults
+
+    (fault,) = mdm.run(main, virtual=virtual)
+    assert fault.kind == "record"
+    assert fault.detail.startswith(f"{tmp_path}/run.mcap: the process that writes the record has said nothing for 3 s")
+    assert Record(tmp_path / "run.mcap").closed
+
+
+@pytest.mark.parametrize("time", ["now", -1, 1 << 64, None, 0.5])
+def test_a_message_whose_time_is_no_time_is_kept(tmp_path, time):
+    class Told(msgspec.Struct):
+        time: Any
+
+    class Talker(mdm.Actor):
+        def on_start(self):
+            self.channel = self.runtime.channel("talker/told", Told)
+
+        def on_running(self):
+            self.channel.publish(Told(time))
+
+    run_virtual(
+        lambda runtime: runtime.start(Talker("talker")),
+        record=Recorder(tmp_path / "run.mcap", channels=["talker/told"]),
+    )
+    (found,) = Record(tmp_path / "run.mcap").messages(["talker/told"])
+    assert (found.time, found.message) == (0, {"time": time})
 
 
 def test_a_recorder_is_for_one_run(tmp_path):

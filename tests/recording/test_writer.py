@@ -9,6 +9,7 @@ import stat
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 from mcap.reader import make_reader
@@ -132,6 +133,47 @@ def test_the_end_of_the_process_is_told_and_nothing_raised(tmp_path):
     record.writer.flush()
     assert record.writer.statistics().dropped == before.dropped + 1
     record.writer.close(PATIENCE)
+
+
+def test_a_process_is_silent_three_seconds_after_its_last_word(tmp_path, monkeypatch):
+    now = [0.0]
+    clock = SimpleNamespace(monotonic=lambda: now[0])
+    record = Writing(tmp_path / "run.mcap")
+    process = record.writer._process
+    select.select([record.writer._ear], [], [], PATIENCE)  # its first word
+    process.send_signal(signal.SIGSTOP)
+    monkeypatch.setattr("mdm.recording.writer.times", clock)
+    record.writer.flush()
+    found = []
+    for now[0] in (2.9, 3.1):
+        record.writer.flush()
+        found.append(record.writer.silent)
+    assert found == [False, True]
+    process.send_signal(signal.SIGCONT)
+    select.select([record.writer._ear], [], [], PATIENCE)
+    record.writer.flush()
+    assert not record.writer.silent
+    monkeypatch.undo()
+    record.close()
+
+
+def test_messages_for_which_there_is_no_memory_leave_the_frames_whole(tmp_path):
+    record = Writing(tmp_path / "run.mcap")
+    record.write("decisions", decision(0))
+
+    class Full(bytearray):
+        def __iadd__(self, data):
+            raise MemoryError
+
+    buffer, record.writer._buffer = record.writer._buffer, Full()
+    with pytest.raises(MemoryError):
+        record.write("decisions", decision(1))
+    record.writer._buffer = buffer
+    record.writer.skip(1)
+    record.write("decisions", decision(2))
+    record.close()
+    assert [each.message.epoch for each in Record(tmp_path / "run.mcap").messages()] == [0, 2]
+    assert Record(tmp_path / "run.mcap").lost == 1
 
 
 @pytest.mark.skipif(not hasattr(resource, "prlimit"), reason="limits of other processes are Linux's")

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING, Any, Literal
 
+from msgspec.structs import replace
+
 from mdm.errors import Error
 from mdm.faults import KINDS
 from mdm.runtime.process.writer import StandardError, Writer
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from mdm.messages import Decision, Fault, Mode, StateChange
+    from mdm.runtime.guard import Guard
     from mdm.runtime.process.rendering import Rendering
     from mdm.runtime.runtime import Runtime
     from mdm.runtime.statistics import LogStatistics
@@ -35,11 +38,14 @@ class FirstFailures:
         self._writer: Writer | None = None
         self._told: set[tuple[str, str]] = set()
         self._virtual = False
+        self._tell: Callable[[Exception | str], None] = lambda _: None
 
     def open(self, runtime: Runtime) -> None:
         """Listen to a runtime."""
         self._virtual = isinstance(runtime.clock, VirtualClock)
-        runtime.faults.subscribe(self._take)
+        guard = runtime.guard("the log")
+        self._tell = guard.tell
+        runtime.faults.subscribe(guard(self._take))
 
     def close(self) -> None:
         """Write out what waits, within a bound."""
@@ -50,11 +56,13 @@ class FirstFailures:
         action = fault.source, fault.detail.partition("' ")[0]
         if fault.kind != "action" or action in self._told:
             return
-        self._told.add(action)
         if self._writer is None:
-            self._writer = Writer()
+            writer = Writer()
+            writer.on_loss = self._tell
             if not self._virtual:
-                self._writer.open()
+                writer.open()
+            self._writer = writer
+        self._told.add(action)
         ensemble = fault.source.removesuffix("/action")
         self._writer.put(self._print, f"mdm: ensemble {ensemble!r}: {fault.detail}")
 
@@ -86,6 +94,7 @@ class Log:
         self._words = decisions or (_indices if debug else None)
         self._asked = decisions is not None
         self._writer = Writer()
+        self._guard: Guard | None = None
         self._told: list[Fault] = []
         self._helped: set[str] = set()
         self._details: deque[str] = deque(maxlen=_RECENT)
@@ -98,16 +107,18 @@ class Log:
     def open(self, runtime: Runtime) -> None:
         """Listen to a runtime."""
         put = self._writer.put
+        guard = self._guard = runtime.guard("the log")
+        self._writer.on_loss = guard.tell
         virtual = isinstance(runtime.clock, VirtualClock)
         if not virtual:
             self._writer.open()
         if self._rendering is not None:
             self._rendering.virtual = virtual
-        runtime.faults.subscribe(self._published)
-        runtime.modes.subscribe(self._changed)
-        runtime.lives.subscribe(lambda change: put(self._life, change) if self._tells(change.actor) else None)
+        runtime.faults.subscribe(guard(self._published))
+        runtime.modes.subscribe(guard(self._changed))
+        runtime.lives.subscribe(guard(lambda change: put(self._life, change) if self._tells(change.actor) else None))
         if self._words is not None:
-            runtime.decisions.subscribe(lambda decision: put(self._decision, decision))
+            runtime.decisions.subscribe(guard(lambda decision: put(self._decision, decision)))
 
     def tell(self, fault: Fault) -> None:
         """Write a fault at once, from any thread; when it is published, it is not written again."""
@@ -124,7 +135,8 @@ class Log:
 
     def statistics(self) -> LogStatistics:
         """Return how many lines were written, and how many lost."""
-        return self._writer.statistics()
+        found = self._writer.statistics()
+        return found if self._guard is None else replace(found, lost=found.lost + self._guard.lost)
 
     def _lines(self, target: str) -> Any:
         """Return a logger that writes lines on standard error."""

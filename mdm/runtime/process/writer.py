@@ -32,10 +32,15 @@ class Writer:
     """Calls functions in the order in which they came; calls that cannot be made at once wait, up to a bound.
 
     A call that is one too many, or fails, is lost and counted. ``put`` never waits, and may be called from any thread.
+
+    Attributes:
+        given_up: Whether nobody waits for a reader any more.
+        on_loss: Called with why something is lost, from any thread.
     """
 
     def __init__(self) -> None:
         self.given_up = False
+        self.on_loss: Callable[[Exception | str], object] = lambda _: None
         self._queue: SimpleQueue[tuple[Callable[[Any], object], Any] | None] = SimpleQueue()
         self._thread: threading.Thread | None = None
         self._written = 0
@@ -45,8 +50,9 @@ class Writer:
     def open(self) -> None:
         """Write on a thread from now on, within the context variables of the caller."""
         context = contextvars.copy_context()
-        self._thread = threading.Thread(target=context.run, args=(self._work,), name="mdm:log", daemon=True)
-        self._thread.start()
+        thread = threading.Thread(target=context.run, args=(self._work,), name="mdm:log", daemon=True)
+        thread.start()
+        self._thread = thread
 
     def put(self, write: Callable[[Any], object], message: object) -> None:
         """Have a message written: by the thread, or at once where there is none."""
@@ -56,6 +62,7 @@ class Writer:
             self._queue.put((write, message))
         else:
             self._refused += 1
+            self.on_loss(f"{_BOUND:,} lines wait, and nobody reads them")
 
     def close(self, seconds: float = 0.5) -> None:
         """Write the waiting lines, for no longer than some seconds; the rest is lost."""
@@ -76,8 +83,11 @@ class Writer:
             if self.given_up:
                 raise BrokenPipeError
             write(message)
-        except Exception:  # a log that fails must end nothing
+        except Exception as error:  # a log that fails must end nothing
             self._failed += 1
+            if not self.given_up:
+                with suppress(Exception):  # a runtime that has ended is told nothing
+                    self.on_loss(error)
         else:
             self._written += 1
 

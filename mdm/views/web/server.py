@@ -214,7 +214,7 @@ class PageServer:
                 aside.add(task)
                 task.add_done_callback(aside.discard)
         except Error as error:
-            await connection.close(1008, str(error)[:100])
+            await connection.close(1008, _reason(str(error)))
         except self._websockets.ConnectionClosed:
             pass
         finally:
@@ -229,11 +229,11 @@ class PageServer:
             for answer in await reader.answers(said):
                 await connection.send(answer, text=True)
         except Error as error:
-            await connection.close(1008, str(error)[:100])
+            await connection.close(1008, _reason(str(error)))
         except self._websockets.ConnectionClosed:
             pass
         except Exception as error:
-            await connection.close(1011, f"the page has failed: {type(error).__name__}: {error}"[:100])
+            await connection.close(1011, _reason(f"the page has failed: {type(error).__name__}: {error}"))
 
     # -- Frames of a running system ------------------------------------------------------------------------------
 
@@ -274,6 +274,11 @@ class PageServer:
 def pause(costs: Collection[float]) -> float:
     """Return for how many seconds no frame is made, by what the last ones have cost."""
     return min(max(1 / _RATE, min(costs) / _SHARE), _HEARTBEAT)
+
+
+def _reason(text: str) -> str:
+    """Return why a socket is closed, as the protocol takes it: 123 bytes at most."""
+    return text.encode("ascii", "backslashreplace")[:100].decode()
 
 
 def websockets() -> Any:

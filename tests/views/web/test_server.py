@@ -10,7 +10,7 @@ from served import TOKEN, get, shown, socket
 from shown import a_robot
 
 import mdm
-from mdm.views.web.server import pause
+from mdm.views.web.server import _reason, pause
 
 websockets = pytest.importorskip("websockets")
 
@@ -166,3 +166,10 @@ def test_frames_come_by_what_one_costs_and_not_by_what_has_held_one_up():
     assert pause([0.004] * 5) == pytest.approx(0.2)  # a fiftieth of the time
     assert pause([0.004] * 4 + [0.5]) == pytest.approx(0.2)
     assert pause([0.5]) == 1.0  # as often as it is looked at though nobody looks
+
+
+@pytest.mark.parametrize("text", ["caf\udce9" * 100, "é" * 100, "目" * 200, "all is well"], ids=ascii)
+def test_a_socket_is_closed_for_any_reason(text):
+    found = _reason(text).encode()
+    assert len(found) <= 123
+    assert found.startswith(text.encode("ascii", "backslashreplace")[:90])

@@ -1,0 +1,51 @@
+"""Texts of exceptions: whatever they hold, each record, page and terminal takes them."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from mdm.messages import Fault
+from mdm.runtime.supervision import describe
+from mdm.texts import encodable
+
+
+class Own(str):
+    __slots__ = ()
+
+    def __getitem__(self, place):
+        raise ValueError("no place has a letter")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("no goal in café, 目標", "no goal in café, 目標"),
+        ("caf\udce9.yaml", "caf\\udce9.yaml"),
+        ("two\nlines\tand \0 \x1b[2J", "two\nlines\tand \\x00 \\x1b[2J"),
+        ("<b>&amp;</b>", "<b>&amp;</b>"),
+        (Own("own"), "own"),
+    ],
+)
+def test_what_cannot_be_encoded_or_shown_is_escaped(text, told):
+    found = encodable(text)
+    assert (found, type(found)) == (told, str)
+    assert encodable(found) == found
+    msgspec.json.encode(Fault(0, "robot", "action", text))
+    assert describe(ValueError(text)) == f"ValueError: {told}"
+
+
+@pytest.mark.parametrize("letter", ["x", "\0", "\udce9"], ids=ascii)
+def test_a_long_text_is_cut_and_says_how_long_it_was(letter):
+    for size in (3_999, 4_000, 4_001, 10_000_000):
+        found = encodable(letter * size)
+        assert len(found) <= 4_000
+        assert encodable(found) == found
+        if letter == "x" and size <= 4_000:
+            assert found == letter * size
+        else:
+            assert found.endswith(f"… ({size:,} characters)")
+
+
+def test_the_detail_of_a_fault_need_be_no_text():
+    assert Fault(0, "robot", "own", 3).detail == 3

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from patience import PATIENCE
 from places import EXAMPLES
 
@@ -135,3 +136,31 @@ def with_gap(path, new, first, count):
     file.finish()
     new.write_bytes(content.getvalue())
     return Record(new)
+
+
+def copied(content, *, metadata_last=False, **options):
+    """Return a record that the official library has read and written anew, with options of its own."""
+    found = make_reader(io.BytesIO(content), validate_crcs=True)
+    output = io.BytesIO()
+    writer = Writer(output, **options)
+    writer.start(library=f"another/1.0 {options}")
+    channels = {}
+
+    def describe():
+        for each in found.iter_metadata():
+            writer.add_metadata(each.name, each.metadata)
+        for each in found.iter_attachments():
+            writer.add_attachment(each.create_time, each.log_time, each.name, each.media_type, each.data)
+
+    if not metadata_last:
+        describe()
+    for schema, channel, message in found.iter_messages(log_time_order=False):
+        if channel.id not in channels:
+            number = 0 if schema is None else writer.register_schema(schema.name, schema.encoding, schema.data)
+            channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, number)
+        stamps = message.log_time, message.data, message.publish_time, message.sequence
+        writer.add_message(channels[channel.id], *stamps)
+    if metadata_last:
+        describe()
+    writer.finish()
+    return output.getvalue()

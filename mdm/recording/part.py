@@ -1,7 +1,8 @@
 """Reads one file of a record: what is whole of it, where it is damaged, and where it is torn.
 
 It is read from its start, record by record as the MCAP specification lays them out, so that what its process could not
-complete is read as well. Messages are in chunks with a checksum, and are taken from chunks whose checksum holds alone.
+complete is read as well. Where a chunk has a checksum, as ours have, its messages are taken if that holds. Other
+programs may leave out all that is optional in MCAP: chunks, checksums (0 means that none is given), indices, a summary.
 Behind damage it goes on where the next record begins: as the damaged one tells, else as the summary does, else at the
 next bytes that are a chunk whose checksum holds. The numbers of messages tell how many are lost.
 """
@@ -17,8 +18,8 @@ from collections import Counter
 from contextlib import suppress
 from typing import IO, TYPE_CHECKING, NamedTuple
 
-from mdm.errors import Error, FormatError
-from mdm.recording.compression import decompressor
+from mdm.errors import FormatError
+from mdm.recording.compression import COMPRESSIONS, decompressor
 from mdm.recording.process import MAGIC
 
 if TYPE_CHECKING:
@@ -39,8 +40,10 @@ _STAMPED = struct.Struct("<BQHIQQ")
 """Of a message: its kind, length, channel, sequence and two times."""
 _LARGEST = 1 << 30
 """Bytes of a chunk, at most: ours have 256 kB, or a message."""
+_TOGETHER = 1 << 18
+"""Bytes of messages without a chunk that are read together."""
 _BLOCK = 1 << 22
-_CHUNK_START = re.compile(rb"\x06(?=[\s\S]{5}\x00{3}[\s\S]{28}(?:\x00{4}|\x04\x00{3}zstd)[\s\S]{8})")
+_CHUNK_START = re.compile(rb"\x06(?=[\s\S]{5}\x00{3}[\s\S]{28}(?:\x00{4}|\x04\x00{3}zstd|\x03\x00{3}lz4)[\s\S]{8})")
 """How a chunk begins, which may be anything else as well: a length below 2**40, and a compression."""
 _START_SIZE = 9 + 28 + 8 + 8
 
@@ -68,13 +71,14 @@ class Attachment(NamedTuple):
 
 
 class _Chunk(NamedTuple):
-    """Where a chunk is, and what is in it."""
+    """Where a chunk is, or messages are that follow each other without one, and what is in it."""
 
     offset: int
     length: int
     first: int
     last: int
     channels: frozenset[int]
+    packed: bool
 
 
 class Gap(NamedTuple):
@@ -150,7 +154,7 @@ class Part:
         """Bytes from the start that were read, to the end or to the tear, holes among them."""
         self.size = 0
         self._schemas: dict[int, tuple[str, bytes]] = {}
-        self._decompress: Callable[[bytes, int], bytes] | None = None
+        self._decompress: dict[str, Callable[[bytes, int], bytes]] = {}
         self._damaged: list[Hole] = []
         self._places: list[int] | None = None
         try:
@@ -248,7 +252,7 @@ class Part:
             return []
         file.seek(begin)
         summary = file.read(at - begin)
-        if zlib.crc32(ending[: footer - 4], zlib.crc32(summary)) != crc:
+        if crc and zlib.crc32(ending[: footer - 4], zlib.crc32(summary)) != crc:
             return []
         position = 0
         with suppress(struct.error, IndexError, UnicodeDecodeError):
@@ -277,8 +281,11 @@ class Part:
 
     def _is_chunk(self, file: IO[bytes], place: int, length: int) -> bool:
         file.seek(place + _RECORD.size)
+        content = file.read(length)
         try:
-            self.unpack(file.read(length))
+            if content[24:28] == bytes(4):
+                return False  # without a checksum any bytes may look like one
+            self.unpack(content)
         except (_Damaged, struct.error, IndexError, UnicodeDecodeError):
             return False
         return True
@@ -295,20 +302,18 @@ class Part:
     def _check_end(self, file: IO[bytes], content: bytes, crc: int) -> None:
         """Check what follows the data; no message is there."""
         rest = file.read()
-        if content != struct.pack("<I", crc) and not (self.holes or self._damaged):
-            if content == bytes(4) or len(content) != 4:
-                raise _Torn("its data has no checksum")
+        if content not in {bytes(4), struct.pack("<I", crc)} and not (self.holes or self._damaged):
             raise _Torn("its data is damaged")
-        if not rest.endswith(MAGIC):
+        if not rest.endswith(MAGIC) or len(rest) < len(MAGIC) + 4:
             raise _Torn("its summary is cut off")
-        checked, (told,) = rest[: -len(MAGIC) - 4], struct.unpack_from("<I", rest.rjust(12), len(rest) - 12)
-        if zlib.crc32(checked) != told:
+        checked, (told,) = rest[: -len(MAGIC) - 4], struct.unpack_from("<I", rest, len(rest) - len(MAGIC) - 4)
+        if told and zlib.crc32(checked) != told:
             raise _Torn("its summary is damaged")
         self.whole = self.size
 
     def _take(self, kind: int, content: bytes) -> None:
         if kind == _CHUNK:
-            self._take_chunk(content)
+            self._take_records(self.unpack(content), len(content), packed=True)
         elif kind == _HEADER:
             _, position = _string(content, 0)
             self.library, _ = _string(content, position)
@@ -318,13 +323,14 @@ class Part:
         elif kind == _ATTACHMENT:
             self._take_attachment(content)
         elif kind == _MESSAGE:
-            raise _Torn("a message is in no chunk")
+            data = _RECORD.pack(kind, len(content)) + content
+            self._take_records(data, len(data), packed=False)
         elif kind in {_SCHEMA, _CHANNEL}:
             self._describe(kind, content)
 
     def _take_attachment(self, content: bytes) -> None:
         (crc,) = struct.unpack_from("<I", content, len(content) - 4)
-        if crc != zlib.crc32(content[:-4]):
+        if crc and crc != zlib.crc32(content[:-4]):
             raise _Damaged("an attached file is damaged")
         name, position = _string(content, 16)
         media_type, position = _string(content, position)
@@ -334,8 +340,8 @@ class Part:
             raise _Damaged("an attached file is damaged")
         self.attachments.append(Attachment(name, media_type, content[position : position + length]))
 
-    def _take_chunk(self, content: bytes) -> None:
-        data = self.unpack(content)
+    def _take_records(self, data: bytes, length_in_file: int, *, packed: bool) -> None:
+        """Take in the records of a chunk, which is packed, or a message that is in none."""
         position, size = 0, len(data)
         counts: Counter[int] = Counter()
         first, last, latest = 2**64, 0, self.latest
@@ -361,16 +367,29 @@ class Part:
             else:
                 self._describe(kind, data[position + _RECORD.size : position + _RECORD.size + length])
             position += _RECORD.size + length
+        what = "a chunk is damaged" if packed else "a message is damaged"
         if position != size:
-            raise _Damaged("a chunk is damaged")
+            raise _Damaged(what)
         if not set(counts) <= set(self.topics):
-            raise _Damaged("a chunk is damaged" if not self._damaged else "the names of topics are damaged")
+            raise _Damaged(what if not self._damaged else "the names of topics are damaged")
         for channel, count in counts.items():
             self.counts[self.topics[channel].name] += count
         if next_message is not None:
             self._close_holes(next_message)
         self.first, self.last, self.latest, self.gaps, self.gap = begin, before, latest, gaps, gap
-        self.chunks.append(_Chunk(self.whole + _RECORD.size, len(content), first, last, frozenset(counts)))
+        offset = self.whole + (_RECORD.size if packed else 0)
+        self._add(_Chunk(offset, length_in_file, first, last, frozenset(counts), packed))
+
+    def _add(self, chunk: _Chunk) -> None:
+        """Take note of a chunk; messages without one that follow each other are read together."""
+        before = self.chunks[-1] if self.chunks else chunk
+        behind = before.offset + before.length == chunk.offset and before.length < _TOGETHER
+        if behind and not (before.packed or chunk.packed):
+            first, last = min(before.first, chunk.first), max(before.last, chunk.last)
+            length, channels = before.length + chunk.length, before.channels | chunk.channels
+            self.chunks[-1] = _Chunk(before.offset, length, first, last, channels, packed=False)
+        else:
+            self.chunks.append(chunk)
 
     @property
     def record(self) -> str | None:
@@ -390,18 +409,16 @@ class Part:
         data = content[position + 8 :]
         if len(data) != length or size > _LARGEST:
             raise _Damaged("a chunk is damaged")
-        if compression == "zstd":
-            if self._decompress is None:
-                self._decompress = decompressor()
+        if compression:
+            if compression not in COMPRESSIONS:
+                raise _Damaged("a chunk is damaged")
+            if compression not in self._decompress:
+                self._decompress[compression] = decompressor(compression)
             try:
-                data = self._decompress(data, size)
+                data = self._decompress[compression](data, size)
             except ValueError:
                 raise _Damaged("a chunk is damaged") from None
-        elif compression == "lz4":
-            raise Error(f"{self.path}: its chunks are compressed by lz4: convert them to zstd by the program that did")
-        elif compression:
-            raise _Damaged("a chunk is damaged")
-        if len(data) != size or zlib.crc32(data) != crc:
+        if len(data) != size or (crc and zlib.crc32(data) != crc):
             raise _Damaged("a chunk is damaged")
         return data
 
@@ -426,19 +443,22 @@ class Part:
                 if chunk.last < since or chunk.first >= until or wanted.keys().isdisjoint(chunk.channels):
                     continue
                 file.seek(chunk.offset)
+                content = file.read(chunk.length)
                 try:
-                    data = self.unpack(file.read(chunk.length))
-                except (_Torn, struct.error):
+                    if len(content) < chunk.length:
+                        raise _Damaged("a record is cut off")
+                    data = self.unpack(content) if chunk.packed else content
+                    position, size = 0, len(data)
+                    while position < size:
+                        kind, length = _RECORD.unpack_from(data, position)
+                        end = position + _RECORD.size + length
+                        if kind == _MESSAGE:
+                            _, _, channel, sequence, stamp, _ = _STAMPED.unpack_from(data, position)
+                            if channel in wanted and since <= stamp < until:
+                                yield wanted[channel], stamp, sequence, data[position + _STAMPED.size : end]
+                        position = end
+                except (_Torn, struct.error, IndexError, UnicodeDecodeError):
                     raise FormatError("the file was changed while it was read", file=self.path) from None
-                position, size = 0, len(data)
-                while position < size:
-                    kind, length = _RECORD.unpack_from(data, position)
-                    end = position + _RECORD.size + length
-                    if kind == _MESSAGE:
-                        _, _, channel, sequence, stamp, _ = _STAMPED.unpack_from(data, position)
-                        if channel in wanted and since <= stamp < until:
-                            yield wanted[channel], stamp, sequence, data[position + _STAMPED.size : end]
-                    position = end
 
 
 def _between(before: int, after: int) -> int:

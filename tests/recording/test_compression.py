@@ -9,45 +9,62 @@ from mdm.errors import Error
 from mdm.recording import compression
 
 zstandard = pytest.importorskip("zstandard")
+lz4 = pytest.importorskip("lz4.frame")
 DATA = bytes(range(256)) * 100
-FRAME = zstandard.compress(DATA)
+FRAMES = {"zstd": zstandard.compress(DATA), "lz4": lz4.compress(DATA)}
 
 
 def there_is():
-    """Return the modules that are installed."""
+    """Return the modules that are installed, each with what it is for."""
     found = []
-    for name in compression._MODULES:
-        try:
-            importlib.import_module(name)
-        except ImportError:
-            continue
-        found.append(name)
+    for kind, names in compression._MODULES.items():
+        for name in names:
+            try:
+                importlib.import_module(name)
+            except ImportError:
+                continue
+            found.append((kind, name))
     return found
 
 
-@pytest.fixture(params=there_is())
-def decompress(request, monkeypatch):
-    monkeypatch.setattr(compression, "_MODULES", ("nothing.at.all", request.param))
-    return compression.decompressor()
+@pytest.fixture(params=there_is(), ids=lambda given: given[1])
+def codec(request, monkeypatch):
+    """Return a frame, and what decompresses it, for each module."""
+    kind, name = request.param
+    monkeypatch.setitem(compression._MODULES, kind, ("nothing.at.all", name))
+    return FRAMES[kind], compression.decompressor(kind)
 
 
-def test_a_frame_is_decompressed(decompress):
-    assert decompress(FRAME, len(DATA)) == DATA
+def test_a_frame_is_decompressed(codec):
+    frame, decompress = codec
+    assert decompress(frame, len(DATA)) == DATA
 
 
-def test_no_more_is_decompressed_than_was_said(decompress):
-    assert len(decompress(FRAME, 1000)) == 1001
+def test_no_more_is_decompressed_than_was_said(codec):
+    frame, decompress = codec
+    assert len(decompress(frame, 1000)) == 1001
 
 
-@pytest.mark.parametrize("damaged", [b"", FRAME[:-20], b"nothing", FRAME[:6] + b"\xff" * 8 + FRAME[14:]])
-def test_what_is_no_frame_is_refused_or_short(decompress, damaged):
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda _: b"",
+        lambda frame: frame[:-20],
+        lambda _: b"nothing",
+        lambda frame: frame[:6] + b"\xff" * 8 + frame[14:],
+    ],
+    ids=["empty", "cut off", "text", "changed"],
+)
+def test_what_is_no_frame_is_refused_or_short(codec, damage):
+    frame, decompress = codec
     try:
-        assert decompress(damaged, len(DATA)) != DATA
+        assert decompress(damage(frame), len(DATA)) != DATA
     except ValueError as error:
         assert str(error)
 
 
-def test_without_a_module_the_way_out_is_told(monkeypatch):
-    monkeypatch.setattr(compression, "_MODULES", ("nothing.at.all",))
+@pytest.mark.parametrize("kind", sorted(compression.COMPRESSIONS))
+def test_without_a_module_the_way_out_is_told(monkeypatch, kind):
+    monkeypatch.setitem(compression._MODULES, kind, ("nothing.at.all",))
     with refused(Error):
-        compression.decompressor()
+        compression.decompressor(kind)

@@ -7,14 +7,15 @@ import re
 import select
 import struct
 from contextlib import suppress
+from itertools import product
 
 import damage
 import msgspec
 import pytest
 from mcap.records import Chunk, Message as OfficialMessage
 from mcap.stream_reader import StreamReader, breakup_chunk
-from mcap.writer import CompressionType, Writer
-from records import HEAD, PATIENCE, Writing, decision, encoded, official, written
+from mcap.writer import CompressionType, IndexType
+from records import HEAD, PATIENCE, Writing, copied, decision, encoded, official, written
 from sentences import refused
 
 from mdm.errors import Error, FormatError
@@ -25,6 +26,21 @@ from mdm.recording.schemas import schema
 from mdm.recording.stimuli import Said, Stimulus
 
 SOUND, MESSAGES = damage.sound()
+FLAGS = (
+    "repeat_channels",
+    "repeat_schemas",
+    "use_statistics",
+    "use_summary_offsets",
+    "enable_crcs",
+    "enable_data_crcs",
+)
+INDICES = [
+    IndexType.ALL,
+    IndexType.NONE,
+    IndexType.CHUNK | IndexType.MESSAGE,
+    IndexType.ATTACHMENT | IndexType.METADATA,
+]
+PACKINGS = [{"use_chunking": False}, *({"compression": each} for each in CompressionType)]
 
 
 @pytest.fixture
@@ -197,32 +213,68 @@ def test_records_that_other_programs_wrote_anew_are_read(read):
     assert [each.message for each in record.messages()] == [Control(time, "stop") for time in (1, 2, 3)]
 
 
-@pytest.mark.parametrize("compression", CompressionType)
-def test_each_compression(read, compression):
-    content = io.BytesIO()
-    writer = Writer(content, compression=compression, enable_data_crcs=True)
-    writer.start(library="mdm/0.1.0")
-    writer.add_metadata("mdm", HEAD)
-    topic = writer.register_channel("a", "json", 0)
-    writer.add_message(topic, 1, b"{}", 1, 0)
-    writer.finish()
-    if compression is CompressionType.LZ4:
-        with refused(Error):
-            read(content.getvalue())
-    else:
-        assert [each.message for each in read(content.getvalue()).messages()] == [{}]
+def read_of(record):
+    """Return all that is read of a record but where it is."""
+    facts = ("metadata", "attachments", "topics", "counts", "span", "torn", "closed", "lost", "gap", "damage", "unread")
+    return {fact: getattr(record, fact) for fact in facts}, [*record.raw()]
 
 
-def test_messages_outside_of_chunks_are_not_trusted(read):
-    content = io.BytesIO()
-    writer = Writer(content, use_chunking=False)
-    writer.start(library="mdm/0.1.0")
-    writer.add_metadata("mdm", HEAD)
-    writer.add_message(writer.register_channel("a", "json", 0), 1, b"{}", 1, 0)
-    writer.finish()
-    record = read(content.getvalue())
-    assert "a message is in no chunk" in record.torn
-    assert [*record.messages()] == []
+@pytest.fixture(scope="module")
+def of_two_topics(tmp_path_factory):
+    """A record of few messages, with a file within it."""
+    writing = Writing(tmp_path_factory.mktemp("two") / "run.mcap")
+    for number in range(4):
+        writing.write("decisions", decision(number))
+        writing.write("lives", ActionLife(number * 1_000_000, "patrol", number, "Go", "running"))
+    writing.writer.attach("robot.toml", "application/toml", b"[ensembles]")
+    return writing.close().read_bytes()
+
+
+@pytest.mark.parametrize("packing", PACKINGS, ids=lambda packing: next(iter(packing.values())))
+def test_a_record_is_read_whole_whatever_the_official_writer_is_asked_for(read, of_two_topics, packing):
+    whole = read_of(read(of_two_topics))
+    assert (whole[0]["torn"], whole[0]["closed"], len(whole[1])) == (None, True, 8)
+    for flags in product([True, False], repeat=len(FLAGS)):
+        for index_types in INDICES:
+            options = {**packing, **dict(zip(FLAGS, flags, strict=True)), "index_types": index_types, "chunk_size": 300}
+            assert read_of(read(copied(of_two_topics, **options))) == whole, options
+
+
+@pytest.mark.parametrize("packing", PACKINGS, ids=lambda packing: next(iter(packing.values())))
+@pytest.mark.parametrize("metadata_last", [True, False], ids=["behind", "before"])
+def test_parts_of_a_record_that_was_written_anew_are_read(read, packing, metadata_last):
+    whole = read_of(read(SOUND))
+    record = read(copied(SOUND, metadata_last=metadata_last, chunk_size=4096, **packing))
+    assert read_of(record) == whole
+    chosen = [each.sequence for each in record.messages(["decisions"], since=7_000_000, until=300_000_000)]
+    assert chosen == [*range(7, 300)]
+
+
+def test_messages_without_chunks_are_read_many_at_once(read):
+    record = read(copied(SOUND, use_chunking=False))
+    assert len(record._files[0].chunks) == 1
+
+
+def test_a_message_without_a_chunk_that_is_damaged_is_told(read):
+    content = bytearray(copied(SOUND, use_chunking=False, enable_data_crcs=True))
+    place = content.index(MESSAGES[100][:60])
+    content[place] ^= 1
+    assert "its data is damaged" in read(bytes(content)).torn
+    content[place] ^= 1
+    content[place - 22] = 9  # the number of its topic, of which there is none
+    record = read(bytes(content))
+    (sentence,) = record.damage
+    assert "a message is damaged" in sentence
+    assert [each[2] for each in record.raw()] == [*range(100), *range(101, 400)]
+    assert (record.lost, record.gap.sequence) == (1, 99)
+
+
+def test_bytes_that_look_like_a_chunk_without_a_checksum_are_not_read(read):
+    content = copied(SOUND, compression=CompressionType.NONE, index_types=IndexType.NONE, enable_crcs=False)
+    start = content.index(b"\x06", content.index(b"robot.toml"))
+    record = read(content[:start] + b"\xff" * 9 + content[start + 9 :])
+    assert record.torn
+    assert [*record.raw()] == []
 
 
 def test_each_cut_is_read_to_the_last_whole_chunk(read):
@@ -366,13 +418,13 @@ def test_a_chunk_that_claims_to_be_huge_takes_no_memory(read):
         assert "a chunk is damaged" in read(bytes(content)).damage[0]
 
 
-def test_a_file_that_changes_while_it_is_read_is_told(tmp_path, read):
-    record = read(SOUND)
-    messages = record.messages()
-    next(messages)
-    (tmp_path / "run.mcap").write_bytes(SOUND[:700])
+@pytest.mark.parametrize("changed", [SOUND[:700], SOUND[60:]], ids=["cut off", "moved"])
+@pytest.mark.parametrize("chunking", [True, False], ids=["chunks", "no chunks"])
+def test_a_file_that_changes_while_it_is_read_is_told(tmp_path, read, changed, chunking):
+    record = read(SOUND if chunking else copied(SOUND, use_chunking=False))
+    (tmp_path / "run.mcap").write_bytes(changed)
     with refused(FormatError):
-        list(messages)
+        list(record.messages())
 
 
 def numbered(*numbers):

@@ -10,8 +10,9 @@ import signal
 import pytest
 import team_file
 import team_processes
+from mcap.writer import CompressionType, IndexType
 from places import EXAMPLES
-from records import Writing, with_gap
+from records import Writing, copied, with_gap
 
 from mdm import Ensemble, run as run_program
 from mdm.messages import Decision
@@ -67,6 +68,23 @@ def test_a_run_is_repeated_without_its_files(mdm, run):
     status, output, errors = mdm("replay", path)
     assert (status, errors) == (0, "")
     assert output == ["15 decisions recorded, 15 replayed: all the same (bit by bit)"]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"compression": CompressionType.LZ4},
+        {"use_chunking": False, "enable_crcs": False, "index_types": IndexType.NONE},
+        dict.fromkeys(("repeat_channels", "repeat_schemas", "use_statistics", "use_summary_offsets"), False),
+    ],
+    ids=["lz4", "no chunks", "no summary"],
+)
+def test_a_run_is_repeated_from_a_record_that_another_program_wrote_anew(mdm, run, options):
+    path = run[1]
+    path.write_bytes(copied(path.read_bytes(), **options))
+    assert mdm("replay", path)[:2] == (0, ["15 decisions recorded, 15 replayed: all the same (bit by bit)"])
+    described = mdm("record", "info", path)[1]
+    assert {"complete                yes", "end of the run          in order"} <= set(described)
 
 
 def test_it_is_one_json_object(mdm, run):

@@ -44,6 +44,7 @@ __all__ = [
     "Late",
     "Opened",
     "Raised",
+    "Recalled",
     "Received",
     "Said",
     "Seen",
@@ -282,6 +283,13 @@ class Commanded(_Stimulus, frozen=True, gc=False):
     token: str | None
 
 
+class Recalled(_Stimulus, frozen=True, gc=False):
+    """A layer of a team began as an earlier process of its agent had stopped; ``stored`` is JSON."""
+
+    ensemble: str
+    stored: bytes
+
+
 class Finished(_Stimulus, frozen=True, gc=False):
     """The runtime began to end."""
 
@@ -307,6 +315,7 @@ Stimulus = (
     | Answered
     | Asked
     | Commanded
+    | Recalled
     | Finished
 )
 """One of them; ``kind`` in JSON is the name of its class in small letters."""

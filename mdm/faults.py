@@ -197,8 +197,15 @@ KINDS: Final[dict[str, FaultKind]] = {
         "Synchronise the machines' clocks, by chrony or PTP.",
     ),
     "held": FaultKind(
-        "This agent was stopped, and stays so while the team decides.",
-        "Start the team again when that is safe: `mdm team start`.",
+        "This agent was stopped, or waits for a release, and stays so: beside a team that decides, or since before its "
+        "process began.",
+        "Start the team again when that is safe: `mdm team start`, and `mdm team release` where it waits for that.",
+    ),
+    "storage": FaultKind(
+        "The file in which an agent keeps that it was stopped cannot be read, and the agent starts stopped; "
+        "or it cannot be written, and a stop does not outlive the process.",
+        "The detail names the file and the reason. Unread, it is replaced by the next command, and removed by "
+        "`mdm team start` or `mdm team up --fresh`; unwritten, free the disk and give the command again.",
     ),
     "void_command": FaultKind(
         "A command was not done: a stop came before it, or the term in which it was asked for has ended.",

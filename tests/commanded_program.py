@@ -1,8 +1,8 @@
 """A member of a team in a process of its own, which can be cut off from the others while whoever asks still reaches it.
 
-Its argument is JSON: the agent, the agents with their endpoints, the mode, the lease. Each line of its input is JSON:
-``{"cut": true}`` keeps all messages of the team from it, and its own from the others. It prints when an action begins,
-in nanoseconds of the machine's monotonic clock.
+Its argument is JSON: the agent, the agents with their endpoints, the mode, the lease, and the folder of its state. Each
+line of its input is JSON: ``{"cut": true}`` keeps all messages of the team from it, and its own from the others. It
+prints when an action begins, in nanoseconds of the machine's monotonic clock.
 """
 
 from __future__ import annotations
@@ -48,7 +48,8 @@ def tell(**event):
 async def main():
     options = json.loads(sys.argv[1])
     agents = [tuple(each) for each in options["agents"]]
-    team = Team("team", agents, period=0.1, lease=options["lease"], mode=options["mode"])
+    more = {"mode": options["mode"], "state": options.get("state")}
+    team = Team("team", agents, period=0.1, lease=options["lease"], **more)
     agent = options["agent"]
     place = team.names.index(agent)
     session = Severed(

@@ -45,6 +45,7 @@ class TeamTable(Table, frozen=True):
         port: Agents without an endpoint listen on this machine: the first at this port, the second at the next one.
         access: A folder with ``authority.pem``, and ``NAME.pem`` and ``NAME.key.pem`` of each agent: mutual TLS.
         allowance: What each agent may send; by default anything.
+        state: The folder in which each agent keeps that it was stopped; by default that of the file.
     """
 
     name: str
@@ -62,6 +63,7 @@ class TeamTable(Table, frozen=True):
     communication: Any = None
     access: str | None = None
     allowance: Any = None
+    state: str | None = None
     ceilings: list[Any] = msgspec.field(default_factory=list)
 
 
@@ -89,10 +91,12 @@ class TeamFile:
         team: The team.
         certificates: The folder of certificates, None where anybody may talk to the team.
         allowance: The limits of each agent's messages; None for no limits.
+        state: The folder in which agents keep that they were stopped.
     """
 
-    def __init__(self, team: Team, certificates: Path | None, allowance: AllowanceTable | None) -> None:
+    def __init__(self, team: Team, certificates: Path | None, allowance: AllowanceTable | None, state: Path) -> None:
         self.team = team
+        self.state = state
         self._certificates = certificates
         self._allowance = allowance
 
@@ -107,7 +111,7 @@ class TeamFile:
             ConfigError: If the allowance is none.
         """
         allowance = None if self._allowance is None else Allowance(**stated(self._allowance))
-        return {"access": self.access(agent), "allowance": allowance}
+        return {"access": self.access(agent), "allowance": allowance, "state": self.state}
 
 
 def read_team(given: object, folder: Path, functions: Functions, problems: Problems) -> TeamFile | None:
@@ -136,15 +140,16 @@ def read_team(given: object, folder: Path, functions: Functions, problems: Probl
     ]
     if agents is None:
         return None
-    apart = {"name", "agents", "port", "access", "allowance", "ceilings", "communication"}
+    apart = {"name", "agents", "port", "access", "allowance", "ceilings", "communication", "state"}
     options = stated(table, *(key for key in table.__struct_fields__ if key not in apart))
     options["ceilings"] = [Ceiling(**msgspec.structs.asdict(ceiling)) for ceiling in ceilings if ceiling is not None]
     options["communication"] = read_communication(table.communication, functions, problems)
     certificates = None if table.access is None else folder / table.access
+    state = folder if table.state is None else folder / table.state
     with problems.collecting("team"):
-        return TeamFile(Team(table.name, agents, **options), certificates, allowance)
+        return TeamFile(Team(table.name, agents, **options), certificates, allowance, state)
     with suppress(ConfigError):  # which has been noted
-        return TeamFile(Team(table.name, agents), certificates, allowance)
+        return TeamFile(Team(table.name, agents), certificates, allowance, state)
     return None
 
 

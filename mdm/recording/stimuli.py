@@ -45,6 +45,7 @@ __all__ = [
     "Late",
     "Opened",
     "Raised",
+    "Recalled",
     "Received",
     "Resumed",
     "Said",
@@ -296,6 +297,13 @@ class Commanded(_Stimulus, frozen=True, gc=False):
     token: str | None
 
 
+class Recalled(_Stimulus, frozen=True, gc=False):
+    """A layer of a team began as an earlier process of its agent had stopped; ``stored`` is JSON."""
+
+    ensemble: str
+    stored: bytes
+
+
 class Finished(_Stimulus, frozen=True, gc=False):
     """The runtime began to end; ``within`` a turn, as where a signal came, which may have gone on."""
 
@@ -325,6 +333,7 @@ Stimulus = (
     | Answered
     | Asked
     | Commanded
+    | Recalled
     | Finished
 )
 """One of them; ``kind`` in JSON is the name of its class in small letters."""

@@ -5,12 +5,15 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any
 
-from mdm.recording.stimuli import Acknowledged, Answered, Asked, Commanded, Opened, Received, Seen
+import msgspec
+
+from mdm.recording.stimuli import Acknowledged, Answered, Asked, Commanded, Opened, Recalled, Received, Seen
 from mdm.runtime.actor import descendants
 from mdm.runtime.channel import Subscription
 from mdm.team.layer import TeamLayer
 from mdm.team.replicated import ReplicatedLayer
 from mdm.team.sharing.predicates import PredicateSubscriber
+from mdm.team.storage import Stored
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -47,6 +50,8 @@ class Teammates:
         transport = self._transports.get(getattr(stimulus, "agent", ""))
         if isinstance(stimulus, Commanded):
             self._command(stimulus)
+        elif isinstance(stimulus, Recalled):
+            self._recall(stimulus)
         elif isinstance(stimulus, Answered):
             self._answer(stimulus)
         elif isinstance(stimulus, Acknowledged):
@@ -74,12 +79,22 @@ class Teammates:
 
     def _command(self, commanded: Commanded) -> None:
         """Have a command carried out that was asked for from outside."""
-        layers = (actor for actor in descendants(self._runtime.root) if isinstance(actor, TeamLayer))
-        layer = next((one for one in layers if one.ensemble.name == commanded.ensemble), None)
+        layer = self._layer(commanded.ensemble)
         if layer is not None:
             order: Any = commanded.command
             turn = Subscription[Any](None, layer, lambda token: layer.command(order, token))
             self._runtime.dispatcher.deliver(turn, commanded.token)
+
+    def _recall(self, recalled: Recalled) -> None:
+        """Have a layer begin as an earlier process of its agent had stopped."""
+        layer = self._layer(recalled.ensemble)
+        if layer is not None:
+            stored = msgspec.json.decode(recalled.stored, type=Stored)
+            self._runtime.dispatcher.deliver(Subscription[Any](None, layer, layer.recall), stored)
+
+    def _layer(self, ensemble: str) -> TeamLayer | None:
+        layers = (actor for actor in descendants(self._runtime.root) if isinstance(actor, TeamLayer))
+        return next((one for one in layers if one.ensemble.name == ensemble), None)
 
     def _answer(self, answered: Answered) -> None:
         """Have an actor take the answer that it got."""

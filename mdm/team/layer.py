@@ -7,23 +7,29 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 
 from mdm.actors.layer import Layer
+from mdm.actors.safety.modes import WAYS_BACK
 from mdm.errors import ConfigError
-from mdm.messages import Observation, State
+from mdm.messages import Mode, Observation, State
+from mdm.recording.stimuli import Recalled
+from mdm.runtime import Subscription
 from mdm.runtime.time.scheduler import next_tick
 from mdm.team.copy import Copy
 from mdm.team.decisions import Committed
 from mdm.team.ownership import Ownership, acting
 from mdm.team.sharing.commanding import DONE, PENDING, Commands
+from mdm.team.storage import Stored, StoredStop
+from mdm.team.transport.bounds import UNREADABLE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
     from typing import Literal
 
     from mdm.actors import Ensemble
-    from mdm.messages import Tick
-    from mdm.runtime import Channel, Subscription
+    from mdm.messages import Cause, Tick
+    from mdm.runtime import Channel
     from mdm.team.link import Link
     from mdm.team.ownership import Placement
+    from mdm.team.storage import Storage
     from mdm.team.team import Team
     from mdm.team.transport.transport import Sample
 
@@ -61,6 +67,8 @@ class TeamLayer(Layer):
         lost: The teammates that are lost.
         tick: The number of the last tick.
         commands: The outcomes of commands.
+        storage: Where what it obeys outlives the process; None where it does not. Set before the start.
+        stopped: The stop that it obeys.
         reported_held: Whether it has reported that it stays stopped.
     """
 
@@ -87,6 +95,9 @@ class TeamLayer(Layer):
         self._own: tuple[int | None, ...] = (None,) * len(self._places)
         self._seen: list[int | None] = [None] * len(self._places)
         self._held = self._shows = self.reported_held = False
+        self.storage: Storage | None = None
+        self.stopped: StoredStop | None = None
+        self._lasting: tuple[Cause, ...] = ()
         self._hears: list[Subscription[Any]] = []
 
     # -- Life ----------------------------------------------------------------------------------------------------
@@ -104,6 +115,8 @@ class TeamLayer(Layer):
             self.tick = next_tick(self._now(), 1 / self.team.period) - 1
             self.every(1 / self.team.period, self._on_tick)
         self._hears = [self.link.watch(self._on_live, self)]
+        if self.storage is not None:
+            self.subscribe(channel("mode", Mode, retain=True), self._on_mode)
         self.serve_configuration()
 
     def _take_in(self, channel: Channel[T], handler: Callable[[T], object]) -> None:
@@ -201,6 +214,23 @@ class TeamLayer(Layer):
         """A plain value that is the same at agents that know of the same commands."""
         raise NotImplementedError
 
+    @property
+    def term(self) -> int:
+        """The number of the term that it takes part in, or of what is one in its kind of team."""
+        raise NotImplementedError
+
+    def memory(self) -> bytes | None:
+        """Return what it takes to obey the present stop in another process; None where it obeys none."""
+        raise NotImplementedError
+
+    def obey(self, memory: bytes) -> None:
+        """Obey a stop of an earlier process; of one without memory nothing is known but that there may have been one.
+
+        Raises:
+            ValueError: If this is no memory of such a layer.
+        """
+        raise NotImplementedError
+
     def serve_configuration(self) -> None:
         """Answer requests for the configuration, which must be the same at all agents."""
         if not self._shows:
@@ -226,6 +256,7 @@ class TeamLayer(Layer):
         elif token is not None and self.commands.outcomes.get(token) in {DONE, PENDING}:
             return  # another agent was asked for the same, and has told this one
         self.request(command, self.commands.ask(command, token))
+        self.keep(self.agent if command == "stop" else "")
 
     def report_void(self, token: str, reason: str) -> None:
         """Report that a command which was asked for here will not be done."""
@@ -301,6 +332,59 @@ class TeamLayer(Layer):
             if not self._held:
                 self.process.repeat(now)
 
+    # -- What outlives the process -------------------------------------------------------------------------------
+
+    def keep(self, by: str = "") -> None:
+        """Have what is obeyed outlive the process.
+
+        Args:
+            by: Of a new stop, the agent that was asked for it.
+        """
+        memory, stop = self.memory(), self.stopped
+        if memory is None:
+            self.stopped = None
+        elif stop is None or (by and (by, memory) != (stop.by, stop.memory)):
+            self.stopped = StoredStop(by or self.agent, self.term, self.runtime.now(), memory)
+        else:
+            self.stopped = msgspec.structs.replace(stop, memory=memory)
+        if self.storage is not None:
+            self.storage.keep(self.ensemble.name, Stored(self.stopped, self._lasting))
+
+    def _on_mode(self, mode: Mode) -> None:
+        lasting = tuple(cause for cause in mode.causes if WAYS_BACK.get(cause.kind) == "release")
+        if lasting != self._lasting:
+            self._lasting = lasting
+            self.keep()
+
+    def bring_back(self) -> None:
+        """Be as an earlier process of this agent was, if anything is stored of it."""
+        stored = None if self.storage is None else self.storage.recall(self.ensemble.name)
+        if stored is None or stored == Stored():
+            return
+
+        def note(stored: Stored) -> None:
+            if self.runtime.tape is not None:
+                name, told = self.ensemble.name, msgspec.json.encode(stored)
+                self.runtime.tape.note(Recalled(self.runtime.now(), name, told))
+            self.recall(stored)
+
+        self.runtime.dispatcher.deliver(Subscription(None, self, note), stored)
+
+    def recall(self, stored: Stored) -> None:
+        """Be stopped, and wait for a release, as an earlier process was."""
+        self.stopped, self._lasting = stored.stop, stored.causes
+        told = []
+        if stored.stop is not None:
+            try:
+                self.obey(stored.stop.memory)
+            except UNREADABLE:  # of a team of another mode
+                self.obey(b"")
+            told.append(f"is {stored.stop}: start the team to have it decide")
+        if stored.causes:
+            self.ensemble.safety.recall(stored.causes, self.runtime.now())
+            told.append(f"waits for a release: {', '.join(cause.detail for cause in stored.causes)}")
+        self.report("held", f"{self.agent} {', and '.join(told)}")
+
     # -- Steps ---------------------------------------------------------------------------------------------------
 
     def report_held(self, *, settled: bool) -> None:
@@ -314,11 +398,12 @@ class TeamLayer(Layer):
             self.report("held", f"{self.agent} was stopped, and stays so while the team decides: start the team again")
         self.reported_held = held
 
-    def apply_command(self, command: str, token: str, now: int) -> None:
+    def apply_command(self, command: str, token: str, now: int, by: str = "") -> None:
         """Carry out a command of the team; an agent that stays stopped decides as the others do, without acting."""
         self.copy.command(command, now, still=self.still and command != "stop")
         self.forget()
         self.commands.done(token)
+        self.keep(by if command == "stop" else "")
 
     def publish_commit(
         self,

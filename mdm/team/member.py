@@ -21,6 +21,7 @@ from mdm.team.replicated import ReplicatedLayer, ReplicatedStatistics
 from mdm.team.sharing.calls import Answers
 from mdm.team.sharing.predicates import PredicatePublisher, PredicateSubscriber, wanted
 from mdm.team.sharing.remote import Exports, Imports, typed
+from mdm.team.storage import Storage
 from mdm.team.transport.access import access_settings
 from mdm.team.transport.ceilings import ceiling_settings
 
@@ -86,6 +87,7 @@ class Member(Actor):
         allowance: How much the session may send.
         access: The certificates by which the agents know each other; endpoints are then those of ``tls``.
         decisions: A file to which each joint step that this agent applies is added as a line of JSON.
+        state: The folder in which this agent keeps that it was stopped; by default that of the team.
 
     Raises:
         ConfigError: If there is no such agent, or an ensemble does not fit the team.
@@ -110,6 +112,7 @@ class Member(Actor):
         allowance: Allowance | None = None,
         access: Access | None = None,
         decisions: str | Path | None = None,
+        state: str | Path | None = None,
     ) -> None:
         super().__init__(team.check_agent(agent))
         self.team = team
@@ -139,9 +142,14 @@ class Member(Actor):
         self.decisions = None if decisions is None else Decisions(decisions)
         if self.decisions is not None:
             self.add(self.decisions)  # first: where it cannot write, nothing else starts, and it stops last
+        state = team.state if state is None else state
+        storage = None if state is None else Storage(state, team.name, agent, self.ensembles)
+        if storage is not None:
+            self.add(storage)
         self.add(self.link)
         for name, ensemble in self.ensembles.items():
             layer = self.layers[name] = _layer(team, ensemble, self.link, given.pop(name, Placement()))
+            layer.storage = storage
             ensemble.add(layer)
             self.add(ensemble)
         for actor in (
@@ -175,7 +183,9 @@ class Member(Actor):
             layer.commits = commits
 
     def on_running(self) -> None:
-        """Connect with the others: everything here listens by now."""
+        """Connect with the others: everything here listens by now, and is as an earlier process of this agent was."""
+        for layer in self.layers.values():
+            layer.bring_back()
         self.link.watch(self._on_live, self)
         self.link.connect()
         self._met.clear()

@@ -17,7 +17,7 @@ from mdm.runtime import ActorStatistics, Subscription
 from mdm.runtime.supervision import describe
 from mdm.team.agreement import Agreement, decode, encode
 from mdm.team.agreement.messages import Applied, Command, Component, Entries, Snapshot, is_possible
-from mdm.team.agreement.proposals import HOLD
+from mdm.team.agreement.proposals import HOLD, Standstill
 from mdm.team.copy import BEGIN
 from mdm.team.layer import TeamLayer
 from mdm.team.transport.keys import join
@@ -174,6 +174,24 @@ class ReplicatedLayer(TeamLayer):
         """The last step."""
         position = self.agreement.log.position
         return [position.term.number, position.term.leader, position.term.incarnation, position.step]
+
+    @property
+    def term(self) -> int:
+        """The number of its term."""
+        return self.agreement.term.number
+
+    def memory(self) -> bytes | None:
+        """Return the stop that it obeys, and where that stands in the history."""
+        standstill = self.agreement.hold.standstill
+        return None if standstill is None else msgspec.msgpack.encode(standstill)
+
+    def obey(self, memory: bytes) -> None:
+        """Obey the stop, until a start behind it in the history that counts."""
+        if memory:
+            standstill = msgspec.msgpack.decode(memory, type=Standstill)
+        else:
+            standstill = Standstill(f"{self.agent}.{self.link.transport.incarnation:x}.stored")
+        self.agreement.hold.recall(standstill)
 
     def _process(self, sends: list[Send]) -> None:
         """Send the agreement's outgoing messages and apply its state to the ensemble.
@@ -387,9 +405,10 @@ class ReplicatedLayer(TeamLayer):
         """Carry out the command of a step; a hold of one agent orders nothing."""
         command = commit.command
         if command is None or command == HOLD:
+            self.keep()
             return
         alone = self.copy.running and self.ensemble.mode == "stopped"
-        self.apply_command(command, commit.token, now)
+        self.apply_command(command, commit.token, now, commit.by)
         if alone and self.ensemble.mode == "deciding":
             self.process.repeat(now)  # it does what was decided while it alone was stopped
 
@@ -424,6 +443,7 @@ class ReplicatedLayer(TeamLayer):
             self.ensemble.safety.start(now)
         else:
             self.ensemble.safety.stop(now)
+        self.keep()
 
     def _report_snapshot(self, text: str, now: int) -> None:
         """Report why a snapshot cannot be taken; it comes again and again, and is told once a second at most."""

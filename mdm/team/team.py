@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import msgspec
@@ -74,6 +75,8 @@ class Team:
         memory: The most megabytes that a model may take at an agent. Ensembles of a file have it unless they say
             something else; those of a program take it as their option of that name.
         ceilings: The most that Zenoh lets through, by key.
+        state: The folder in which each agent keeps over the end of its process that it was stopped, or waits for a
+            release; without one a process that ends forgets. Agents may differ in it.
 
     Raises:
         ConfigError: If a name cannot be part of a key, two agents have one name, or a setting means nothing.
@@ -101,6 +104,7 @@ class Team:
         memory: float = 1000.0,
         ceilings: Iterable[Ceiling] = (),
         communication: CommunicationPolicy | None = None,
+        state: str | Path | None = None,
     ) -> None:
         self.name = check_name(name, "a team", key="team.name")
         self.agents = _agents(agents)
@@ -147,6 +151,9 @@ class Team:
         self.memory = float(memory)
         self.ceilings = tuple(ceilings)
         ceiling_settings(self.ceilings)  # which refuses what is none
+        if state is not None and not isinstance(state, str | Path):
+            raise ConfigError(f"state is the name of a folder, not {state!r}", key="team.state")
+        self.state = None if state is None else Path(state)
 
     def __repr__(self) -> str:
         """Return its name, mode and agents."""

@@ -13,7 +13,9 @@ from mdm.config import load_system, load_team, load_team_file
 from mdm.config.functions import Functions
 from mdm.config.problems import Problems
 from mdm.config.team_file import read_team
+from mdm.runtime import VirtualClock
 from mdm.team.transport.ceilings import Ceiling
+from mdm.team.transport.network import Network
 
 
 @pytest.mark.parametrize("port", [7600, 9100])
@@ -109,3 +111,22 @@ def test_wrong_limits_are_told(given, key, words):
         problems.raise_all()
     assert key in {problem.key for problem in caught.value.problems}
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "folder"), [("", "."), ('\nstate = "kept"', "kept"), ('\nstate = "/var/x"', "/var/x")]
+)
+def test_agents_keep_their_stops_beside_the_file_unless_it_names_a_folder(tmp_path, given, folder):
+    described = load_team_file(write(tmp_path, ("port = 7600", f"port = 7600{given}")))
+    assert described.options("a")["state"] == tmp_path / folder
+    assert described.team.state is None  # on a simulated network nothing is kept
+
+
+def test_on_a_simulated_network_nothing_is_kept(tmp_path):
+    path = write(tmp_path)
+    network = Network(VirtualClock(), team="rooms")
+    simulated = load_system(path, agent="a", transport=network.transport("a"))
+    assert simulated.member.layers["joint"].storage is None
+    pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
+    real = load_system(path, agent="a")
+    assert real.member.layers["joint"].storage.file == tmp_path / "a@rooms.state"

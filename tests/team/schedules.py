@@ -34,6 +34,7 @@ class Node:
         self.name, self.index = name, index
         self.life = 0
         self.machine = None
+        self.standstill = None
         self.paused = False
         self.waiting = []
         self.timer = None
@@ -65,6 +66,7 @@ class Schedule:
             "divided": random.random() < 0.25,
             "commands": random.choice([0.02, 0.02, 0.3]),
             "log_size": random.choice([1, 4, 256]),
+            "keeps": seed % 4 > 0,  # whether a stop outlives the process of an agent
         } | fixed
         self.__dict__.update(draw)
         self.kind = machine
@@ -207,6 +209,8 @@ class Schedule:
             retry_ns=2 * self.delay * MILLISECOND + MILLISECOND,
             log_size=self.log_size,
         )
+        if node.standstill is not None:
+            node.machine.hold.recall(node.standstill)
         self.oracle.machines[name] = node.machine
         self.after(self.random.randrange(self.period), self.propose, node, node.machine)
         self.change(joins=True)
@@ -214,8 +218,10 @@ class Schedule:
     def crash(self, name):
         node = self.nodes[name]
         if node.machine is not None and self.restarts:
+            node.standstill = node.machine.hold.standstill if self.keeps else None
             node.machine, node.paused = None, False
-            self.oracle.stopped.pop(name, None)  # a process that ends forgets
+            if not self.keeps:
+                self.oracle.stopped.pop(name, None)  # a process that ends forgets
             self.oracle.forgetful = True
             self.change()
 

@@ -41,6 +41,7 @@ class State(NamedTuple):
     bases: frozenset  # where terms began, by number
     asked: tuple = ()  # the term in which each command was asked for, in the order of asking
     stopped: tuple = ()  # of each agent, which of them was the last stop that it has taken; 0 where it acts, or may
+    kept: tuple = ()  # of each agent that has crashed, the stop that outlives its process
 
 
 def clone(machine):
@@ -107,7 +108,7 @@ class Search:
 
     # -- One agent -----------------------------------------------------------------------------------------------
 
-    def new(self, name, life):
+    def new(self, name, life, standstill=None):
         machine = self.kind(
             name,
             self.names,
@@ -118,6 +119,8 @@ class Search:
             deadline_ns=30,
             retry_ns=10,
         )
+        if standstill is not None:
+            machine.hold.recall(standstill)
         return self.number(machine)
 
     def number(self, machine):
@@ -188,7 +191,8 @@ class Search:
         space = self.space
         line = ((),) * space.agents**2
         left, lives = space[4:12], tuple(range(1, space.agents + 1))
-        first = State(numbers, lives, line, -1, left, frozenset(), frozenset(), (), (0,) * space.agents)
+        nothing = (None,) * space.agents
+        first = State(numbers, lives, line, -1, left, frozenset(), frozenset(), (), (0,) * space.agents, nothing)
         return self.calmed(first) if space.settled else first
 
     def after(self, state, index, *event):
@@ -353,8 +357,9 @@ class Search:
         for index, number in enumerate(state.agents):
             if number < 0:
                 if restarts:
-                    again = self.new(self.names[index], count + 1)
-                    yield self.spent(self.placed(state, index, again, count + 1), RESTARTS)
+                    life = count + 1 + self.space.restarts - restarts
+                    again = self.new(self.names[index], life, state.kept[index])
+                    yield self.spent(self.placed(state, index, again, life), RESTARTS)
                 continue
             machine = self.machines.things[number]
             view = self.view(state, index)
@@ -387,9 +392,13 @@ class Search:
 
     def placed(self, state, index, number, life):
         agents = (*state.agents[:index], number, *state.agents[index + 1 :])
-        stopped = (*state.stopped[:index], 0, *state.stopped[index + 1 :])  # a process that ends forgets
         lives = (*state.lives[:index], life, *state.lives[index + 1 :])
-        return state._replace(agents=agents, lives=lives, stopped=stopped)
+        before = state.agents[index]
+        state = state._replace(agents=agents, lives=lives)
+        if not self.space.keeps:
+            return state._replace(stopped=(*state.stopped[:index], 0, *state.stopped[index + 1 :]))
+        left = None if number >= 0 else self.machines.things[before].hold.standstill
+        return state._replace(kept=(*state.kept[:index], left, *state.kept[index + 1 :]))
 
     def replaced(self, state, link, queue):
         return state._replace(line=(*state.line[:link], queue, *state.line[link + 1 :]))

@@ -21,6 +21,7 @@ class Space(NamedTuple):
     impatience: int = 0  # how often somebody who is not the first calls, or a leader does not wait for all
     commands: int = 0  # how often somebody is asked to start or to stop
     settled: bool = False  # whether all have joined a term at the beginning
+    keeps: bool = False  # whether a stop outlives the process of an agent
 
 
 FAULTS = {"crashes": 1, "restarts": 1, "partitions": 1, "losses": 1, "duplicates": 1}
@@ -50,6 +51,13 @@ SPACES = {
     "three-commands-cut": Space(3, "majority", False, steps=0, partitions=1, commands=3, settled=True),
     "commands-continue": Space(2, "continue", False, steps=0, partitions=2, commands=3, settled=True),
     "commands-two": Space(2, "majority", False, steps=0, crashes=1, restarts=1, partitions=1, losses=1, commands=3),
+    "commands-kept": Space(2, "majority", False, steps=0, crashes=1, restarts=1, commands=3, settled=True, keeps=True),
+    "commands-kept-continue": Space(
+        *(2, "continue", False), steps=0, crashes=2, restarts=2, partitions=1, commands=2, settled=True, keeps=True
+    ),
+    "commands-kept-all": Space(
+        *(2, "majority", False), steps=0, crashes=2, restarts=2, commands=3, settled=True, keeps=True
+    ),
     "one-step-restart-lost": Space(3, "majority", False, steps=1, crashes=1, restarts=1, losses=1, duplicates=1),
 }
 """What is searched by name."""

@@ -22,6 +22,12 @@ SPACES = {
     "commands, crash and restart": Space(
         2, "majority", False, steps=0, crashes=1, restarts=1, commands=2, settled=True
     ),
+    "commands, crash and restart, kept": Space(
+        2, "majority", False, steps=0, crashes=1, restarts=1, commands=2, settled=True, keeps=True
+    ),
+    "commands, crash and restart, kept, and the other goes on": Space(
+        2, "continue", False, steps=0, crashes=1, restarts=1, commands=2, settled=True, keeps=True
+    ),
     "commands of three": Space(3, "majority", False, steps=0, commands=2, settled=True),
 }
 LARGE = [pytest.param(space, 5_000, id=name, marks=pytest.mark.slow) for name, space in SPACES.items()]

@@ -17,7 +17,7 @@ from mdm.messages import Fault, Mode, PredicateUpdate
 from mdm.runtime.channel import Subscription
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from mdm.actors.ensemble import Ensemble
     from mdm.actors.options import SafetyOptions
@@ -180,6 +180,11 @@ class Safety:
     def release(self, time: int) -> None:
         """Take a person's word that nothing holds any more."""
         self._obey(self.modes.release(time), time)
+
+    def recall(self, causes: Iterable[Cause], time: int) -> None:
+        """Take it that these causes have outlasted an earlier process: they hold until a release."""
+        self.modes.causes |= {cause.kind: cause for cause in causes}
+        self._tell(time)
 
     # -- Reports of the layers ----------------------------------------------------------------------------------
 

@@ -76,6 +76,7 @@ def _add_up(verbs: Any, name: str) -> argparse.ArgumentParser:
     parser.add_argument(
         "--record", metavar="FOLDER", help="record each agent's run to a file of its own in this folder, NAME.mcap"
     )
+    _add_fresh(parser)
     add_live_page(parser, "show all agents live on one page", "where the team has access, that of its operator")
     parser.add_argument("--log", choices=("console", "json"), default="console", help="how to write the log")
     return parser
@@ -89,7 +90,14 @@ def _add_run(verbs: Any, name: str) -> argparse.ArgumentParser:
         epilog="example: mdm team run examples/team/meeting.toml --agent ada",
     )
     add_arguments(parser, virtual=False)
+    _add_fresh(parser)
     return parser
+
+
+def _add_fresh(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--fresh", action="store_true", help="forget that agents were stopped, or wait for a release, before they start"
+    )
 
 
 def _add_status(verbs: Any, name: str) -> argparse.ArgumentParser:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mdm.cli.robots.run import run as run_alone
-from mdm.cli.team.file import team_of
+from mdm.cli.team.file import forget_state, team_of
 
 if TYPE_CHECKING:
     import argparse
@@ -15,5 +15,7 @@ __all__ = ["run"]
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the agent; return the exit status."""
-    team_of(arguments.file)
+    team = team_of(arguments.file)
+    if arguments.fresh and arguments.agent in team.names:
+        forget_state(arguments.file, [arguments.agent])
     return run_alone(arguments)

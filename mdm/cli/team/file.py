@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
 from mdm.cli.usage import UsageError
-from mdm.config import load_system, load_team
+from mdm.config import load_system, load_team, load_team_file
 from mdm.config.builder import agents_of
 from mdm.errors import ConfigError, Error
 from mdm.runtime import VirtualClock
 from mdm.team import Network
+from mdm.team.storage import forget
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
     from mdm.models import MDP
     from mdm.team import Team
 
-__all__ = ["check_zenoh", "ensembles_of", "systems_of", "team_agents_of", "team_of"]
+__all__ = ["check_zenoh", "ensembles_of", "forget_state", "systems_of", "team_agents_of", "team_of"]
 
 
 def team_of(file: str) -> Team:
@@ -101,6 +103,21 @@ def sound_systems_of(file: str, team: Team) -> dict[str, System]:
     if problems:
         raise ConfigError("\n".join(problems))
     return systems
+
+
+def forget_state(file: str, agents: Sequence[str]) -> None:
+    """Remove what agents remember of an earlier process, and say what that was.
+
+    Raises:
+        Error: If it cannot be removed.
+    """
+    described = load_team_file(file)
+    if described is None:
+        raise _no_team(file)
+    for agent in agents:
+        forgotten = forget(described.state, described.team.name, agent)
+        if forgotten is not None:
+            print(f"mdm team: agent {agent!r} forgets: {forgotten}", file=sys.stderr, flush=True)
 
 
 def ensembles_of(file: str, team: Team) -> dict[str, list[str]]:

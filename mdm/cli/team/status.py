@@ -90,7 +90,10 @@ def _rows(agent: str, ensembles: dict[str, Any]) -> list[list[str]]:
 def _row(agent: str, name: str, status: dict[str, Any]) -> list[str]:
     if "error" in status:
         return [agent, name, "error", status["error"]]
-    causes = ", ".join(["held"] * status.get("held", False) + [cause.partition(":")[0] for cause in status["causes"]])
+    held = ["held"] * status.get("held", False) + [cause.partition(":")[0] for cause in status["causes"]]
+    since = [stopped.removeprefix("stopped ")] if (stopped := status.get("stopped")) is not None else []
+    unkept = [status["unkept"]] if status.get("unkept") is not None else []
+    causes = ", ".join([*since, *held, *unkept])
     idle = status.get("idle")
     if isinstance(idle, int | float) and _plausible(idle) is not None:
         causes = ", ".join(filter(None, (causes, f"idle for {idle:.0f} s")))

@@ -17,7 +17,7 @@ from mdm.cli.interruption import hear_interrupts
 from mdm.cli.robots.page_hosts import page_hosts, refuse_without_page
 from mdm.cli.team.console import Console
 from mdm.cli.team.crew import Crew
-from mdm.cli.team.file import check_zenoh, sound_systems_of, team_of
+from mdm.cli.team.file import check_zenoh, forget_state, sound_systems_of, team_of
 from mdm.errors import Error
 from mdm.team.transport.access import OPERATOR
 from mdm.team.transport.settings import resolve
@@ -46,6 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     folder = None if arguments.decisions is None else _folder(arguments.decisions, team.names)
     if arguments.record is not None:
         _record_folder(arguments.record)
+    if arguments.fresh:  # once: an agent that is started again after a failure remembers
+        forget_state(arguments.file, team.names)
     commands = {agent: _command(arguments, agent, folder) for agent in team.names}
     pages = {} if shown is None else _add_pages(commands, arguments.page, control=arguments.page_control)
     return asyncio.run(_run(commands, arguments, patience, _team_page(pages, shown, Path(arguments.file).name)))

@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from mdm.team.agreement.log import Term, contains
+from mdm.team.agreement.log import Position, Term, contains
+from mdm.team.transport.bounds import Name
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from mdm.team.agreement.log import Commit, Lineage, Position
+    from mdm.team.agreement.log import Commit, Lineage
 
-__all__ = ["BARS", "HOLD", "OPENS", "STARTS", "STOP", "Asked", "Hold", "Proposals"]
+__all__ = ["BARS", "HOLD", "OPENS", "STARTS", "STOP", "Asked", "Hold", "Proposals", "Standstill"]
 
 STOP = "stop"
 
@@ -166,6 +167,20 @@ class Proposals:
         self.commanded = None
 
 
+class Standstill(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """The last stop that an agent obeys, as it outlives the agent's process.
+
+    Args:
+        token: Its token.
+        at: Where it stands in the history that the agent had; None where it is in none.
+        kept: Whether the step there is a hold.
+    """
+
+    token: Name
+    at: Position | None = None
+    kept: bool = False
+
+
 class Hold:
     """Whether an agent carries out the decisions of its copy.
 
@@ -174,6 +189,8 @@ class Hold:
     if the stop is a step before it. If the stop is no step of the history, since its term has ended or another history
     counts, the agent has a step of its own made, a hold, and the starts after that end it.
 
+    The stop of an earlier process waits likewise, until the history that counts has come to the step that it had.
+
     Args:
         agent: Which agent.
 
@@ -181,7 +198,7 @@ class Hold:
         still: Whether the agent carries out no decisions.
         waits: The token of the stop that is in no history of this agent's yet; empty where there is none.
         last: The token of the last stop that it took.
-        at: Where that stands in the history.
+        at: Where that stands in the history, or stood in that of an earlier process.
         kept: Whether the step there is a hold, which tells nothing of whether the team decides.
     """
 
@@ -199,10 +216,23 @@ class Hold:
         self.waits = self.last = token
         self.at = None
 
+    @property
+    def standstill(self) -> Standstill | None:
+        """What is to outlive the process; None where the agent acts."""
+        return Standstill(self.last, self.at, self.kept) if self.still else None
+
+    def recall(self, standstill: Standstill) -> None:
+        """Obey the stop of an earlier process."""
+        self.still = True
+        self.waits = self.last = standstill.token
+        self.at, self.kept = standstill.at, standstill.kept
+
     def take(self, commit: Commit, position: Position) -> None:
         """Take note of a step that is applied."""
         if commit.command in BARS:
-            if commit.by == self.agent and commit.token == self.waits:
+            if self.waits and position == self.at:
+                self.waits = ""
+            elif commit.by == self.agent and commit.token == self.waits:
                 self.waits = ""
                 self.at, self.kept = position, commit.command == HOLD
             elif commit.command == STOP and not self.waits:
@@ -213,9 +243,11 @@ class Hold:
 
     def restore(self, lineage: Lineage, *, running: bool) -> None:
         """Take note of another history, after whose last step the team decides or does not."""
-        if not self.still or self.waits:
+        if not self.still or (self.waits and self.at is None):
             return
         if self.at is None or not contains(lineage, self.at):
-            self.waits = self.last
-        elif running and not self.kept:
+            self.waits, self.at = self.last, None
+            return
+        self.waits = ""
+        if running and not self.kept:
             self.still = False

@@ -19,7 +19,7 @@ from mdm.team.centralised.messages import (
 from mdm.team.centralised.proposals import Proposals
 from mdm.team.layer import TeamLayer
 from mdm.team.sharing.commanding import PENDING
-from mdm.team.transport.bounds import UNREADABLE, can_be
+from mdm.team.transport.bounds import UNREADABLE, Life, Number, can_be
 from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
@@ -89,6 +89,20 @@ class CentralisedFollower(TeamLayer):
     def knows(self) -> object:
         """The last decision of the controller that is known here."""
         return [self._life, 0 if self._last is None else self._last.step]
+
+    @property
+    def term(self) -> int:
+        """The life of the controller that decides."""
+        return self._life
+
+    def memory(self) -> bytes | None:
+        """Return which life of the controller knows of the stop, and since when."""
+        standstill = self.proposals.standstill
+        return None if standstill is None else msgspec.msgpack.encode(standstill)
+
+    def obey(self, memory: bytes) -> None:
+        """Obey the stop, until the controller has decided a start that was asked for after it."""
+        self.proposals.recall(*(msgspec.msgpack.decode(memory, type=tuple[Life, Number]) if memory else (0, 0)))
 
     def propose(self, part: bytes | None) -> None:
         """Send this agent's part of the next step."""
@@ -179,7 +193,7 @@ class CentralisedFollower(TeamLayer):
             self.proposals.doubt(decision.step)
         control, safety = self.ensemble.control, self.ensemble.safety
         held = self.still
-        self.proposals.settle(decision.step, self._bar(decision), running=decision.running, started=decision.started)
+        self._settle(decision)
         self._send_due()
         if last is not None and decision.step == last.step:
             safety.reopen(_CONTROLLER, now)
@@ -211,6 +225,15 @@ class CentralisedFollower(TeamLayer):
             digest=decision.digest,
         )
         self.assess(now)
+
+    def _settle(self, decision: Decision) -> None:
+        """Obey the stops and starts of a decision."""
+        proposals, bar = self.proposals, self._bar(decision)
+        before = proposals.standstill if proposals.still else None
+        running, started, called = decision.running, decision.started, decision.called
+        proposals.settle(decision.step, bar, running=running, started=started, called=called)
+        if (proposals.still or before is not None) and proposals.standstill != before:
+            self.keep(self._controller if before is None else "")
 
     # -- Liveness ------------------------------------------------------------------------------------------------
 

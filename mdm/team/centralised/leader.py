@@ -56,7 +56,7 @@ class CentralisedLeader(TeamLayer):
         self._last = self._last_sent = Decision(0, False, 0, None, None, {}, (), None, "", {})
         self._on: tuple[dict[str, bytes], tuple[str, ...], str | None, str] = ({}, (), None, "")
         self._started = self._barred = 0
-        self._asked = self._stopped = False
+        self._asked = self._stopped = self._called = False
         self._bars: dict[str, tuple[int, int, int]] = {}
         self._void: dict[str, str] = {}
         self._timer: Timer | None = None
@@ -118,13 +118,15 @@ class CentralisedLeader(TeamLayer):
 
     def request(self, command: str, token: str) -> None:
         """Carry out a command at all agents."""
+        self._called = self._called or command in STARTS
         if self.refusal is not None:
+            self._stopped = self._stopped or command == STOP  # as this agent has by now, whatever the others do
             self.report_void(token, f"{self.agent} takes no part in the team")
         elif not self._ready and command not in BARS:
             self.report_void(token, _NOT_READY)
         else:
             self._asked = True
-            self._command(command, token)
+            self._command(command, token, self.agent)
 
     @property
     def still(self) -> bool:
@@ -135,6 +137,21 @@ class CentralisedLeader(TeamLayer):
     def knows(self) -> object:
         """The last decision."""
         return [self.link.transport.incarnation, self._last.step]
+
+    @property
+    def term(self) -> int:
+        """Its life, in which it decides for all."""
+        return self.link.transport.incarnation
+
+    def memory(self) -> bytes | None:
+        """Return that it is stopped: nothing more is needed, for it decides for all."""
+        return b"" if self._stopped else None
+
+    def obey(self, memory: bytes) -> None:
+        """Stop all others, too, as soon as they are there."""
+        if memory:
+            raise ValueError("it is no controller's")
+        self._stopped = True
 
     def propose(self, part: bytes | None) -> None:
         """Collect this agent's own part."""
@@ -193,12 +210,13 @@ class CentralisedLeader(TeamLayer):
                 self._send_again()
             else:
                 self._asked = True
+                self._called = self._called or command in STARTS
                 self._command(command, proposal.token)
             return
         if command == HOLD and not self._asked:
             command = STOP  # this life of the controller began by itself, and knows of no stop before
         self._bars[agent] = (sample.incarnation, proposal.number, self._last.step + 1)
-        self._command(command, proposal.token)
+        self._command(command, proposal.token, agent)
 
     def _drop(self, sample: Sample, reason: str) -> None:
         self.malformed += 1
@@ -244,7 +262,7 @@ class CentralisedLeader(TeamLayer):
         elif self._last.step == before:
             self._send_again()  # a search will decide later, or nothing is to be decided
 
-    def _command(self, command: str, token: str = "") -> None:
+    def _command(self, command: str, token: str = "", by: str = "") -> None:
         self._on = ({}, (), command, token)
         before, runs = self._last.step, self.copy.running
         if command in BARS:
@@ -254,7 +272,7 @@ class CentralisedLeader(TeamLayer):
         if command != HOLD:
             self._open = None
             self._stopped = self._stopped or command == STOP
-            self.apply_command(command, token, self.runtime.now())
+            self.apply_command(command, token, self.runtime.now(), by)
         if self._last.step == before and runs and (command == HOLD or command in STARTS):
             self._publish_again()
         elif self._last.step == before:
@@ -277,6 +295,7 @@ class CentralisedLeader(TeamLayer):
             taken={},
             token=token,
             started=self._started,
+            called=self._called,
         )
         # Behind this agent's callback, which does not wait for what is for the others.
         self.runtime.dispatcher.deliver(self._sending, self._last)
@@ -285,7 +304,7 @@ class CentralisedLeader(TeamLayer):
         """Have a command sent to all that changes no decision."""
         _, _, command, token = self._on
         told = {"step": self._last.step + 1, "inputs": {}, "missing": (), "command": command, "token": token}
-        self._last = msgspec.structs.replace(self._last, started=self._started, **told)
+        self._last = msgspec.structs.replace(self._last, started=self._started, called=self._called, **told)
         self.runtime.dispatcher.deliver(self._sending, self._last)
 
     def _send_new(self, decision: Decision) -> None:

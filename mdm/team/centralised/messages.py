@@ -72,6 +72,7 @@ class Decision(msgspec.Struct, frozen=True, array_like=True, gc=False):
         bars: Of each agent that has said a stop or a hold its life, the number of the last one, and the step that this
             became.
         void: Of each agent, the token of its last command that came too late to be done.
+        called: Whether somebody has asked this life of the controller for a start.
     """
 
     step: Number
@@ -88,6 +89,7 @@ class Decision(msgspec.Struct, frozen=True, array_like=True, gc=False):
     started: Number = 0
     bars: dict[Name, tuple[Life, Number, Number]] = {}
     void: dict[Name, Name] = {}
+    called: bool = False
 
 
 encode = msgspec.msgpack.Encoder().encode

@@ -8,7 +8,7 @@ one is under way at a time; whoever has the machine sends it again until it is a
 | `ask` for a stop | the agent acts no more; starts and resets that were pending are void |
 | `follow` another life of the controller | commands that were pending are void; a stop is told anew, as a hold |
 | `acknowledge` | the next proposal is due; one under whose number another has spoken is due under a new number |
-| `settle` a decision | a start ends the stop, if the controller knew of that before |
+| `settle` a decision | a start ends the stop, if the controller knew of that before, in this life or an earlier one |
 | `leave`: the controller is lost | commands that were pending are void |
 """
 
@@ -51,6 +51,7 @@ class Proposals:
         self._life = self._step = 0
         self._told: int | None = None  # the number under which the controller is told of the stop; 0 before it can be
         self._since = 0  # the step after which a start ends the stop
+        self._known = 0  # the life of the controller that knew of it; 0 where none did
 
     @property
     def settled(self) -> bool:
@@ -77,7 +78,7 @@ class Proposals:
             reachable: Whether the controller is there, and has decided something.
         """
         if command == STOP:
-            self.still, self._told = True, 0
+            self.still, self._told, self._known = True, 0, 0
             self._discard(
                 [each for each in self._commands if each.command not in BARS], "a stop was asked for after it"
             )
@@ -129,7 +130,16 @@ class Proposals:
                 self._renumber(max(taken, self._number))
             self.due = True
 
-    def settle(self, step: int, bar: tuple[int, int], *, running: bool, started: int) -> None:
+    @property
+    def standstill(self) -> tuple[int, int] | None:
+        """What is to outlive the process: the life of the controller that knew of the stop, and since which step."""
+        return (self._known, self._since if self._known else 0) if self.still else None
+
+    def recall(self, known: int, since: int) -> None:
+        """Obey the stop of an earlier process."""
+        self.still, self._told, self._known, self._since = True, 0, known, since
+
+    def settle(self, step: int, bar: tuple[int, int], *, running: bool, started: int, called: bool = False) -> None:
         """Take a decision: of stops, and of starts that were asked for after them.
 
         Args:
@@ -137,18 +147,26 @@ class Proposals:
             bar: The number of this agent's last stop or hold that the controller has taken, and the step it became.
             running: Whether the team decides.
             started: The step that started the team last.
+            called: Whether somebody has asked this life of the controller for a start.
         """
         self._step = step
         if self._told is not None:
-            if self._told == 0:
+            if self._told == 0 and running and self._is_over(started, called=called):
+                self.still, self._told = False, None
+            elif self._told == 0:
                 self._add(None, HOLD, "")
                 self._told = self._number
             elif bar[0] >= self._told:
-                self._told, self._since = None, min(bar[1], step)
+                self._told, self._since, self._known = None, min(bar[1], step), self._life
         elif not running:
-            self.still, self._since = True, step
+            self.still, self._since, self._known = True, step, self._life
         if self.still and self._told is None and running and started > self._since:
             self.still = False
+
+    def _is_over(self, started: int, *, called: bool) -> bool:
+        """Return whether the team was started after a stop of which the controller knew, in this or an earlier life."""
+        same = self._known == self._life and started > self._since
+        return bool(self._known) and (same or (called and self._known < self._life))
 
     def doubt(self, step: int) -> None:
         """Take it that the controller is at an earlier step than it said before, so that it did not say that."""

@@ -13,7 +13,7 @@ from mdm.team.transport.bounds import Name, Number, Text
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-__all__ = ["CommunicatingStatistics", "Episode", "Stops", "Update", "decode", "encode"]
+__all__ = ["CommunicatingStatistics", "Episode", "Standstill", "Stops", "Update", "decode", "encode"]
 
 _MOST = 1 << 62
 """No stop has a number as great: they are about as many as nanoseconds have passed since 1970."""
@@ -97,6 +97,18 @@ class Update(msgspec.Struct, frozen=True, array_like=True, gc=False):
     configuration: Text
     experiences: tuple[Experience, ...] = ()
     stops: dict[Name, Number] = {}
+
+
+class Standstill(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """The stop that an agent obeys, as it outlives its process.
+
+    Args:
+        episode: The episode in which nothing is decided; None where there was none.
+        stops: The stops that the agent knew of.
+    """
+
+    episode: Episode | None
+    stops: dict[Name, Number]
 
 
 encode = msgspec.msgpack.Encoder().encode

@@ -16,7 +16,15 @@ from mdm.messages import Fault
 from mdm.models.digest import of_parts
 from mdm.runtime import Subscription
 from mdm.runtime.time.scheduler import next_tick
-from mdm.team.communicating.episode import CommunicatingStatistics, Episode, Stops, Update, decode, encode
+from mdm.team.communicating.episode import (
+    CommunicatingStatistics,
+    Episode,
+    Standstill,
+    Stops,
+    Update,
+    decode,
+    encode,
+)
 from mdm.team.communicating.knowledge import Knowledge, SharedHistory
 from mdm.team.communicating.recollection import Experience
 from mdm.team.layer import TeamLayer
@@ -173,6 +181,27 @@ class CommunicatingLayer(TeamLayer):
         """The stops that this agent knows of."""
         return dict(sorted(self.stops.last.items()))
 
+    @property
+    def term(self) -> int:
+        """The number of the episode."""
+        return 0 if self.episode is None else self.episode.number
+
+    def memory(self) -> bytes | None:
+        """Return the episode in which nothing is decided, and the stops that are known."""
+        if self._decides or (self.episode is None and self.agent not in self.stops.last):
+            return None
+        return msgspec.msgpack.encode(Standstill(self.episode, dict(sorted(self.stops.last.items()))))
+
+    def obey(self, memory: bytes) -> None:
+        """Be in that episode, until another one that was begun by somebody who knew of these stops."""
+        if memory:
+            standstill = msgspec.msgpack.decode(memory, type=Standstill)
+            self.stops.hear(standstill.stops)
+        else:
+            standstill = Standstill(None, {})
+            self.stops.take(self.agent, self.link.transport.incarnation)
+        self.episode = standstill.episode or Episode(1, 0, self.agent, running=False, stops=dict(self.stops.last))
+
     def _enter(self, episode: Episode) -> None:
         now = self.runtime.now()
         self.episode, self._offset = episode, None
@@ -190,6 +219,7 @@ class CommunicatingLayer(TeamLayer):
         self._publish_commit(0, (), "start" if decides else "stop", None)
         if self.still:
             self._report_void_start(episode)
+        self.keep("" if episode.running else episode.by)
         self._send()
 
     def _receive_stops(self, word: Update) -> None:
@@ -197,7 +227,10 @@ class CommunicatingLayer(TeamLayer):
         decided = self._decides
         self.stops.hear(word.stops)
         self.stops.hear(word.episode.stops)
-        if decided and not self._decides and self.episode is not None:
+        if self._decides or self.episode is None:
+            return
+        self.keep()
+        if decided:
             self._shut()
             self.ensemble.control.running = False
             self.ensemble.safety.stop(self.runtime.now())

@@ -127,6 +127,8 @@ class Answers(Actor):
             "live": list(self._link.live),
             "clocks": msgspec.to_builtins(self._clocks.offsets),
             "held": layer.holds,
+            "stopped": None if ensemble.mode != "stopped" or layer.stopped is None else str(layer.stopped),
+            "unkept": None if layer.storage is None else layer.storage.unkept,
             "knows": layer.knows,
             "commands": layer.commands.outcomes,
         }
@@ -189,6 +191,8 @@ class _Status(msgspec.Struct):
     causes: list[str]
     live: list[str]
     held: bool = False
+    stopped: str | None = None
+    unkept: str | None = None
     clocks: dict[str, _Clock] = {}
     commands: dict[str, str] = {}
 

@@ -212,6 +212,8 @@ class _Order:
             done = mode != "safe"
         else:
             done = settled and not outcome.startswith("void") and (self._name == "reset" or mode == "deciding")
+        if done and (unkept := state.get("unkept")) is not None:
+            return False, f"it is {mode}, which is {unkept}"
         if done:
             return True, None
         if outcome.startswith("void") and self._name != "stop":

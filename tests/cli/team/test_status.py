@@ -27,6 +27,7 @@ def asked(mdm, team, *, agents=2, mode="deciding"):
     raise AssertionError((found, errors))
 
 
+@pytest.mark.slow
 def test_a_team_that_runs_tells_how_it_is_and_is_told_what_to_do(mdm, free, up):
     team = free()
     with up(team) as running:

@@ -58,6 +58,7 @@ def test_agents_decide_together_and_end_in_order(team, up, tmp_path):
     assert all(steps["a"][step] == steps["b"][step] for step in shared)
 
 
+@pytest.mark.slow
 def test_an_agent_that_is_killed_is_started_again(team, up):
     with up(team) as running:
         first = running.hear(agent="b", event="output", text="go") and next(
@@ -84,6 +85,7 @@ def test_seconds_end_it(team, up):
     assert not [record for record in records if record["event"] == "failed"]
 
 
+@pytest.mark.slow
 def test_an_agent_that_cannot_start_ends_with_its_reason_and_the_others_go_on(team, up):
     team.write_text(team.read_text().replace('tasks = ["printing_code:sense"]', 'tasks.b = ["nowhere:sense"]'))
     with up(team) as running:

@@ -194,7 +194,7 @@ KINDS: Final[dict[str, FaultKind]] = {
     ),
     "clock": FaultKind(
         "The clock of an agent differs from this one's by more than the team allows.",
-        "Synchronise the machines' clocks, by chrony or PTP.",
+        "Synchronise the machines' clocks, by chrony or PTP; start an agent again whose clock was put right meanwhile.",
     ),
     "held": FaultKind(
         "This agent was stopped, or waits for a release, and stays so: beside a team that decides, or since before its "

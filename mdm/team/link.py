@@ -460,7 +460,8 @@ class Clocks(Actor):
 
     Ticks are at multiples of the period on each agent's own clock. Where a clock is off by more than half a period, or
     by more than a step waits, its agent's input comes too late or counts for another step: it reports a fault
-    ``clock``, once until it agrees again.
+    ``clock``, once until it agrees again, and once more where the time of day of its own machine was put right
+    meanwhile: its clock goes on from the time of its start.
 
     Args:
         link: The connection of the agent to the others.
@@ -477,7 +478,8 @@ class Clocks(Actor):
         self.limit = team.deadline if team.period is None else min(team.period / 2, team.deadline)
         self._link = link
         self._lives: dict[str, int] = {}
-        self._off: set[str] = set()
+        # Of agents that are too far off: whether this one's own clock had been put right when that was told.
+        self._off: dict[str, bool] = {}
         self._serves = False
 
     def on_start(self) -> None:
@@ -501,7 +503,7 @@ class Clocks(Actor):
         new = [agent for agent, life in link.live.items() if agent != link.agent and self._lives.get(agent) != life]
         self._lives = dict(link.live)
         self.offsets = {agent: offset for agent, offset in self.offsets.items() if agent in link.live}
-        self._off &= link.live.keys()
+        self._off = {agent: told for agent, told in self._off.items() if agent in link.live}
         self._ask(new)
 
     def _on_tick(self, _: Tick) -> None:
@@ -526,12 +528,20 @@ class Clocks(Actor):
         self.offsets[agent] = offset
         off = abs(offset.seconds)
         if off + offset.error <= self.limit:
-            self._off.discard(agent)
-        elif off - offset.error > self.limit and agent not in self._off:
-            self._off.add(agent)
+            self._off.pop(agent, None)
+            return
+        corrected = self.runtime.clock.corrected() / 1e9
+        own = abs(corrected) > self.limit
+        if off - offset.error > self.limit and self._off.get(agent) is not own:
+            self._off[agent] = own
             way = "ahead of" if offset.seconds > 0 else "behind"
+            cure = "synchronise the clocks"
+            if own:
+                cure = (
+                    f"the time of day here was put right by {corrected:.3f} s since the start: start this agent again"
+                )
             self.report(
                 "clock",
                 f"the clock of {agent} is {off:.3f} s {way} that of {self._link.agent}, and the team allows for "
-                f"{self.limit:g} s: what they see counts for other steps, or for none: synchronise the clocks",
+                f"{self.limit:g} s: what they see counts for other steps, or for none: {cure}",
             )

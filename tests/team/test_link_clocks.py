@@ -70,6 +70,36 @@ def test_an_offset_that_the_delay_may_explain_is_none_until_it_is_told_again_onc
     run_virtual(main)
 
 
+def test_an_agent_whose_clock_was_put_right_says_that_it_is_to_be_started_again():
+    """Also where it has said before that the clocks differ; the others can say no more than that."""
+
+    async def main(runtime):
+        _, _, left, right = await team_of_two(runtime, -3600.0, period=0.5, deadline=0.1)
+        await asyncio.sleep(7.0)
+        runtime.clock.corrected = lambda: 3_600_000_000_000  # chrony has come
+        await asyncio.sleep(20.0)
+        return [[fault.detail for fault in robot.faults if fault.kind == "clock"] for robot in (left, right)]
+
+    for told in run_virtual(main):  # of one clock in virtual time, both agents are on the machine that was put right
+        first, second = told
+        assert first.endswith("or for none: synchronise the clocks")
+        assert second.endswith(
+            "the time of day here was put right by 3600.000 s since the start: start this agent again"
+        )
+
+
+@pytest.mark.parametrize(("corrected", "said"), [(0.1, 0), (0.11, 1), (-0.11, 1)])
+def test_a_small_correction_explains_no_skew(corrected, said):
+    async def main(runtime):
+        _, _, left, _ = await team_of_two(runtime, 0.3, period=0.5, deadline=0.1)
+        runtime.clock.corrected = lambda: round(corrected * 1e9)
+        await asyncio.sleep(7.0)
+        details = [fault.detail for fault in left.faults if fault.kind == "clock"]
+        return len(details), sum("start this agent again" in detail for detail in details)
+
+    assert run_virtual(main) == (1, said)
+
+
 def test_who_is_gone_has_no_clock():
     async def main(runtime):
         network, _, left, _ = await team_of_two(runtime, 0.0)

@@ -178,6 +178,10 @@ class Clock(ABC):
         """Return a function that tells the time as `now` does; hot paths keep it."""
         return self.now
 
+    def corrected(self) -> int:
+        """Return by how many nanoseconds the time of day has moved against this clock since the clock began."""
+        return 0
+
     def time(self) -> float:
         """Return the time in seconds."""
         return self.now() / 1e9
@@ -327,6 +331,13 @@ class WallClock(Clock):
     def now(self) -> int:
         """Return nanoseconds since 1970."""
         return monotonic_ns() + self._offset
+
+    def corrected(self) -> int:
+        """Return by how many nanoseconds the time of day was put right since the clock began.
+
+        A machine that was suspended shows by how long: the steady clock stood still meanwhile.
+        """
+        return time.time_ns() - self.now()
 
     def reader(self) -> Callable[[], int]:
         """Return a function that does as `now`, at two thirds of its cost."""

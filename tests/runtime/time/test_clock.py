@@ -8,7 +8,7 @@ import time
 import pytest
 from sentences import refused
 
-from mdm import Actor, Runtime, WallClock, run
+from mdm import Actor, Runtime, VirtualClock, WallClock, run
 
 
 @pytest.mark.parametrize("uvloop", [False, True])
@@ -65,3 +65,12 @@ def test_timers_behind_one_that_raises_are_fired_all_the_same(virtual, error):
 
     run(main, virtual=virtual)
     assert fired == [0, 1, 2]
+
+
+def test_a_clock_knows_by_how_much_the_time_of_day_was_put_right(monkeypatch):
+    clock = WallClock()
+    assert abs(clock.corrected()) < 1_000_000_000
+    shown = time.time_ns
+    monkeypatch.setattr(time, "time_ns", lambda: shown() + 3_600_000_000_000)
+    assert abs(clock.corrected() - 3_600_000_000_000) < 1_000_000_000
+    assert VirtualClock().corrected() == 0

@@ -169,8 +169,10 @@ KINDS: Final[dict[str, FaultKind]] = {
     ),
     # -- Teams: members ------------------------------------------------------------------------------------------
     "missing_teammate": FaultKind(
-        "An agent of the team was never seen.",
-        "Start it; or compare endpoints, the team's name and the order of agents; `mdm team status` asks them.",
+        "An agent of the team was never met. Without more than half of the team (of two, without the other one) a "
+        "replicated or centralised one decides nothing.",
+        "Start it; or compare endpoints, the team's name and the order of agents; `mdm team status` asks them. Where "
+        "it is not to come, `mdm team start` lets this agent decide without it.",
     ),
     "lost_teammate": FaultKind(
         "An agent of the team is not heard any more.",

@@ -44,6 +44,12 @@ class Robot:
         await runtime.start(self.member)
         return self
 
+    async def start_alone(self, runtime):
+        """Start, and go on without teammates that were never met, as a person has said."""
+        await self.start(runtime)
+        self.ensemble.start()
+        return self
+
     def _on_commit(self, commit):
         self.commits.append(commit)
         self.beliefs.append(self.ensemble.controller.belief)

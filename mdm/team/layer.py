@@ -40,6 +40,7 @@ T = TypeVar("T")
 _FAREWELL = 10.0
 """Seconds within which the agents of a team that ends have all said so."""
 
+_UNMET = frozenset({"missing_teammate"})
 _REFUSED = frozenset({"refused"})
 _TEAMMATE = frozenset({"lost_teammate"})
 
@@ -94,7 +95,7 @@ class TeamLayer(Layer):
         self._places = self.ownership.of[self.agent]
         self._own: tuple[int | None, ...] = (None,) * len(self._places)
         self._seen: list[int | None] = [None] * len(self._places)
-        self._held = self._shows = self.reported_held = False
+        self._held = self._shows = self.reported_held = self._missing = False
         self.storage: Storage | None = None
         self.stopped: StoredStop | None = None
         self._lasting: tuple[Cause, ...] = ()
@@ -105,7 +106,7 @@ class TeamLayer(Layer):
     def on_start(self) -> None:
         """Listen to the own layers."""
         channel = self.owner.channel
-        self._held = False
+        self._held = self._missing = False
         self._now = self.runtime.dispatcher.now
         if self.ownership.takes == "state":
             self._take_in(channel("own_state", State, retain=True), self._on_own_state)
@@ -139,6 +140,7 @@ class TeamLayer(Layer):
     def _on_live(self, link: Link) -> None:
         if link.refusal is not None:
             self.pause()
+        self._meet()
         self.update_live(link)
         self.assess(self.runtime.now())
 
@@ -161,6 +163,25 @@ class TeamLayer(Layer):
         if self.refusal is not None or getattr(self.statistics(), "role", "") not in {"joining", "waiting"}:
             return ()
         return tuple(agent for agent in self.team.names if agent not in self.link.live)
+
+    @property
+    def unmet(self) -> bool:
+        """Whether it waits for teammates that were never met, by whom its team is to decide."""
+        return not self.link.met
+
+    def miss(self, text: str) -> None:
+        """Be safe until the teammates that were never met come, or a person asks for a start."""
+        if self.unmet and not self.still and self.stopped is None and self.refusal is None:
+            self._missing = True
+            self.ensemble.safety.wait("missing_teammate", text, self.runtime.now())
+
+    def _meet(self) -> None:
+        """Wait no longer: the team says what is next."""
+        if self._missing and not self.unmet:
+            self._missing = False
+            now = self.runtime.now()
+            self.ensemble.safety.stop(now)
+            self.ensemble.safety.reopen(_UNMET, now)
 
     def pause(self) -> None:
         """Decide on nothing that was begun: this agent takes no part in the team now."""

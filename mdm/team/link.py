@@ -97,6 +97,8 @@ class Link(Actor):
         left: Those who have left in order, with the incarnation that has.
         joined: The agents that have been live, with the incarnation that was last, and have not left in order since.
         opened: Whether the transport is open.
+        met: Whether more than half of the agents, this one included, have been live at once in this life; or a person
+            has said that it goes on without them.
         configuration: Which agents have another configuration.
     """
 
@@ -110,7 +112,7 @@ class Link(Actor):
         self.live: dict[str, int] = {}
         self.left: dict[str, int] = {}
         self.joined: dict[str, int] = {}
-        self.opened = False
+        self.opened = self.met = False
         self._puts = 0
         self.configuration = Configuration(transport.agent, facts or {})
         self._left_at: dict[str, int] = {}
@@ -410,6 +412,11 @@ class Link(Actor):
             del self.joined[sample.owner]
         self._notify(changed=differed or joined)
 
+    def go_without(self) -> None:
+        """Take a person's word that the agents which were never met are not to be waited for."""
+        self.met = True
+        self._notify(changed=True)
+
     def whereabouts(self, agent: str) -> str:
         """Return in words what is known of an agent that is not live."""
         if agent in self.joined:
@@ -432,6 +439,7 @@ class Link(Actor):
         live[self.agent] = self.transport.incarnation
         live = {agent: live[agent] for agent in self.team.names if agent in live}
         self.joined |= live
+        self.met = self.met or 2 * len(live) > len(self.team.names)
         if len(live) > 1:
             self.configuration.last_refusal = None
         if live != self.live or changed:

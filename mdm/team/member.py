@@ -234,14 +234,20 @@ class Member(Actor):
         if self.link.refusal is not None:
             return
         self._met.update(self.link.configuration.differing)
-        missing = [agent for agent in self.team.names if agent not in self._met]
+        missing = [agent for agent in self.team.names if agent not in self._met and agent != self.agent]
         if missing:
+            who = f"{' and '.join(map(repr, missing))} of team {self.team.name!r} {'were' if missing[1:] else 'was'}"
+            unmet = any(layer.unmet for layer in self.layers.values())
+            goes_on = f"until then, or until a start that is asked for here, {self.agent} decides nothing"
+            if not unmet:
+                goes_on = f"{self.agent} decides on what it knows"
             self.report(
                 "missing_teammate",
-                f"{' and '.join(map(repr, missing))} of team {self.team.name!r} {'were' if missing[1:] else 'was'} not "
-                "seen so far: no such agent runs, or its endpoint, the authority of its certificate, or the team's "
-                "name or the order of its agents there, differ",
+                f"{who} never met: no such agent runs, or its endpoint, the authority of its certificate, or the "
+                f"team's name or the order of its agents there, differ; {goes_on}",
             )
+            for layer in self.layers.values():
+                layer.miss(f"never met: {', '.join(missing)}")
 
     def statistics(self) -> MemberStatistics:
         """Return where it stands."""

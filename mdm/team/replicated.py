@@ -116,6 +116,7 @@ class ReplicatedLayer(TeamLayer):
         self._term = 0
         self._behind = False
         self._asked = False
+        self._alone: tuple[str, str] | None = None
         self._saved: bytes | None = None
         self._restored = False
         self._complaint: tuple[str, int] | None = None
@@ -161,7 +162,11 @@ class ReplicatedLayer(TeamLayer):
         self._process(self.agreement.propose(part, self._now()))
 
     def request(self, command: str, token: str) -> None:
-        """Propose a command, for a step of its own."""
+        """Propose a command, for a step of its own; a start of one that was never met waits until it decides alone."""
+        if command in {"start", "resume"} and self._is_kept_out:
+            self._alone = command, token
+            self.link.go_without()
+            return
         self._process(self.agreement.propose(None, self.runtime.now(), command, token))
 
     @property
@@ -272,7 +277,13 @@ class ReplicatedLayer(TeamLayer):
 
     def update_live(self, link: Link) -> None:
         """Take note of who is live."""
-        self._process(self.agreement.members(link.live, self.runtime.now(), barred=link.refusal is not None))
+        barred = link.refusal is not None or self._is_kept_out
+        self._process(self.agreement.members(link.live, self.runtime.now(), barred=barred))
+
+    @property
+    def _is_kept_out(self) -> bool:
+        """Whether it takes part in no term, where it could alone, since it has not met the others."""
+        return self.unmet and self.agreement.majority == 1
 
     def _on_time(self) -> None:
         self._timer = None
@@ -302,11 +313,19 @@ class ReplicatedLayer(TeamLayer):
             self.process.catch_up(now, over=True)
         self._set_timer(now)
         self.assess(now)
-        if self._role == "leading" and not self.copy.begun and not self._asked and not self.still:
-            self._asked = True
-            self.request(BEGIN, "")
+        if self._role in _STEADY:
+            self._begin()
         if self.ownership.takes == "state" and self.team.event_driven:
             self._propose_again(now)
+
+    def _begin(self) -> None:
+        """Ask for the start that waited until this agent may decide alone; or for the first one of a team."""
+        if self._alone is not None:
+            (command, token), self._alone = self._alone, None
+            self.request(command, token)
+        elif self._role == "leading" and not self.copy.begun and not self._asked and not self.still:
+            self._asked = True
+            self.request(BEGIN, "")
 
     def _report_void(self) -> None:
         """Report the commands, asked for here, that will be no step."""
@@ -354,7 +373,8 @@ class ReplicatedLayer(TeamLayer):
             self.propose_values(self.own)
 
     def _on_patience(self) -> None:
-        if self._role in {"joining", "waiting"} and not self.copy.begun and self.refusal is None:
+        waits = self._role in {"joining", "waiting"} and not self._is_kept_out  # of which the member tells
+        if waits and not self.copy.begun and self.refusal is None:
             here, needed = self.link.live or {self.agent: 0}, self.agreement.majority
             who = (
                 f"of team {self.team.name!r} {len(here)} of {len(self.team.names)} agents are here ({', '.join(here)})"
@@ -456,7 +476,7 @@ class ReplicatedLayer(TeamLayer):
         agreement = self.agreement
         return ReplicatedStatistics(
             **msgspec.structs.asdict(super().statistics()),
-            role=agreement.role if self.refusal is None else "refused",
+            role="refused" if self.refusal is not None else "waiting" if self.unmet else agreement.role,
             term=agreement.state.term.number,
             leader=agreement.leader,
             step=agreement.step,

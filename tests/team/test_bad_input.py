@@ -199,7 +199,7 @@ def test_who_has_a_wrong_name_port_or_endpoint_is_told_so_and_the_team_goes_on(h
             lambda: stranger.put("mdm/team/x/beat", b"\x80") and "stranger" in a.kinds() and "stranger" in b.kinds()
         )
         lonely = await nowhere
-        assert "'a' and 'b' of team 'team' were not seen so far" in lonely.faults[-1].detail
+        assert "'a' and 'b' of team 'team' were never met" in lonely.faults[-1].detail
         assert lonely.did == []
         assert running.dropped("duplicate")[1] >= 1
         check(a, "stranger", "missing_teammate")

@@ -107,7 +107,7 @@ def test_an_agent_that_differs_is_refused_with_the_first_difference(mode, team, 
     async def main(runtime):
         network = Network(runtime.clock, team="tigers")
         build = over_beliefs(MODEL, POLICY)
-        left = await Robot(tigers(mode=mode), "left", network, build, safe_action="listen").start(runtime)
+        left = await Robot(tigers(mode=mode), "left", network, build, safe_action="listen").start_alone(runtime)
         await asyncio.sleep(1.0)
         other = Robot(
             tigers(mode=mode, **team),

@@ -29,6 +29,7 @@ def test_each_step_is_a_line_and_what_was_there_stays(tmp_path):
         ensemble = over_beliefs(problems.dec_tiger())(robot, 0)
         member = team.member("left", ensemble, transport=network.transport("left"), decisions=path)
         await runtime.start(member)
+        ensemble.start()
         await asyncio.sleep(1.0)
         ensemble.publish_observation(("hear-left", None))
         await asyncio.sleep(1.0)
@@ -41,7 +42,7 @@ def test_each_step_is_a_line_and_what_was_there_stays(tmp_path):
         (1, {}, []),
         (2, {"left": "hear-left"}, ["right"]),
     ]
-    assert lines[0]["command"] == "begin"
+    assert lines[0]["command"] == "start"
     assert [line["action"] for line in lines] == ["listen listen", "open-right open-right"]
 
 
@@ -140,6 +141,7 @@ def test_lines_that_cannot_be_written_are_told_at_once_and_at_the_end(tmp_path):
         member = team.member("left", ensemble, transport=network.transport("left"), decisions=path)
         faults = probe(runtime.faults)
         await runtime.start(member)
+        ensemble.start()
         await asyncio.sleep(1.0)
         for _ in range(3):
             ensemble.publish_observation(("hear-left", None))

@@ -57,7 +57,7 @@ def test_a_teammate_that_was_never_seen_is_told_once():
         left = await Robot(tigers(), "left", network, over_beliefs(MODEL)).start(runtime)
         await asyncio.sleep(60.0)
         assert left.kinds() == ["missing_teammate"]
-        assert left.faults[0].detail.startswith("'right' of team 'tigers' was not seen so far")
+        assert left.faults[0].detail.startswith("'right' of team 'tigers' was never met: no such agent")
 
     run_virtual(main)
 
@@ -80,7 +80,7 @@ def test_an_agent_of_another_kind_of_team_is_refused_and_safe(theirs, told, firs
     async def main(runtime):
         network = Network(runtime.clock, team="tigers")
         left = Robot(tigers(), "left", network, over_beliefs(MODEL))
-        await left.start(runtime)
+        await left.start_alone(runtime)
         await asyncio.sleep(first)
         agent = other.names.index("right")
         build = over_beliefs(MODEL)
@@ -147,6 +147,9 @@ def test_two_that_would_both_decide_for_all_do_not():
         left = await Robot(teams[0], "left", network, over_beliefs(MODEL)).start(runtime)
         right = await Robot(teams[1], "right", network, over_beliefs(MODEL)).start(runtime)
         await asyncio.sleep(2.0)
+        assert (left.role, right.role) == ("waiting", "refused")  # of two, neither has met the other
+        left.ensemble.start()
+        await asyncio.sleep(1.0)
         assert (left.role, right.role) == ("leading", "refused")
         assert right.faults[0].detail.endswith("who decides ensemble 'joint' is right at right and left at left")
         commits = len(right.commits)

@@ -210,7 +210,7 @@ def test_who_comes_late_does_what_is_decided_now_and_nothing_of_before():
     async def main(runtime):
         network = Network(runtime.clock, team="tigers")
         team, build = tigers(quorum="continue"), over_beliefs(problems.dec_tiger())
-        left = await Robot(team, "left", network, build).start(runtime)
+        left = await Robot(team, "left", network, build).start_alone(runtime)
         await asyncio.sleep(1.0)
         for _ in range(4):
             left.observe("hear-left", None)

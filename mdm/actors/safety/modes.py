@@ -86,6 +86,7 @@ WAYS_BACK: Final = {
     "starved": "turn",
     "safe_action": "release",
     "lost_teammate": "team",
+    "missing_teammate": "team",
     "lost_majority": "team",
     "lost_controller": "team",
     "refused": "team",

@@ -13,7 +13,7 @@ from mdm.actors.safety.liveness import Waiting
 from mdm.actors.safety.modes import Modes, Order, Stage, Try
 from mdm.checks import check_choice
 from mdm.errors import ConfigError
-from mdm.messages import Fault, Mode, PredicateUpdate
+from mdm.messages import Cause, Fault, Mode, PredicateUpdate
 from mdm.runtime.channel import Subscription
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from mdm.actors.ensemble import Ensemble
     from mdm.actors.options import SafetyOptions
     from mdm.actors.predicates.predicate_manager import PredicateManager
-    from mdm.messages import Cause
 
 __all__ = ["Safety"]
 
@@ -180,6 +179,12 @@ class Safety:
     def release(self, time: int) -> None:
         """Take a person's word that nothing holds any more."""
         self._obey(self.modes.release(time), time)
+
+    def wait(self, kind: str, detail: str, time: int) -> None:
+        """Be safe, though it was not started, where there is a safe action: whoever starts it waits for something."""
+        if self._has_safe_action and self.modes.mode == "stopped":
+            self.modes.causes[kind] = Cause(kind, detail, time)
+            self._obey(self.modes.start(time), time)
 
     def recall(self, causes: Iterable[Cause], time: int) -> None:
         """Take it that these causes have outlasted an earlier process: they hold until a release."""

@@ -109,7 +109,7 @@ def _add_status(verbs: Any, name: str) -> argparse.ArgumentParser:
             "the agreement, how late messages reach it (the median, and the worst), by how much the clock that is most "
             "off is ahead of its own, how many messages it dropped, and whom it sees. Times of more than a day are not "
             "shown: a message told them that was forged, or a clock is set wrong (null with --json). The exit status "
-            "is 1 if an agent does not answer."
+            "is 1 if an agent does not answer, is refused or safe, or does not see another one that answers."
         ),
         epilog="example: mdm team status examples/team/meeting.toml",
     )

@@ -17,6 +17,7 @@ from mdm.runtime.statistics import Histogram
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Iterator
 
     from mdm.team import Team
 
@@ -40,11 +41,32 @@ def run(arguments: argparse.Namespace) -> int:
         print(
             "\n".join(table(_COLUMNS, [row for agent, ensembles in found.items() for row in _rows(agent, ensembles)]))
         )
+    troubles = list(_troubles(found))
+    for trouble in troubles:
+        print(f"mdm team status: {trouble}", file=sys.stderr)
     if len(silent) == len(team.names):
         print(f"mdm team status: nobody runs the team {team.name!r}: no agent answers", file=sys.stderr)
     elif silent:
         print(f"mdm team status: no answer from {', '.join(silent)}", file=sys.stderr)
-    return 1 if silent else 0
+    return 1 if silent or troubles else 0
+
+
+def _troubles(found: dict[str, dict[str, Any]]) -> Iterator[str]:
+    """Yield what keeps agents that answer from deciding together, in words."""
+    for agent, ensembles in found.items():
+        for name, status in ensembles.items():
+            others = [other for other in found if other != agent and "live" in found[other].get(name, {})]
+            apart = [other for other in others if other not in status.get("live", others)]
+            if "error" in status:
+                yield f"{name}: agent {agent!r}: {status['error']}"
+            elif status.get("role") == "refused":
+                yield f"{name}: agent {agent!r} is refused: its configuration is another one"
+            elif unmet := status.get("unmet"):
+                yield f"{name}: agent {agent!r} has never met {', '.join(unmet)}, and waits for a start"
+            elif apart:
+                yield f"{name}: the team is split: agent {agent!r} does not see {', '.join(apart)}"
+            if status.get("mode") == "safe":
+                yield f"{name}: agent {agent!r} is safe: {'; '.join(status['causes'])}"
 
 
 async def _ask(file: str, team: Team) -> dict[str, dict[str, Any]]:

@@ -100,7 +100,8 @@ class CentralisedLeader(TeamLayer):
             len(self.link.live),
             sum(agent in self.link.configuration.differing for agent in self.team.names),
         )
-        if self._ready or self.refusal is not None or (self._patient and here + differing < len(self.team.names)):
+        waits = self.unmet or (self._patient and here + differing < len(self.team.names))
+        if self._ready or self.refusal is not None or waits:
             return
         self._outvoted = differing > here
         if not self._outvoted:
@@ -122,6 +123,10 @@ class CentralisedLeader(TeamLayer):
         if self.refusal is not None:
             self._stopped = self._stopped or command == STOP  # as this agent has by now, whatever the others do
             self.report_void(token, f"{self.agent} takes no part in the team")
+        elif self.unmet and command in STARTS:
+            self._patient = self._stopped = False
+            self.link.go_without()
+            self.commands.done(token)
         elif not self._ready and command not in BARS:
             self.report_void(token, _NOT_READY)
         else:
@@ -336,7 +341,7 @@ class CentralisedLeader(TeamLayer):
     def _role(self) -> str:
         if self.refusal is not None or self._outvoted:
             return "refused"
-        return "leading" if self._ready else "joining"
+        return "leading" if self._ready else "waiting" if self.unmet else "joining"
 
     def statistics(self) -> CentralisedStatistics:
         """Return where it stands."""

@@ -129,6 +129,11 @@ class CommunicatingLayer(TeamLayer):
         self._send()
         self._close()
 
+    @property
+    def unmet(self) -> bool:
+        """Whether it waits for others: never, for each agent decides on what it knows."""
+        return False
+
     def pause(self) -> None:
         """Decide on nothing that was begun."""
         self._shut()

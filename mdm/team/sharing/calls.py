@@ -125,6 +125,7 @@ class Answers(Actor):
             else ensemble.controller.symbols.action_name(acted),
             "epoch": ensemble.controller.epoch,
             "live": list(self._link.live),
+            "unmet": [agent for agent in layer.team.names if layer.unmet and agent not in self._link.live],
             "clocks": msgspec.to_builtins(self._clocks.offsets),
             "held": layer.holds,
             "stopped": None if ensemble.mode != "stopped" or layer.stopped is None else str(layer.stopped),
@@ -193,6 +194,7 @@ class _Status(msgspec.Struct):
     held: bool = False
     stopped: str | None = None
     unkept: str | None = None
+    unmet: list[str] = []
     clocks: dict[str, _Clock] = {}
     commands: dict[str, str] = {}
 

@@ -16,7 +16,7 @@ def test_an_agent_runs_alone_for_some_seconds(free, tmp_path, verb):
     with python("-m", "mdm", *verb, team, "--agent", "a", "--seconds", 1.5, "--decisions", decided) as process:
         _, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors
-    assert [json.loads(line)["command"] for line in decided.read_text().splitlines()] == ["begin"]
+    assert decided.read_text() == ""  # it has never met b, without whom it decides nothing
 
 
 ACTING = """

@@ -77,7 +77,16 @@ def test_one_that_does_not_answer_is_told(mdm, free, up, tmp_path):
     with python("-m", "mdm", "team", "run", team, "--agent", "a", "--log", "json") as alone:
         while json.loads(alone.stderr.readline()).get("event") != "running":
             pass
-        status, _, errors = asked(mdm, team, agents=1)
+        while not (output := mdm("team", "status", team)[1]):
+            pass  # on a busy machine it is not reached at once
+        status, output, errors = mdm("team", "status", team)
+        assert (status, output[1].split()[:4]) == (1, ["a", "joint", "stopped", "(waits"])
+        never = "mdm team status: joint: agent 'a' has never met b, and waits for a start\n"
+        assert errors == f"{never}mdm team status: no answer from b\n"
+        while (told := mdm("team", "start", team, "--wait", "3"))[1] == []:
+            pass
+        assert (told[0], lines(told[1])[1][:4]) == (1, ["a", "joint", "deciding", "leading"])
+        status, _, errors = asked(mdm, team, agents=1)  # a person has said that it goes on without b
         assert status == 1
         assert errors == "mdm team status: no answer from b\n"
         status, output, errors = mdm("team", "stop", team, "--wait", "1")

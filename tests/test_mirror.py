@@ -103,6 +103,7 @@ ACROSS = {
     "team/test_schedules.py": "the agreement under random faults",
     "team/test_search.py": "the agreement in all that can happen to a few agents",
     "team/test_sweep.py": "that larger searches find what small ones do",
+    "test_solved.py": "the policies that tests start from",
     "test_benchmarks.py": "programs beside the package",
     "test_examples.py": "programs beside the package",
     "test_foxglove.py": "an example beside the package, against types that others have published",

@@ -531,6 +531,10 @@ class Dispatcher:
             f"or a message leads to must not bring that about at once"
         )
 
+    def count_afresh(self) -> None:
+        """Count messages and turns at this instant from 0: a simulated world takes a step, so that this is no circle."""
+        self._handed, self._instant = 0, -1
+
     def look_at_time(self) -> None:
         """See whether time stands still, once in so many rounds of an event loop whose time is virtual."""
         if self.tape is not None and self.tape.repeats:

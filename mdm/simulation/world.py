@@ -147,6 +147,7 @@ class World(Actor):
             self._initial_beliefs.publish(Belief(self.runtime.now(), self._belief_at_start(self.state)))
 
     def _on_action(self, action: Action) -> None:
+        self.runtime.dispatcher.count_afresh()  # with a period of 0 all episodes are one turn
         self._return += self._weight * self._rewards[self.state][action.index]
         self._weight *= self.model.discount
         self._step += 1

@@ -91,6 +91,7 @@ ACROSS = {
     "simulation/building/test_closed_loop.py": "robots that patrol a building for an hour",
     "simulation/test_maiss.py": "a hierarchy of robots, from a file to its decisions",
     "cli/team/test_fresh.py": "the options of several verbs: what becomes of a stop",
+    "team/test_never_met.py": "teams of which nobody has met the others",
     "team/test_returns.py": "teams that are stopped, killed and brought back, in virtual time",
     "team/test_brought_back.py": "the same with real processes",
     "team/test_bad_input.py": "running teams over real sessions, and what must not harm them",

@@ -294,15 +294,15 @@ class Runtime:
 
     def _begin_to_end(self) -> None:
         """Tell all that run, at once: one after the other they stop, which takes time."""
-        if self.ending:
-            return
-        self.ending = True
         if self.dispatcher.time >= 0:
             self._tell_of_end()
         else:  # in one turn, so that what one of them publishes reaches no other before that has been told
             self.dispatcher.deliver(Subscription(None, None, lambda _: self._tell_of_end()), None)
 
     def _tell_of_end(self) -> None:
+        if self.ending:  # what a timer brought about that was due before has ended it
+            return
+        self.ending = True
         if self.dispatcher.tape is not None:
             self.dispatcher.tape.finishes(self.now())
         self._tell_all(lambda actor: actor.on_ending())

@@ -134,7 +134,7 @@ class Ladder:
         for robot in self.robots.values():
             modes, lives = robot.safety.modes, robot.action.lives
             of = [(life.name, life.ending) for life in lives.living]
-            waits = None if lives.pending is None else lives.pending.name
+            waits = (None if lives.pending is None else lives.pending.name, *lives.behind)
             kept = (modes.mode, modes.leaving, modes.stage, modes.safe_action, frozenset(modes.causes))
             robots.append((*kept, lives.gate, tuple(of), waits, robot.interrupted, robot.awaited, robot.control.acted))
         return (*robots, tuple((body.robot, body.name, body.cancelled) for body in self.running))
@@ -152,7 +152,7 @@ class Ladder:
         """Hold what holds when all that ran has ended."""
         for name, robot in self.robots.items():
             modes, lives = robot.safety.modes, robot.action.lives
-            if modes.securing or lives.pending is not None or (modes.mode != "deciding" and not lives.quiet):
+            if modes.securing or lives.waits or (modes.mode != "deciding" and not lives.quiet):
                 raise Wrong(f"{name} is {modes.mode}, and waits for ever")
             if modes.mode == "safe" and not modes.causes:
                 raise Wrong(f"{name} is safe without a cause")

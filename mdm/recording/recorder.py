@@ -37,6 +37,7 @@ from mdm.recording.stimuli import (
     Kept,
     Lasts,
     Late,
+    Over,
     Raised,
     Resumed,
     Said,
@@ -443,6 +444,12 @@ class Recorder:
         answer = bool(ask())
         self._put((GoesOn(time, ensemble, epoch, answer),))
         return answer
+
+    def over(self, ensemble: str, epoch: int, time: int, over: bool) -> bool:
+        """Note that the task that a decision finds live is over, where it is."""
+        if over:
+            self._put((Over(time, ensemble, epoch),))
+        return over
 
     def lived(self, ensemble: str, life: int, action: str, status: str, detail: str, time: int) -> None:
         """Note that a life has begun or ended."""

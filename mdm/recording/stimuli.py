@@ -44,6 +44,7 @@ __all__ = [
     "Lasts",
     "Late",
     "Opened",
+    "Over",
     "Raised",
     "Recalled",
     "Received",
@@ -197,6 +198,13 @@ class GoesOn(_Stimulus, frozen=True, gc=False):
     answer: bool
 
 
+class Over(_Stimulus, frozen=True, gc=False):
+    """The task that the decision of an epoch found live was over, and its end on the way."""
+
+    ensemble: str
+    epoch: int
+
+
 class Late(_Stimulus, frozen=True, gc=False):
     """A decision came so many nanoseconds after its stimulus, past its deadline."""
 
@@ -320,6 +328,7 @@ Stimulus = (
     | Ended
     | Raised
     | GoesOn
+    | Over
     | Late
     | Behind
     | Cut

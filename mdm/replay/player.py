@@ -19,6 +19,7 @@ from mdm.recording.stimuli import (
     Kept,
     Lasts,
     Late,
+    Over,
     Raised,
     Said,
     Ticked,
@@ -118,6 +119,7 @@ class Player:
         self._kept: dict[tuple[str, int], tuple[dict[str, bool | None], dict[str, int]]] = {}
         self._ended: set[tuple[str, int]] = set()
         self._goes_on: dict[tuple[str, int, int], bool] = {}
+        self._overs = {(over.ensemble, over.epoch, over.time) for over in stimuli if isinstance(over, Over)}
         self._delays = Delays()
         self._behind: dict[tuple[str, int, int], int] = {}
         self._late: dict[tuple[str, int, int], int] = {}
@@ -297,6 +299,10 @@ class Player:
     def goes_on(self, ensemble: str, epoch: int, time: int, ask: Callable[[], bool]) -> bool:
         """Return what the action's function answered."""
         return self._goes_on.get((ensemble, epoch, time), False)
+
+    def over(self, ensemble: str, epoch: int, time: int, over: bool) -> bool:
+        """Return whether the task was over."""
+        return (ensemble, epoch, time) in self._overs
 
     def lived(self, ensemble: str, life: int, action: str, status: str, detail: str, time: int) -> None:
         """Take a life's beginning or end."""

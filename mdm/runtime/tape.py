@@ -162,6 +162,9 @@ class Tape(Protocol):
     def goes_on(self, ensemble: str, epoch: int, time: int, ask: Callable[[], bool]) -> bool:
         """Return whether a running action that is chosen again goes on: as its function says, or as the record does."""
 
+    def over(self, ensemble: str, epoch: int, time: int, over: bool) -> bool:
+        """Return whether the task that a decision meets is over, and its end on the way: as given, or as recorded."""
+
     def lived(self, ensemble: str, life: int, action: str, status: str, detail: str, time: int) -> None:
         """A life has begun or ended."""
 

@@ -345,7 +345,7 @@ class ActionLayer(Layer):
         self._settle()
 
     def _settle(self) -> None:
-        """Begin the pending life if it may begin now; where none lives or is pending, call the idle callbacks."""
+        """Begin what waits and may begin now; where nothing lives or waits, call the idle callbacks."""
         lives = self.lives
         if lives.calling:  # an action's own function has brought this about: it comes to its end first
             return
@@ -358,7 +358,7 @@ class ActionLayer(Layer):
             else:
                 self._secures()
                 self._begin_life(_Run("safe action", self.safe, Action(self.runtime.now(), -1, -1), secures=True))
-        elif (life := lives.next()) is not None:
+        while (life := lives.next()) is not None:
             self._begin_life(life)
         if lives.quiet:
             idle, self._idle = self._idle, []
@@ -464,14 +464,23 @@ class ActionLayer(Layer):
             return
         if not lives.open:  # it stopped its deciding ensemble: nothing that it has returned goes on
             self._obey(lives.cancel(life, "preempted"))
-        if not lives.open or lives.pending is not None:
+        if not lives.open or lives.waits:
             self._settle()
 
     def _choose(self, life: _Run) -> None:
-        current = self.lives.current
-        own = current is not None and current.work is not None and current.work.is_calling
-        own = own and self.runtime.clock.firing < 0  # a timer that was due before is not its doing
+        living = self.lives.met_by(life)
+        own = living is not None and living.work is not None and self._is_last(living.work, life.action)
         self._obey(self.lives.choose(life, lambda: self._continues(life), own=own))
+
+    def _is_last(self, work: Work, action: Action) -> bool:
+        """Whether a task has perhaps taken its last step when an action is chosen: in that step, or behind it."""
+        if work.is_calling:
+            return self.runtime.clock.firing < 0  # a timer that was due before is not its doing
+        return self._is_over(work, action)
+
+    def _is_over(self, work: Work, action: Action) -> bool:
+        """Whether a task is over when an action is chosen, and its end on the way."""
+        return work.done if self._tape is None else self._tape.over(self._path, action.epoch, action.time, work.done)
 
     def _continues(self, life: _Run) -> bool:
         """Whether a running task goes on when its action is chosen again."""

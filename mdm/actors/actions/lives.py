@@ -107,12 +107,14 @@ class Lives(Generic[L]):
         current: The life that the next decision replaces.
         pending: The one that begins when that has ended.
         beside: Lives of concurrent actions, by name.
+        behind: Those that begin when the life of the same concurrent action has ended, by name.
         replaced: Lives that others of their group have replaced, and that have not ended yet.
         skipped: Decisions that were overtaken before their action began.
     """
 
     __slots__ = (
         "barred",
+        "behind",
         "beside",
         "calling",
         "current",
@@ -130,6 +132,7 @@ class Lives(Generic[L]):
         self.current: L | None = None
         self.pending: L | None = None
         self.beside: dict[str, L] = {}
+        self.behind: dict[str, L] = {}
         self.replaced: list[L] = []
         self.skipped = 0
 
@@ -141,8 +144,13 @@ class Lives(Generic[L]):
     @property
     def quiet(self) -> bool:
         """Whether nothing lives or is pending, and the safe action is not due."""
-        waits = self.pending is not None or self.gate in {Gate.SAFE, Gate.FAILED}
+        waits = self.waits or self.gate in {Gate.SAFE, Gate.FAILED}
         return not (waits or self.current is not None or self.beside or self.replaced)
+
+    @property
+    def waits(self) -> bool:
+        """Whether something was decided that begins when another life has ended."""
+        return self.pending is not None or bool(self.behind)
 
     # -- The gate ------------------------------------------------------------------------------------------------
 
@@ -159,7 +167,7 @@ class Lives(Generic[L]):
         """Bar decided actions, or admit them again; running lives go on, and the safe action runs when due."""
         self.barred = barred
         if barred:
-            self.pending = None
+            self._discard()
         self._set(self.gate)
 
     def delegate(self) -> None:
@@ -171,7 +179,7 @@ class Lives(Generic[L]):
         """Let no decided action begin, and discard the pending life; running lives go on, but for replaced ones."""
         if self.gate is Gate.OPEN:
             self._set(Gate.CLOSED)
-        self.pending = None
+        self._discard()
         return tuple([(Order.CANCEL_NOW, life) for life in self.replaced])
 
     def halt(self) -> Orders[L]:
@@ -196,11 +204,19 @@ class Lives(Generic[L]):
         if self.gate is Gate.FAILED:
             self._set(Gate.CLOSED)
 
+    def _discard(self) -> None:
+        self.pending = None
+        self.behind.clear()
+
     def _set(self, gate: Gate) -> None:
         self.gate = gate
         self.open = gate is Gate.OPEN and not (self.barred or self.delegated)
 
     # -- Choosing ------------------------------------------------------------------------------------------------
+
+    def met_by(self, life: L) -> L | None:
+        """Return the life that goes on, is replaced or is waited for where another one is chosen, if any."""
+        return self.beside.get(life.name) if life.kind.concurrent else self.current
 
     def choose(self, life: L, goes_on: Callable[[], bool], *, own: bool) -> Orders[L]:
         """An action was decided, while decided actions may begin.
@@ -208,18 +224,12 @@ class Lives(Generic[L]):
         Args:
             life: The one that it would begin.
             goes_on: Asked where the same action lives already: whether that life goes on in its place.
-            own: Whether the current life's own task has brought the decision about, as by an event that it raises. It
-                is then about to end, and the decision is to begin it once more, not to go on.
+            own: Whether the life that it meets has perhaps taken its last step: its own task has brought the decision
+                about, as by an event that it raises, or is over. The decision is then to begin it once more.
         """
         current = self.current
         if life.kind.concurrent:
-            beside = self.beside.get(life.name)
-            if beside is None:
-                return ((Order.BEGIN, life),)
-            if goes_on():
-                return ()
-            self.skipped += 1
-            return self.cancel(beside, "preempted")
+            return self._choose_beside(life, goes_on, own=own)
         if current is not None and current.kind is life.kind and current.ending is None and goes_on():
             self.pending = life if own else None
             return ()
@@ -236,6 +246,19 @@ class Lives(Generic[L]):
             return ((Order.REPLACE, current), (Order.BEGIN, life), (Order.CANCEL_BEHIND, current))
         self.pending = life
         return () if current is None else self.cancel(current, "preempted")
+
+    def _choose_beside(self, life: L, goes_on: Callable[[], bool], *, own: bool) -> Orders[L]:
+        beside = self.beside.get(life.name)
+        if beside is None:
+            return ((Order.BEGIN, life),)
+        waiting = self.behind.pop(life.name, None)
+        if beside.ending is None and goes_on():
+            if own:
+                self.behind[life.name] = life
+            return ()
+        self.skipped += waiting is not None
+        self.behind[life.name] = life
+        return self.cancel(beside, "preempted")
 
     def _is_free_for(self, life: L) -> bool:
         """Whether none but those of its own group still come to their end, having been replaced."""
@@ -281,12 +304,15 @@ class Lives(Generic[L]):
         return self.gate is Gate.SAFE and not (self.calling or self.living)
 
     def next(self) -> L | None:
-        """Return the pending life if it may begin now; it is pending no more."""
-        life = self.pending
-        if self.calling or life is None or self.current is not None or not self._is_free_for(life):
+        """Return a life that waits and may begin now; it waits no more."""
+        if self.calling:
             return None
-        self.pending = None
-        return life
+        life = self.pending
+        if life is not None and self.current is None and self._is_free_for(life):
+            self.pending = None
+            return life
+        name = next((name for name in self.behind if name not in self.beside), None)
+        return None if name is None else self.behind.pop(name)
 
 
 def _same_group(one: Life, other: Life) -> bool:

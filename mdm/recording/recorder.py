@@ -433,7 +433,7 @@ class Recorder:
     def ended(self, ensemble: str, life: int, work: Any, time: int) -> None:
         """Note that the work of a life has ended, and how."""
         self._tasks.pop(work.task, None)
-        self._put((Ended(time, ensemble, life, work.interrupted, work.cancelled, work.failure),))
+        self._put((Ended(time, ensemble, life, work.interrupted, work.cancelled, work.failure, work.abandoned),))
 
     def raised(self, ensemble: str, life: int, error: str, time: int, *, unrun: bool) -> None:
         """Note that the function of a life has raised, or has not run."""

@@ -171,7 +171,7 @@ class Ended(_Stimulus, frozen=True, gc=False):
     """The work of an action's life came to its end.
 
     ``interrupted`` tells that a cancellation had reached it by then, ``error`` what it raised, where it did;
-    ``cancelled`` that it was cancelled, by whomever.
+    ``cancelled`` that it was cancelled, by whomever; ``abandoned`` that the life had ended long before.
     """
 
     ensemble: str
@@ -179,6 +179,7 @@ class Ended(_Stimulus, frozen=True, gc=False):
     interrupted: bool
     cancelled: bool
     error: str | None = None
+    abandoned: bool = False
 
 
 class Raised(_Stimulus, frozen=True, gc=False):

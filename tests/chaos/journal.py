@@ -283,7 +283,8 @@ class Journal:
             self.wrong.append(f"nothing of {name} still runs, but it was told: {fault.detail}")
 
     def _live(self, name, *, below=False):
-        runs = [run for run in self.runs if run.left is None]
+        # Of one that has left its function in this moment the end has not come back yet.
+        runs = [run for run in self.runs if run.left is None or run.until == self.now()]
         return any(name in (self.above(run.robot) if below else (run.robot,)) for run in runs)
 
     def hear(self, change):

@@ -120,7 +120,10 @@ class Oracles:
             if told[-1].mode == "deciding":
                 yield f"{name} was deciding in the end"
                 continue
-            began = max(mode.since for mode in told if mode.mode == "deciding")
+            deciding = [mode.since for mode in told if mode.mode == "deciding"]
+            began = max(deciding, default=told[-1].since)  # it may be safe from its start on
+            if self._left_running(name, began):
+                continue
             if not any(run.robot == name and run.safe and run.time >= began for run in journal.runs):
                 yield f"{name} is {robot.mode} in the end, but has not run its safe action"
                 continue
@@ -140,14 +143,22 @@ class Oracles:
                 if before and acts:
                     last[name] = before[-1]
                 made_safe = any(run.entered > ending.asked for run in runs)
-                if name in ending.deciding and not made_safe and not self._went_on(name, ending.asked):
+                if made_safe or self._left_running(name, 0):
+                    continue
+                if name in ending.deciding and not self._went_on(name, ending.asked):
                     yield f"{name} was deciding, and did not run its safe action at the end"
             for name in ending.names:
                 runs = [run for run in journal.runs if run.robot == name and run.entered <= over]
                 left = max((run.left or 0 for run in runs if run.safe or name not in abandoned), default=0)
                 for above in journal.above(name)[1:]:
-                    if above in last and last[above].entered < left:
+                    if above in last and last[above].entered < left and not self._left_running(above, 0):
                         yield f"the safe action of {above} has not the last word over {name}"
+
+    def _left_running(self, name, since):
+        """Whether its safe action was abandoned and still ran when it was due, which is told as an emergency."""
+        faults = [fault for fault in self._journal.faults if fault.source == self._journal.path(name)]
+        told = [fault for fault in faults if fault.kind == "safe_action" and fault.time >= since]
+        return any("still runs since" in fault.detail for fault in told)
 
     def _went_on(self, name, order):
         """Whether something above has chosen another action since, as at a tick of the same moment."""

@@ -397,3 +397,111 @@ def test_a_run_that_ends_in_the_midst_of_a_turn_without_end_is_repeated_up_to_th
     result = replay(path, Circle().tops)
     assert result.differences == ()
     assert result.recorded == result.replayed > 500
+
+
+class Stubborn:
+    """An ensemble whose action is abandoned and ends long after, and one whose actions set their input as they end.
+
+    Args:
+        go: What the latter does.
+        stay: What the former does.
+    """
+
+    def __init__(self, go=lambda: None, stay=lambda: None):
+        self.predicates = mdm.PredicateManager("predicates")
+        self.odd = self.predicates.sensor("Odd", initial=False)
+        self.call = self.predicates.sensor("Call", initial=False)
+        self.predicates.latch("Tried", set="stay.failed", reset="rest.succeeded", initial=False)
+        self.predicates.latch("Done", set="turn.succeeded", reset="go.succeeded or turn.preempted", initial=False)
+        self.swift = mdm.Ensemble(
+            "swift",
+            policy=[0, 1, 1, 0],
+            predicates=self.predicates,
+            states=[mdm.StateFactor("odd", ["Odd"]), mdm.StateFactor("done", ["Done"])],
+            actions={"go": mdm.bind(go, group="wheels"), "turn": mdm.bind(go, group="wheels")},
+        )
+        self.slow = mdm.Ensemble(
+            "slow",
+            policy=[0, 0, 1, 1],
+            predicates=self.predicates,
+            states=[mdm.StateFactor("call", ["Call"]), mdm.StateFactor("tried", ["Tried"])],
+            actions={"rest": lambda: None, "stay": mdm.bind(stay, timeout=0.005, grace=0.005)},
+        )
+        self.tops = [self.swift, self.slow]
+
+
+def run_stubborn(path):
+    """Record such a robot; return what it decides."""
+    free, count = asyncio.Event(), []
+
+    async def go():
+        await asyncio.sleep(0)
+        count.append(len(count) % 2 == 0)
+        if len(count) < 9:
+            asyncio.get_running_loop().call_soon(robot.odd.set, count[-1])
+
+    async def stay():
+        while not free.is_set():
+            try:
+                await free.wait()
+            except asyncio.CancelledError:
+                continue
+
+    robot = Stubborn(go, stay)
+
+    async def rounds():
+        for _ in range(20):
+            await asyncio.sleep(0)
+
+    async def happen(clock):
+        await rounds()
+        robot.call.set(True)
+        await rounds()
+        for time in (5, 11):  # it times out, and is abandoned
+            clock.hold_until(time)
+            clock.let_go()
+            await rounds()
+        for milliseconds, called in ((20, False), (21, True), (22, False)):  # it still runs, and fails at once
+            clock.hold_until(milliseconds)
+            robot.call.set(called)
+        free.set()
+        await rounds()
+        for milliseconds, called in ((30, True), (31, False)):
+            clock.hold_until(milliseconds)
+            robot.call.set(called)
+            await rounds()
+
+    decisions = recorded(path, robot.tops, happen)
+    assert len(count) == 9
+    return decisions
+
+
+def note_no_task_that_is_over(patch):
+    patch.setattr(Recorder, "over", lambda self, ensemble, epoch, time, over: over)
+
+
+def note_no_end_of_what_was_abandoned(patch):
+    ended = Recorder.ended
+
+    def note(self, ensemble, life, work, time):
+        if not work.abandoned:
+            ended(self, ensemble, life, work, time)
+
+    patch.setattr(Recorder, "ended", note)
+
+
+def test_what_is_over_or_abandoned_when_its_action_is_decided_again_is_repeated(tmp_path):
+    decisions = run_stubborn(tmp_path / "run.mcap")
+    result = replay(tmp_path / "run.mcap", Stubborn().tops)
+    assert result.differences == ()
+    assert result.recorded == result.replayed == len(decisions) > 15
+
+
+@pytest.mark.parametrize(
+    "plant", [note_no_task_that_is_over, note_no_end_of_what_was_abandoned], ids=lambda plant: plant.__name__
+)
+def test_without_a_note_of_how_a_task_stands_a_replay_differs(tmp_path, plant):
+    with pytest.MonkeyPatch.context() as patch:
+        plant(patch)
+        run_stubborn(tmp_path / "run.mcap")
+    assert replay(tmp_path / "run.mcap", Stubborn().tops).differences

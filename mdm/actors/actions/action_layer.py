@@ -166,8 +166,7 @@ class ActionLayer(Layer):
         self._latencies = Latencies()
         self._record = self._latencies.record
         self._recent = self._latencies.pending
-        self._left: dict[str, Work] = {}
-        # Whether any was left or replaced, so that the next life may not be alone, or its beginning is heeded.
+        # Whether any was abandoned or replaced, so that the next life may not be alone, or its beginning is heeded.
         self._others = False
         self._heeded = False
         self._idle: list[Callable[[], None]] = []
@@ -219,7 +218,7 @@ class ActionLayer(Layer):
         self._count_others()
 
     def _count_others(self) -> None:
-        self._others = bool(self._heeded or self.lives.replaced or self._left)
+        self._others = bool(self._heeded or self.lives.replaced or self.lives.left)
 
     @property
     def ended(self) -> dict[ActionStatus, int]:
@@ -520,10 +519,14 @@ class ActionLayer(Layer):
         binding, action = life.binding, life.action
         if not life.secures:
             self.begins(life.name)
-        if self._left:
-            self._tell_left(life.name)
+        itself = self._beside_left(life) if self.lives.left else None
         if self._told.heard or self._tape is not None or self.observer is not None:
             self._tell(life, "running")
+        if itself is not None:
+            seconds = (self.runtime.now() - itself.began) / 1e9
+            text = f"still runs since {seconds:g} s ago, abandoned: it is not begun beside itself"
+            self._end_life(life, "failed", text)
+            return
         ensemble = binding.ensemble
         if ensemble is not None:
             if ensemble.life != "running" or ensemble.failing:  # which may not have stopped yet
@@ -562,28 +565,42 @@ class ActionLayer(Layer):
 
     def _abandon(self, life: _Run) -> None:
         if life.work is not None:
-            self._leave(life.name, life.work)
+            self._leave(life, life.work)
             self._finish(life, "abandoned", f"did not end within {life.binding.grace:g} s of being cancelled")
 
     def _abandon_all(self, lives: tuple[_Run, ...]) -> None:
         """Abandon lives that their own grace has not ended, as when the layer itself has failed."""
         for life in set(lives).intersection(self.lives.living):
             if life.work is not None:
-                self._leave(life.name, life.work)
+                self._leave(life, life.work)
             self._finish(life, "abandoned", "had not ended when the safe action was due")
 
-    def _leave(self, name: str, work: Work) -> None:
+    def _leave(self, life: _Run, work: Work) -> None:
         self.abandon(work)
-        self._left[name] = work
+        self.lives.leave(life)
         self._others = True
+        work.over.add_done_callback(lambda _: self._left_ended(life, work))
 
-    def _tell_left(self, name: str) -> None:
-        """Report the abandoned tasks that the next action runs beside."""
-        running = [repr(left) for left, work in self._left.items() if not work.done]
-        self._left.clear()
+    def _left_ended(self, life: _Run, work: Work) -> None:
+        """An abandoned task has ended at last."""
+        self._forget(life)
+        if self._tape is not None and self.life == "running":
+            self._tape.ended(self._path, life.number, work, self.runtime.now())
+
+    def _forget(self, life: _Run) -> None:
+        self.lives.forget(life)
         self._count_others()
-        if running:
-            self.report("action", f"action {name!r} begins while {' and '.join(running)}, abandoned, still runs")
+
+    def _beside_left(self, life: _Run) -> _Run | None:
+        """Return the abandoned life of the same action, if any; report the others that this one begins beside."""
+        for left in (*self.lives.left,):
+            if left.work is not None and self._is_over(left.work, life.action):
+                self._forget(left)
+        itself = self.lives.itself(life)
+        if itself is None and self.lives.left:
+            running = " and ".join(repr(left.name) for left in self.lives.left)
+            self.report("action", f"action {life.name!r} begins while {running}, abandoned, still runs")
+        return itself
 
     def _work_ended(self, life: _Run, work: Work) -> None:
         if self._tape is not None:

@@ -109,6 +109,7 @@ class Lives(Generic[L]):
         beside: Lives of concurrent actions, by name.
         behind: Those that begin when the life of the same concurrent action has ended, by name.
         replaced: Lives that others of their group have replaced, and that have not ended yet.
+        left: Abandoned lives that still run.
         skipped: Decisions that were overtaken before their action began.
     """
 
@@ -120,6 +121,7 @@ class Lives(Generic[L]):
         "current",
         "delegated",
         "gate",
+        "left",
         "open",
         "pending",
         "replaced",
@@ -134,11 +136,12 @@ class Lives(Generic[L]):
         self.beside: dict[str, L] = {}
         self.behind: dict[str, L] = {}
         self.replaced: list[L] = []
+        self.left: list[L] = []
         self.skipped = 0
 
     @property
     def living(self) -> tuple[L, ...]:
-        """All lives that have begun and not ended."""
+        """All lives that have begun and not ended, but for abandoned ones."""
         return (*self.replaced, *self.beside.values(), *(() if self.current is None else (self.current,)))
 
     @property
@@ -297,6 +300,19 @@ class Lives(Generic[L]):
         else:
             return False
         return True
+
+    def leave(self, life: L) -> None:
+        """A life is abandoned: it counts as ended, and still runs."""
+        self.left.append(life)
+
+    def forget(self, life: L) -> None:
+        """An abandoned life has ended at last."""
+        if life in self.left:
+            self.left.remove(life)
+
+    def itself(self, life: L) -> L | None:
+        """Return the abandoned life of the same action that still runs: none is begun beside itself."""
+        return next((left for left in self.left if left.kind is life.kind or left.name == life.name), None)
 
     @property
     def safe_action_is_due(self) -> bool:

@@ -87,7 +87,7 @@ def _said(
                 others[stimulus.channel] = others.get(stimulus.channel, 0) + 1
             else:
                 yield time, line if name == "sensed" else line | {"ensemble": path.rpartition("/")[2]}
-        elif isinstance(stimulus, Ended) and not stimulus.cancelled:
+        elif isinstance(stimulus, Ended) and not (stimulus.cancelled or stimulus.abandoned):
             action = actions.get((stimulus.ensemble, stimulus.life))
             if action is not None and ensemble in {None, stimulus.ensemble}:
                 yield time, {"events": [f"{action}.{'succeeded' if stimulus.error is None else 'failed'}"]}

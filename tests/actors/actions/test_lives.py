@@ -44,9 +44,11 @@ class Wrong(Exception):
 class World:
     """What a layer does with the orders, and what is true of the robot, counted apart from the machine."""
 
-    def __init__(self):
+    def __init__(self, kinds):
+        self.kinds = kinds
         self.lives: Lives[Run] = Lives()
         self.running: list[Run] = []
+        self.left: list[Run] = []  # abandoned, and running
         self.calls: list[tuple[Run, list]] = []
         self.admitted = self.barred = False
         self.safe = "none"  # or due, runs, done
@@ -75,6 +77,10 @@ class World:
 
     def begin(self, life, rest=()):
         self.demand(not self.calls, "two functions are called at once")
+        if self.lives.itself(life) is not None:
+            self.fail_at_once(life, rest)
+            return
+        self.demand(all(left.kind is not life.kind for left in self.left), "an abandoned action begins beside itself")
         alone = [one for one in self.running if one is not life]
         if life.secures:
             self.demand(not alone and self.safe == "due", "the safe action begins beside another")
@@ -94,6 +100,13 @@ class World:
         self.calls.append((life, list(rest)))
         self.lives.calling = True
 
+    def fail_at_once(self, life, rest):
+        self.demand(any(left.kind is life.kind for left in self.left), "it fails though nothing of it runs")
+        if life.secures:
+            self.safe = "done"
+            self.lives.secured(failed=True)
+        self.obey(rest)
+
     def returns(self, *, lasts):
         life, rest = self.calls.pop()
         self.lives.calling = False
@@ -105,7 +118,7 @@ class World:
             self.lives.secured(failed=False)
         if not self.lives.open and not life.secures and lasts:
             self.obey(self.lives.cancel(life, "preempted"))
-        if not (lasts and self.lives.open) or self.lives.pending is not None:
+        if not (lasts and self.lives.open) or self.lives.waits:
             self.settle()
         self.obey(rest)
 
@@ -114,7 +127,7 @@ class World:
             return
         if self.lives.safe_action_is_due:
             self.begin(Run("safe", SAFE, None, secures=True))
-        elif (life := self.lives.next()) is not None:
+        while (life := self.lives.next()) is not None:
             self.begin(life)
         if self.lives.quiet and not self.calls:
             self.demand(not self.running, "idle is told while something lives")
@@ -128,9 +141,11 @@ class World:
             if self.calling.kind.what == "task":
                 yield "goes on", lambda: self.returns(lasts=True)
         elif self.lives.open:
-            for name, kind in KINDS.items():
+            for name in self.kinds:
+                kind = KINDS[name]
+                met = self.lives.met_by(Run(name, kind, None))
                 for goes_on in (True, False):
-                    for own in (True, False) if self.lives.current and self.lives.current.task else (False,):
+                    for own in (True, False) if met and met.task else (False,):
                         yield (
                             f"choose {name} {goes_on} {own}",
                             lambda name=name, kind=kind, goes_on=goes_on, own=own: self.obey(
@@ -140,8 +155,12 @@ class World:
         # The end of a task, and a timeout, are turns of their own: no function is being called.
         for life in [one for one in self.running if not self.calls or one.kind.what == "ensemble"]:
             yield f"end {life.name}", lambda life=life: self.end(life)
+            if life.ending is not None and life.kind.what == "task":
+                yield f"abandon {life.name}", lambda life=life: self.abandon(life)
             if life.ending is None:
                 yield f"time out {life.name}", lambda life=life: self.obey(self.lives.cancel(life, "timed_out"))
+        for life in self.left:
+            yield f"what was left of {life.name} ends", lambda life=life: self.end_left(life)
         if self.safe != "runs" and self.lives.gate is not Gate.SAFE:
             if not self.calls:
                 yield "admit", self.admit
@@ -178,6 +197,15 @@ class World:
         self.lives.give_up()
         self.settle()
 
+    def abandon(self, life):
+        self.left.append(life)
+        self.lives.leave(life)
+        self.end(life, failed=True)
+
+    def end_left(self, life):
+        self.left.remove(life)
+        self.lives.forget(life)
+
     def end(self, life, *, failed=None):
         self.running.remove(life)
         self.demand(self.lives.end(life), "what lives is not known to")
@@ -195,6 +223,8 @@ class World:
         if lives.pending is not None and not self.calls:
             about_to_end = [one for one in self.running if one.ending or one is lives.current]
             self.demand(lives.open and about_to_end, "it waits for the end of nothing")
+        self.demand(lives.behind.keys() <= lives.beside.keys() or self.calls, "it waits for the end of nothing beside")
+        self.demand(lives.open or not lives.waits, "what waits has outlived the latch")
         if self.safe == "due":
             self.demand(all(one.ending for one in self.running), "what the safe action waits for is not to end")
             self.demand(self.running or self.calls, "the safe action is due, and nothing keeps it")
@@ -207,7 +237,7 @@ class World:
                 world.returns(lasts=False)
             elif world.running:
                 world.end(world.running[0], failed=False)
-        self.demand(world.lives.pending is None, "something waits for ever")
+        self.demand(not world.lives.waits, "something waits for ever")
         self.demand(world.safe != "due" and world.lives.gate is not Gate.SAFE, "the safe action waits for ever")
 
     @property
@@ -216,15 +246,16 @@ class World:
             return life and (life.name, life.ending, life.task, life.secures, getattr(life, "cancelled", False))
 
         lives = self.lives
-        machine = (lives.gate, lives.barred, lives.calling, of(lives.current), of(lives.pending))
-        others = (tuple(map(of, lives.beside.values())), tuple(map(of, lives.replaced)))
+        machine = (lives.gate, lives.barred, lives.calling, of(lives.current), of(lives.pending), *lives.behind)
+        beside = (tuple(map(of, lives.beside.values())), tuple(map(of, lives.replaced)))
+        left = (tuple(map(of, self.left)), tuple(map(of, lives.left)))
         calls = tuple((of(life), tuple((order, of(one)) for order, one in rest)) for life, rest in self.calls)
-        return (*machine, *others, tuple(map(of, self.running)), calls, self.admitted, self.safe)
+        return (*machine, *beside, *left, tuple(map(of, self.running)), calls, self.admitted, self.safe)
 
 
-def search(most_lives=3):
-    """Return the worlds that can be reached, with at most so many lives at once."""
-    start = World()
+def search(most_lives, most_left=0, kinds=tuple(KINDS)):
+    """Return the worlds that can be reached, with at most so many lives at once, and so many abandoned ones."""
+    start = World(kinds)
     frontier, seen = deque([start]), {start.key}
     while frontier:
         world = frontier.popleft()
@@ -233,7 +264,8 @@ def search(most_lives=3):
             try:
                 [*following.events()][number][1]()
                 following.check()
-                if following.key in seen or len(following.running) > most_lives:
+                many = len(following.running) > most_lives or len(following.left) > most_left
+                if following.key in seen or many:
                     continue
                 following.comes_to_an_end()
             except Wrong as wrong:
@@ -243,10 +275,28 @@ def search(most_lives=3):
     return seen
 
 
-def test_whatever_happens_to_a_few_actions_no_two_live_at_once_and_none_waits_for_ever():
-    seen = search(2)
+@pytest.mark.parametrize(
+    ("kinds", "most"),
+    [
+        (("go", "call", "below", "sing"), 500),
+        (("go", "call", "below", "left", "right"), 400),
+        (("left", "right", "sing"), 1000),
+        pytest.param(tuple(KINDS), 2000, marks=pytest.mark.slow),
+    ],
+)
+def test_whatever_happens_to_a_few_actions_no_two_live_at_once_and_none_waits_for_ever(kinds, most):
+    seen = search(2, 0, kinds)
     assert {key[0] for key in seen} == set(Gate)
-    assert len(seen) > 1000
+    assert len(seen) > most
+
+
+@pytest.mark.parametrize(
+    ("kinds", "most"), [(("go", "sing"), 100), pytest.param(tuple(KINDS), 10_000, marks=pytest.mark.slow)]
+)
+def test_what_was_abandoned_is_not_begun_beside_itself_and_keeps_nothing_else(kinds, most):
+    seen = search(2, 1, kinds)
+    assert {key[0] for key in seen} == set(Gate)
+    assert len(seen) > most
 
 
 def forget_the_latch(patch):
@@ -293,6 +343,26 @@ def forget_a_life_that_lasts(patch):
     patch.setattr(Lives, "keep", lambda self, life, *, task: None)
 
 
+def begin_an_abandoned_action_beside_itself(patch):
+    patch.setattr(Lives, "itself", lambda self, life: None)
+
+
+def forget_what_was_left_too_late(patch):
+    patch.setattr(Lives, "forget", lambda self, life: None)
+
+
+def keep_what_waits_beside_at_the_latch(patch):
+    patch.setattr(Lives, "_discard", lambda self: setattr(self, "pending", None))
+
+
+def begin_a_concurrent_action_beside_itself(patch):
+    def next_(self):
+        name = next(iter(self.behind), None)
+        return None if name is None or self.calling else self.behind.pop(name)
+
+    patch.setattr(Lives, "next", next_)
+
+
 def replace_what_is_about_to_end(patch):
     patch.setattr("mdm.actors.actions.lives._same_group", lambda one, other: True)
 
@@ -308,13 +378,18 @@ def replace_what_is_about_to_end(patch):
         secure_without_an_end_of_what_lives,
         begin_the_safe_action_beside_what_lives,
         forget_a_life_that_lasts,
+        begin_an_abandoned_action_beside_itself,
+        forget_what_was_left_too_late,
+        keep_what_waits_beside_at_the_latch,
+        begin_a_concurrent_action_beside_itself,
         replace_what_is_about_to_end,
     ],
 )
 def test_the_search_finds_faults(plant, monkeypatch):
     plant(monkeypatch)
     with pytest.raises(AssertionError):
-        search(2)
+        for kinds in (("go", "sing"), ("go", "call", "below"), ("go", "left", "right")):
+            search(2, len(kinds) == 2, kinds)
 
 
 def test_what_was_overtaken_before_it_began_is_counted():

@@ -107,8 +107,8 @@ class ActionLayer(Layer):
     Attributes:
         lives: The state machine: which lives are live, and which may begin.
         begins: Told of an action that begins, by its name.
-        ends: Told how an action has ended, by its name, binding, status, whether it took time, and in words; says
-            whether it is given up.
+        ends: Told how an action has ended, by its name, binding, status and in words, whether it took time, and whether
+            a later decision had asked it to; says whether it is given up.
         clears: Notified when a replaced life has ended, too; its end as ``preempted`` was reported before.
         observer: Notified of lives that begin and end, but for plain functions that succeed, which costs decisions
             nothing; None where nobody observes.
@@ -147,7 +147,7 @@ class ActionLayer(Layer):
         check_seconds(safe_timeout, "safe_timeout", key="safe_timeout")
         self.safe_timeout = float(safe_timeout)
         self.begins: Callable[[str], None] = lambda _: None
-        self.ends: Callable[[str, Binding, ActionStatus, bool, str], bool] = lambda *_: False
+        self.ends: Callable[[str, Binding, ActionStatus, str, bool, bool], bool] = lambda *_: False
         self.clears: Callable[[], None] = lambda: None
         self.observer: Callable[[ActionLife], None] | None = None
         self.lives: Lives[_Run] = Lives()
@@ -654,7 +654,8 @@ class ActionLayer(Layer):
         if status in _FAILED:
             self.report("action", text)
         lasted = life.work is not None or life.binding.ensemble is not None
-        gave_up = not life.secures and self.ends(life.name, life.binding, status, lasted, text)
+        asked = life.ending == "preempted"
+        gave_up = not life.secures and self.ends(life.name, life.binding, status, text, lasted, asked)
         if self._told.heard or self._tape is not None or self.observer is not None:
             self._tell(life, status, detail)
         if self.predicates is not None and self.predicates.action_ends:

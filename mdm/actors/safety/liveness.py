@@ -111,6 +111,7 @@ IDLE_AFTER = 10.0
 """Seconds of idleness after which it is told as a fault, where an action that takes time has ended."""
 
 _FAILED = frozenset({"failed", "timed_out", "abandoned"})
+_ACTION = frozenset({"action"})
 
 
 class _End(NamedTuple):
@@ -237,22 +238,40 @@ class Liveness:
         self._end_rest()
         self._ended.pop(name, None)
 
-    def ended(self, name: str, binding: Binding, status: ActionStatus, lasted: bool, text: str) -> bool:
-        """Take the end of an action, which took time or not; return whether it is given up for now."""
+    def ended(self, name: str, binding: Binding, status: ActionStatus, text: str, lasted: bool, asked: bool) -> bool:
+        """Take the end of an action.
+
+        Args:
+            name: The action's.
+            binding: Its binding.
+            status: How it has ended.
+            text: The same, in words.
+            lasted: Whether it took time.
+            asked: Whether a later decision had asked it to: where its cleanup then raises, that is told, and is no
+                cause.
+
+        Returns:
+            Whether it is given up for now.
+        """
         ensemble, safety, due = self._ensemble, self._ensemble.safety, Due()
         # A plain function's effect stands.
         stands = not (lasted or binding.sequel.counts or self.counts) and status == "succeeded"
         if stands or not safety.deciding:
             return False
         self._ended[name] = _End(status, binding, lasted)
-        if status != "preempted":
+        if status != "preempted" and not (asked and status == "failed"):
             failed = status in _FAILED
+            # Before the safe action counts as chosen, and what waits is discarded.
+            follows = self._decides_alone and self._chosen == name
+            answered = ensemble.action.lives.waits and (asked or self._decides_alone)
             due = self._tries.ended(name, binding.sequel, failed=failed, retries=self.retries)
             if failed and not ensemble.action.listened(name, status):
                 safety.fail(text)
+                if answered:  # the input that is the way back has come, and is decided on behind the safe action
+                    safety.reopen(_ACTION, ensemble.runtime.now())
             if due.gave_up:
                 self._give_up(name, text, binding.sequel)
-            elif due.pause is not None and self._decides_alone and self._chosen == name:
+            elif due.pause is not None and (follows or not safety.deciding):
                 self._plan(due.pause, name, status)
         self.look()
         return due.gave_up
@@ -301,8 +320,8 @@ class Liveness:
         now = ensemble.runtime.now()
         self._cancel_again()
         if safety.modes.mode == "safe":  # by the failure itself
-            safety.reopen(frozenset({"action"}), now)
-        elif safety.deciding and ensemble.control.decisions == self._decisions:
+            safety.reopen(_ACTION, now)
+        elif safety.deciding and self._decides_alone and ensemble.control.decisions == self._decisions:
             self.repeats += 1
             ensemble.control.source.decide_again(now)
         self.look()

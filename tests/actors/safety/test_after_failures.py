@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+from itertools import pairwise
 
+import numpy as np
 import pytest
 from action_lives import Body, lives_of, told
+from hypothesis import given, settings, strategies as st
 
 from mdm import Ensemble, PredicateManager, StateFactor, bind
-from mdm.policies import DeterministicPolicy
+from mdm.models import POMDP
+from mdm.policies import AlphaVectors, DeterministicPolicy
 from mdm.testing import probe, run_virtual
 
 
@@ -45,6 +49,121 @@ ENDS = {
 def begun(lives, action="Go"):
     """Return when lives of an action began, in seconds."""
     return [life.time / 1e9 for life in lives if (life.action, life.status) == (action, "running")]
+
+
+# -- A safe action that is named --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("stop", [lambda: None, Body("Stop", [], 0.5)], ids=["plain", "lasting"])
+@pytest.mark.parametrize("end", ENDS)
+@pytest.mark.parametrize("drive", ["event", 4.0])
+def test_behind_a_named_safe_action_it_is_decided_again_when_the_pause_is_over(drive, end, stop):
+    """It counted as the action that was chosen, so that the other one's failure was followed by nothing."""
+    function, options = ENDS[end]
+
+    async def main(runtime):
+        robot = Ensemble(
+            "robot",
+            policy=DeterministicPolicy([0, 1]),
+            actions={"Go": bind(function, then="decide", **options), "Stop": stop},
+            safe_action="Stop",
+            drive=drive,
+        )
+        await runtime.start(robot)
+        lives = lives_of(runtime)
+        robot.publish_state(0)
+        await asyncio.sleep(0.3)
+        while robot.mode != "safe":
+            await asyncio.sleep(0.1)
+        failed = next(life.time / 1e9 for life in lives if life.status in {"failed", "timed_out", "abandoned"})
+        assert robot.statistics().waiting[0].startswith("a pause of 1 s, for action 'Go' ")
+        await asyncio.sleep(30)
+        again = begun(lives)[1]
+        assert failed + 1.0 <= again <= failed + 1.25
+
+    run_virtual(main)
+
+
+# -- What has been replaced -------------------------------------------------------------------------------------------
+
+
+def braking(error):
+    """An action that takes half a second to brake, and raises then."""
+
+    async def go():
+        try:
+            await asyncio.sleep(1e6)
+        finally:
+            await asyncio.sleep(0.5)
+            raise error
+
+    return go
+
+
+@pytest.mark.parametrize("safe", [None, "Stop", lambda: None])
+@pytest.mark.parametrize("then", [None, "decide"])
+def test_the_cleanup_of_an_action_that_was_replaced_takes_nothing_with_it(then, safe):
+    async def main(runtime):
+        log = []
+        actions = {"Go": bind(braking(OSError("no brake")), then=then), "Turn": Body("Turn", log), "Stop": lambda: None}
+        robot = Ensemble("robot", policy=DeterministicPolicy([0, 1, 2]), actions=actions, safe_action=safe)
+        await runtime.start(robot)
+        faults = probe(runtime.faults)
+        robot.publish_state(0)
+        await asyncio.sleep(1)
+        robot.publish_state(1)
+        await asyncio.sleep(60)
+        assert (robot.mode, log, robot.action.live) == ("deciding", ["Turn begins"], ("Turn",))
+        (fault,) = faults
+        assert fault.detail.startswith("action 'Go' failed: OSError: no brake")
+
+    run_virtual(main)
+
+
+def test_an_action_that_starts_anew_is_not_kept_from_it_by_the_cleanup_of_its_life_before():
+    async def main(runtime):
+        go = bind(braking(OSError("no brake")), on_repeat="restart", attempts=1)
+        robot = Ensemble("robot", policy=[0, 0], actions={"Go": go}, safe_action=lambda: None)
+        await runtime.start(robot)
+        lives = lives_of(runtime)
+        for state in (0, 1, 0):
+            robot.publish_state(state)
+            await asyncio.sleep(1)
+        assert (robot.mode, begun(lives)) == ("deciding", [0.0, 1.5, 2.5])
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("end", ["times out", "is abandoned"])
+@pytest.mark.parametrize("stop", [lambda: None, Body("Stop", [], 0.5)], ids=["plain", "lasting"])
+def test_what_was_decided_before_a_failure_had_ended_is_decided_again_behind_the_safe_action(end, stop):
+    """It was the way back, and had come already: the robot stood until another input came."""
+    log = []
+
+    async def slow():
+        try:
+            await asyncio.sleep(1e6)
+        except asyncio.CancelledError:
+            await asyncio.sleep(2 if end == "times out" else 1e6)
+
+    async def main(runtime):
+        go = bind(slow, timeout=1.0 if end == "times out" else None, grace=3.0)
+        robot = Ensemble(
+            "robot",
+            policy=DeterministicPolicy([0, 1, 2]),
+            actions={"Go": go, "Turn": Body("Turn", log), "Stop": stop},
+            safe_action="Stop",
+        )
+        await runtime.start(robot)
+        lives = lives_of(runtime)
+        robot.publish_state(0)
+        await asyncio.sleep(2)
+        robot.publish_state(1)
+        await asyncio.sleep(60)
+        assert (robot.mode, robot.action.live) == ("deciding", ("Turn",))
+        assert [action for action, status in told(lives) if status == "running"] == ["Go", "safe action", "Turn"]
+
+    run_virtual(main)
 
 
 # -- What was abandoned -----------------------------------------------------------------------------------------------
@@ -223,3 +342,105 @@ def test_a_drive_that_has_ended_when_another_of_its_group_is_chosen_has_succeede
         assert robot.action.ended == {"succeeded": 1}
 
     run_virtual(main)
+
+
+# -- The promise ------------------------------------------------------------------------------------------------------
+
+BRAKE = 0.5
+"""Seconds that a safe action takes which takes time."""
+SAFE = {
+    "none": None,
+    "function": lambda: None,
+    "async function": Body("SAFE", [], BRAKE),
+    "name": "Stop",
+    "name of one that lasts": "Brake",
+    "itself": "Go",
+}
+LIVES = st.sampled_from(["succeeds", *ENDS, "brakes badly"])
+
+
+async def arrive():
+    await asyncio.sleep(1.0)
+
+
+def go_of(end):
+    """Return what `Go` does, and the options by which it comes to that end."""
+    more = {"succeeds": (arrive, {}), "brakes badly": (braking(OSError("no brake")), {"timeout": 1.0})}
+    return (ENDS | more)[end]
+
+
+def robot_of(policy, safe, drive, go, reactions):
+    actions = {"Go": go, "Stop": lambda: None, "Brake": Body("Brake", [], BRAKE)}
+    options = reactions | ({} if SAFE[safe] is None else {"safe_action": SAFE[safe]}) | {"drive": drive}
+    if SAFE[safe] is None and options.get("on_failed_action") == "safe":
+        options.pop("on_failed_action")
+    if policy == "states":
+        return Ensemble("robot", policy=DeterministicPolicy([0, 1], 3), actions=actions, **options)
+    model = POMDP([np.eye(2)] * 3, [np.ones((2, 1))] * 3, np.zeros((2, 3)), discount=0.9, actions=list(actions))
+    vectors = AlphaVectors(np.array([[1.0, 1.0]]), [0], num_actions=3)
+    return Ensemble("robot", policy=vectors, model=model, actions=actions, **options)
+
+
+def stands_untold(robot, faults):
+    """Whether it does nothing, and does not say why."""
+    if robot.mode == "safe":
+        kinds = {fault.kind for fault in faults}
+        return not (robot.action.busy or all(cause.kind in kinds for cause in robot.causes))
+    statistics, liveness = robot.statistics(), robot.liveness
+    stands = robot.control.acted is not None and liveness._end is None  # what a function has set goes on
+    ticks = not robot.control.event_driven
+    return not (robot.action.busy or statistics.waiting or liveness.since is not None or stands or ticks)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    policy=st.sampled_from(["states", "beliefs"]),
+    end=LIVES,
+    then=st.sampled_from(["decide", "decide", None, "wait"]),
+    pause=st.sampled_from([0.25, 1.0]),
+    attempts=st.sampled_from([None, None, 2]),
+    safe=st.sampled_from([*SAFE]),
+    reaction=st.sampled_from([None, "safe", "continue", "decide"]),
+    drive=st.sampled_from(["event", 4.0, 0.7]),
+    replaced=st.booleans(),
+)
+def test_whatever_ends_it_is_decided_again_or_told_why_not(
+    policy, end, then, pause, attempts, safe, reaction, drive, replaced
+):
+    function, options = go_of(end)
+    grace = options.get("grace", 1.0)
+    go = bind(function, then=then, pause=pause, attempts=attempts, **options | {"grace": grace})
+    own_safe_action_fails = safe == "itself" and end != "succeeds"
+
+    async def main(runtime):
+        robot = robot_of(policy, safe, drive, go, {} if reaction is None else {"on_failed_action": reaction})
+        lives, faults = lives_of(runtime), probe(runtime.faults)
+        await runtime.start(robot)
+        if policy == "states":
+            robot.publish_state(0)
+        if replaced and policy == "states":
+            await asyncio.sleep(0.6)
+            robot.publish_state(1)
+            await asyncio.sleep(0.01)
+            robot.publish_state(0)
+        for _ in range(120):
+            await asyncio.sleep(0.25)
+            assert not stands_untold(robot, faults), (robot.mode, robot.causes, told(lives))
+        return lives, robot.causes
+
+    lives, causes = run_virtual(main, emergency=lambda: None)
+    if then != "decide" or attempts is not None or own_safe_action_fails:
+        return
+    assert causes == () or end != "succeeds"
+    most, failures = 30.0 - BRAKE, 0
+    rate = 0.0 if drive == "event" else 1.0 / drive
+    for life, nexts in pairwise([*lives, None]):
+        if life.action != "Go" or life.status == "running":
+            continue
+        failures = failures + 1 if life.status in {"failed", "timed_out", "abandoned"} else 0
+        latest = life.time / 1e9 + pause * 2.0 ** max(failures - 1, 0) + rate + BRAKE + 0.01
+        following = [other for other in lives if other.time >= life.time and other.life > life.life]
+        decided = [other for other in following if other.action != "safe action"]
+        if latest < most:
+            assert decided, (life, nexts)
+            assert decided[0].time / 1e9 <= latest, (life, decided[0])

@@ -224,7 +224,7 @@ class Outcome:
         return self.longest <= self.bound and not self.astray
 
 
-def run(seed, *, failed="decide"):
+def run(seed, *, then=None):
     """Run one patrol until it has been undisturbed for two bounds; return how it went."""
     case = Case(seed)
 
@@ -245,8 +245,8 @@ def run(seed, *, failed="decide"):
                 mdm.StateFactor("position", [f"{name}{end}" for name in case.names.values()]),
                 mdm.StateFactor("half", ["Half"]),
             ],
-            actions=Navigation(floor, robot, places).actions(),
-            **({"drive": mdm.FixedRate(float(case.rate))} if case.rate else {"on_failed_action": failed}),
+            actions=Navigation(floor, robot, places).actions(then=then),
+            **({"drive": mdm.FixedRate(float(case.rate))} if case.rate else {}),
         )
         turns, decided, astray = [], [], []
 

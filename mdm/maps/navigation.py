@@ -163,7 +163,8 @@ class Navigation:
             stay: The name of one more action, which stops the robot where it is.
             timeout: Seconds that a drive may take.
             grace: Seconds that a drive has to end when it is cancelled.
-            sequel: What a drive's end is followed by, see `Sequel`: ``then``, ``pause``, ``attempts``.
+            sequel: What a drive's end is followed by, see `Sequel`: ``then``, ``pause``, ``attempts``. A failure is
+                followed by another decision where it says nothing.
 
         Raises:
             ConfigError: If a way has the name of the action that stays.
@@ -184,7 +185,8 @@ class Navigation:
             label: Of one way at least.
             timeout: Seconds that a drive may take.
             grace: Seconds that a drive has to end when it is cancelled.
-            sequel: What a drive's end is followed by, see `Sequel`: ``then``, ``pause``, ``attempts``.
+            sequel: What a drive's end is followed by, see `Sequel`: ``then``, ``pause``, ``attempts``. A failure is
+                followed by another decision where it says nothing.
 
         Raises:
             ConfigError: If no way has this label.
@@ -192,7 +194,7 @@ class Navigation:
         if label not in self.graph.labels:
             raise ConfigError(f"no way is called {label!r}; there are {', '.join(map(repr, self.graph.labels))}")
         bound = _Way(self, label, None, timeout=timeout, grace=grace)
-        bound.sequel = Sequel(**sequel)
+        bound.sequel = Sequel(**sequel, retries=True)
         return bound
 
     def go_to(
@@ -204,7 +206,8 @@ class Navigation:
             name: The place's.
             timeout: Seconds that a drive may take.
             grace: Seconds that a drive has to end when it is cancelled.
-            sequel: What a drive's end is followed by, see `Sequel`: ``then``, ``pause``, ``attempts``.
+            sequel: What a drive's end is followed by, see `Sequel`: ``then``, ``pause``, ``attempts``. A failure is
+                followed by another decision where it says nothing.
 
         Raises:
             MapError: If there is no such place.
@@ -216,6 +219,7 @@ class Navigation:
 
         _call(go, "go_to", name)
         bound = Binding(go, group=self if self.replaces else None, timeout=timeout, grace=grace, **sequel)
+        bound.sequel = Sequel(**sequel, retries=True)
         bound.lasts = True
         return bound
 

@@ -48,6 +48,16 @@ async def localise(system):
         await asyncio.sleep(0.4)
 """
 
+STUCK = """
+import asyncio
+begun = []
+class Stuck:
+    async def go(self, goal):
+        begun.append(asyncio.get_running_loop().time())
+        await asyncio.sleep(2.0)
+        raise OSError("a chair is in the way")
+"""
+
 FILE = """
 tasks = ["wheels:localise"]
 
@@ -92,6 +102,25 @@ def test_ways_and_places_say_what_their_ends_are_followed_by(tmp_path):
         ("decide", 2.0, None),
         (None, 1.0, 3),
     ]
+
+
+@pytest.mark.parametrize(("then", "begun"), [("", [0.0, 3.0, 7.0, 13.0]), (', then = "wait"', [0.0])])
+@pytest.mark.parametrize("target", ['way = "Right"', 'place = "Kitchen"'])
+def test_a_drive_of_a_file_that_fails_is_decided_again_unless_it_says_otherwise(tmp_path, target, then, begun):
+    text = FILE.replace('["wheels:localise"]', "[]").replace("wheels:Wheels", "wheels:Stuck")
+    text = text.replace('way = "Right"', target + then)
+    folder = file(tmp_path, text)
+    (tmp_path / "wheels.py").write_text(STUCK)
+    system = load_system(folder)
+
+    async def main(runtime):
+        await runtime.start(system)
+        for _ in range(160):
+            system.places.see(Pose(2.0, 2.0))
+            await asyncio.sleep(0.1)
+
+    run_virtual(main)
+    assert sys.modules["wheels"].begun == begun
 
 
 def test_places_are_predicates_and_ways_are_actions(tmp_path):

@@ -147,7 +147,7 @@ def test_chosen_again_where_it_leads_nowhere_by_now_a_drive_fails():
 @pytest.mark.parametrize("kind", [Robot, Replacing])
 def test_a_way_that_is_not_there_fails_with_a_sentence_and_moves_nothing(kind):
     async def script(driven):
-        await asyncio.sleep(1)
+        await asyncio.sleep(0.9)  # before it is decided again
         assert driven.told == [("Left", "running"), ("Left", "failed")]
         assert "from 'A' no way is called 'Left'; there are 'Right' to 'B'" in driven.faults[0].detail
         assert driven.robot.said == []
@@ -290,7 +290,7 @@ def test_a_drive_that_ends_elsewhere_has_failed():
             await asyncio.sleep(2.0)
 
     async def script(driven):
-        await asyncio.sleep(5)
+        await asyncio.sleep(3)
         assert driven.told == [("Right", "running"), ("Right", "failed")]
         assert (
             "the drive to 'B' has ended, and the robot is 4 m from the goal: at most 0.6 m" in driven.faults[0].detail
@@ -395,7 +395,7 @@ def test_a_drive_that_fails_says_what_the_navigator_says():
             raise OSError("a chair is in the way")
 
     async def script(driven):
-        await asyncio.sleep(2)
+        await asyncio.sleep(1.5)
         assert driven.told == [("Right", "running"), ("Right", "failed")]
         assert "a chair is in the way" in driven.faults[0].detail
 
@@ -498,7 +498,7 @@ def test_a_drive_that_cannot_be_awaited_fails_with_a_sentence(result):
             return result
 
     async def script(driven):
-        await asyncio.sleep(1)
+        await asyncio.sleep(0.9)
         assert driven.told == [("Right", "running"), ("Right", "failed")]
         assert f"a navigator's 'go' is an async function, and this one returned {result}" in driven.faults[0].detail
 

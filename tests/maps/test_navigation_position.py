@@ -94,7 +94,7 @@ def test_a_robot_goes_on_whatever_disturbs_it(seed):
 
 @pytest.mark.parametrize("seed", [103, 111])
 def test_a_robot_that_decides_nothing_after_a_failure_is_found(seed):
-    assert not patrols.run(seed, failed="continue").goes_on
+    assert not patrols.run(seed, then="wait").goes_on
     assert patrols.run(seed).goes_on
 
 

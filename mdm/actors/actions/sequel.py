@@ -36,14 +36,17 @@ class Sequel:
         pause: Seconds before it is decided again, doubled with each failure in a row up to `LONGEST_PAUSE`.
         attempts: Failures in a row after which it is not decided again: ``Go.gave_up`` occurs, and where nothing
             depends on that, the ensemble goes safe. None by default: there are always more.
+        retries: Whether a failure is followed by a decision where ``then`` says nothing, as for drives to a goal.
 
     Raises:
         ConfigError: If an option has a value that is not allowed.
     """
 
-    __slots__ = ("attempts", "pause", "then")
+    __slots__ = ("attempts", "pause", "retries", "then")
 
-    def __init__(self, then: Then | None = None, pause: float = 1.0, attempts: int | None = None) -> None:
+    def __init__(
+        self, then: Then | None = None, pause: float = 1.0, attempts: int | None = None, *, retries: bool = False
+    ) -> None:
         if then is not None:
             check_choice(then, ("wait", "decide"), "then", key="then")
         check_seconds(pause, "pause", key="pause")
@@ -52,6 +55,7 @@ class Sequel:
         self.then: Then | None = then
         self.pause = float(pause)
         self.attempts = attempts
+        self.retries = then == "decide" or (retries and then is None)
 
     @property
     def counts(self) -> bool:
@@ -91,15 +95,14 @@ class Tries:
         """
         if name != self._name:
             self._name, self._failures = name, 0
-        again = sequel.then == "decide"
         if not failed:
             self._failures = 0
-            return Due(sequel.pause if again else None)
+            return Due(sequel.pause if sequel.then == "decide" else None)
         self._failures += 1
         if sequel.attempts is not None and self._failures >= sequel.attempts:
             self._failures = 0  # once begun again it has as many anew
             return Due(gave_up=True)
-        if not (again or retries):
+        if not (sequel.retries or retries):
             return Due()
         longest = max(LONGEST_PAUSE, sequel.pause)
         return Due(min(sequel.pause * 2.0 ** min(self._failures - 1, 64), longest))

@@ -187,7 +187,8 @@ class Liveness:
         lasting = [(name, binding) for name, binding in pairs if binding.lasts and binding.ensemble is None]
         unsaid = [name for name, binding in lasting if binding.sequel.then is None]
         succeed = {name for name in unsaid if f"{name}.succeeded" not in used}
-        fail = {name for name in unsaid if not self.retries and f"{name}.failed" not in used}
+        retried = {name for name, binding in lasting if self.retries or binding.sequel.retries}
+        fail = {name for name in unsaid if name not in retried and f"{name}.failed" not in used}
         for which, word in ((succeed & fail, "ended"), (succeed - fail, "succeeded"), (fail - succeed, "failed")):
             if which:
                 yield (

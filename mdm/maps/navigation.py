@@ -73,7 +73,10 @@ class Navigation:
     one whose predicate is true when the action begins. From a place without such a way the robot finishes its way to
     the place's goal, as the model has it stay there; where it is at the goal already, or no place is known, the action
     fails with a sentence, and the robot is not moved. Chosen again, an action goes on to its goal; where it leads
-    elsewhere by now, as in the next room, it starts anew.
+    elsewhere by now, as in the next room, it starts anew. A robot that starts between places goes to the nearest first.
+
+    After a failure it is decided again, see `Sequel`, unless ``then`` says otherwise: nothing but a drive would change
+    the place that is decided on.
 
     A drive has succeeded when its navigator says so and, by `Places`, the robot is at the goal; until then that goal
     does not count as reached, so that what is decided there does not end the drive short of it.
@@ -269,12 +272,21 @@ class Navigation:
             if likely:
                 places = [place for place in likely if self.graph.target(place, label) is not None]
                 return self._resolved(label, (places or likely)[0], "believed in")
-        return self._resolved(label, self.place(), "where the robot is")
+        try:
+            place = self.place()
+        except Error:
+            near = None if self._places is None else self._places.nearest()
+            if near is None:
+                raise
+            return self.graph.node(near), Heading(self._now(), label, None, near, "in no place: it goes to the nearest")
+        return self._resolved(label, place, "where the robot is")
 
     def _resolved(self, label: str, place: str, why: str) -> tuple[Node, Heading]:
         name = self.graph.target(place, label)
         if name is not None:
-            return self.graph.node(name), Heading(self._now(), label, place, name, f"{label} from {place}, {why}")
+            first = ", the nearest place, where it goes first" if self._begins_between(place) else ""
+            heading = Heading(self._now(), label, place, name, f"{label} from {place}, {why}{first}")
+            return self.graph.node(name), heading
         ways = [f"{edge.label!r} to {edge.target!r}" for edge in self.graph.edges if edge.source == place]
         others = f"there are {', '.join(ways)}" if ways else "there is none at all"
         if self._is_at(place) is not False:
@@ -282,6 +294,10 @@ class Navigation:
         # In the model such an action stays in the place, and so does the robot: it finishes its way there.
         why = f"no way from {place}, {why}, is called {label}: it finishes its way there"
         return self.graph.node(place), Heading(self._now(), label, place, place, why)
+
+    def _begins_between(self, place: str | None) -> bool:
+        """Whether a place counts as where the robot is since it is the nearest: it was in none yet."""
+        return place is not None and self._places is not None and self._places.between == place
 
     def _is_at(self, place: str) -> bool | None:
         """Whether the robot is at a place's goal; None where nobody tells."""
@@ -326,6 +342,8 @@ class Navigation:
         """Go to a place's goal, by the lifts that lead to its floor."""
         navigator: Any = self.navigator
         taken = self._rides(node, heading)
+        if self._begins_between(heading.source) and heading.source != node.name:
+            await go(self.graph.node(str(heading.source)).goal)
         for ride in taken:
             await go(self.graph.node(ride.source).goal)
             await _awaitable(navigator.ride(ride.lift, self.graph.node(ride.target).goal), "ride")

@@ -49,8 +49,9 @@ class Places(Actor):
     A border has a margin: the robot is in another place only where that is at least so far inside it. A cell of no
     place is of the last one, for at most the ``max_age``. A goal is left at the tolerance and the margin. Without a
     pose for as long as the ``max_age``, and at a pose that is not finite, all is unknown; the first pose after that
-    counts wherever it is. What has changed is one update of the predicate manager; a pose that changes nothing costs
-    it none.
+    counts wherever it is. A robot that starts in a cell of no place counts as in the one whose goal is nearest by path
+    until it enters any, since nothing would move it there else. What has changed is one update of the predicate
+    manager; a pose that changes nothing costs it none.
 
     While a drive of `Navigation` is under way, its goal does not count as one where the robot is before the drive has
     ended, for at most ten seconds, and no other goal is reached.
@@ -154,6 +155,7 @@ class Places(Actor):
         self._room = 0  # the label of the place that predicates are told; 0 where that is unknown
         self._last = 0  # the last one that was known
         self._located = False  # whether there is a pose that counts
+        self._between = False  # whether the place is the nearest, since the robot was in none yet
         self._at: frozenset[int] = frozenset()  # the goals where it is
         self._last_at: frozenset[int] = frozenset()
         self._reached: int | None = None  # the last goal where it was
@@ -195,6 +197,15 @@ class Places(Actor):
     def place(self) -> str | None:
         """The name of the place where the robot is, without the prefix; None where that is unknown."""
         return self.labels.names[self._room - 1] if self._room else None
+
+    @property
+    def between(self) -> str | None:
+        """The name of the place that counts since it is the nearest, as long as the robot was in none; else None."""
+        return self.place if self._between else None
+
+    def nearest(self) -> str | None:
+        """Return the name of the place whose goal is nearest to the robot by path; None where no path is known."""
+        return None if self._pose is None or isinstance(self.floor, Labels) else self._nearest(self._pose)
 
     @property
     def pose(self) -> Pose | None:
@@ -328,19 +339,17 @@ class Places(Actor):
             self._on_late_pose(time, now)
             return
         self._seen, self._pose = time, here
-        room = self._room if pose.floor == self._floor else self._change(pose.floor)
+        before = self._room if pose.floor == self._floor else self._change(pose.floor)
         code = self._look_up(pose.x, pose.y)
-        label = code >> 1
-        if code & 1 or (label and not room):
-            room = label
-        if label or (self._keeps and room):  # in the margin of another place it is in the last one all the same
-            self._placed = time
+        room, between = self._room_of(code, before)
+        if code >> 1 or ((self._keeps or between) and room):
+            self._placed = time  # in the margin of another place it is in the last one all the same
         at, reached = self._at, self._reached
         if self._goals:
             at = self._goals_at(pose.x, pose.y, time)
             reached = self._reached_at(at, room, here)
-        if room != self._room or at != self._at or reached != self._reached or not self._located:
-            self._room, self._at, self._reached, self._located = room, at, reached, True
+        if (room, at, reached, between) != (self._room, self._at, self._reached, self._between) or not self._located:
+            self._between, self._room, self._at, self._reached, self._located = between, room, at, reached, True
             self._tell()
         elif self._witness is not None and self.predicates.value(self._witness[0]) is not self._witness[1]:
             self._told.clear()  # the predicate manager has started anew
@@ -350,9 +359,19 @@ class Places(Actor):
         if self._arrives is not None:
             self._look_whether_there(self._arrives, here)
 
+    def _room_of(self, code: int, before: int) -> tuple[int, bool]:
+        """Return the label of the place where the robot is, by that of the cell, and whether it is only the nearest."""
+        label = code >> 1
+        if code & 1 or (label and (self._between or not before)):
+            return label, False
+        if not (before or self._located) and (near := self.nearest()) is not None:
+            return self.labels.names.index(near) + 1, True
+        return before, self._between
+
     def _change(self, floor: str) -> int:
         """Be on another floor, where the robot is in no place yet, of whose borders there would be a margin."""
         level = self._levels[floor]
+        self._between = False
         self._floor, self.labels, self._look_up, self._goals_here = floor, level.labels, level.look_up, level.goals
         return 0
 
@@ -378,7 +397,7 @@ class Places(Actor):
         if at:
             return min(at - self._at, default=min(at) if reached not in at else reached)
         if reached is None:
-            return self._nodes[self.labels.names[room - 1] if room else self._nearest(pose)]
+            return self._nodes[self.labels.names[room - 1] if room else str(self._nearest(pose, straight=True))]
         return reached
 
     def _near(self, x: float, y: float) -> frozenset[int]:
@@ -390,8 +409,8 @@ class Places(Actor):
             if (x - goal_x) * (x - goal_x) + (y - goal_y) * (y - goal_y) <= (far if index in before else near)
         )
 
-    def _nearest(self, pose: Pose) -> str:
-        """Return the place whose goal is nearest, by path where the floor has a grid and there is one."""
+    def _nearest(self, pose: Pose, *, straight: bool = False) -> str | None:
+        """Return the place whose goal is nearest: by path, or straight where the floor has no grid, or on request."""
         assert not isinstance(self.floor, Labels)
         floor = self.floor.maps[pose.floor] if isinstance(self.floor, Floors) else self.floor
         nodes, grid = [node for node in self.floor.graph.nodes if node.goal.floor == pose.floor], floor.grid
@@ -403,9 +422,11 @@ class Places(Actor):
             ends = [grid.frame.cell(node.goal.x, node.goal.y) for node in nodes]
             distances, _ = Paths(grid.frame, grid.free).distances([here])
             lengths = [math.inf if end is None else float(distances[end]) for end in ends]
-        if not math.isfinite(min(lengths)):
+        straight = straight or (grid is None and self.labels.frame.cell(pose.x, pose.y) is not None)
+        if straight and not math.isfinite(min(lengths, default=math.inf)):
             lengths = [math.hypot(pose.x - node.goal.x, pose.y - node.goal.y) for node in nodes]
-        return nodes[lengths.index(min(lengths))].name
+        near = min(lengths, default=math.inf)
+        return nodes[lengths.index(near)].name if math.isfinite(near) else None
 
     def _on_bad_pose(self, pose: Pose, now: int) -> None:
         self._lose()
@@ -437,6 +458,7 @@ class Places(Actor):
     def _lose(self) -> None:
         """Let all be unknown."""
         self._pose = None
+        self._between = False
         self._room, self._at, self._located = 0, frozenset(), False
         if self._told:
             self._tell()
@@ -464,7 +486,7 @@ class Places(Actor):
 
     def _events(self) -> list[str]:
         events = []
-        if self._room and self._room != self._last:
+        if self._room and self._room != self._last and not self._between:
             if self._last:
                 events.append(f"{self._rooms[self._last - 1]}.left")
             events.append(f"{self._rooms[self._room - 1]}.entered")

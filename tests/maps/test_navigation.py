@@ -731,3 +731,121 @@ def test_a_drive_whose_last_pose_comes_after_its_end_has_succeeded(late):
 
     ways = ["lift to first", "Left"]
     assert run_virtual(main) == [(way, status) for way in ways for status in ("running", "succeeded")]
+
+
+# -- Ways that can be gone again --------------------------------------------------------------------------------------
+
+
+class Blocked(Robot):
+    """Gets nowhere for half a minute, and says so each time."""
+
+    async def go(self, goal):
+        if asyncio.get_running_loop().time() < 30.0:
+            self.said.append("blocked")
+            await asyncio.sleep(1.0)
+            raise OSError("a chair is in the way")
+        await super().go(goal)
+
+
+@pytest.mark.parametrize("safe", [None, "Stay", lambda: None])
+@pytest.mark.parametrize("rate", ["event", 2.0])
+def test_a_robot_that_was_blocked_goes_on_when_its_way_is_free(rate, safe):
+    """Nothing but the drive would change the place that is decided on: blocked once, it stood for ever."""
+
+    async def script(driven):
+        await asyncio.sleep(100)
+        assert driven.robot.places.place == "C"
+        assert 3 < driven.robot.said.count("blocked") < 31
+
+    drive(script, Blocked, drive=rate, **({} if safe is None else {"safe_action": safe}))
+
+
+def test_a_place_that_was_blocked_is_gone_to_again_and_one_that_is_reached_is_not():
+    async def script(driven):
+        await asyncio.sleep(100)
+        assert (driven.robot.x, driven.robot.said.count("go 10")) == (10.0, 1)
+
+    class Home(Driven):
+        def __init__(self):
+            super().__init__(Blocked)
+            self.ensemble = mdm.Ensemble("robot", policy=[0], actions={"Home": self.navigation.go_to("C")})
+
+        async def start(self, runtime):
+            await super().start(runtime)
+            self.ensemble.publish_state(0)
+            return self
+
+    async def main(runtime):
+        driven = await Home().start(runtime)
+        await script(driven)
+        driven.living.cancel()
+
+    run_virtual(main)
+
+
+def test_with_wait_a_robot_that_was_blocked_waits_on_purpose():
+    async def script(driven):
+        await asyncio.sleep(100)
+        assert driven.robot.said == ["blocked"]
+        assert [fault.kind for fault in driven.faults] == ["action"]
+
+    drive(script, Blocked, navigation={"then": "wait"})
+
+
+@pytest.mark.parametrize("end", ["", ".reached"])
+@pytest.mark.parametrize(("outside", "gap"), [("unknown", 0.1), ("keep", 2.0)])
+@pytest.mark.parametrize("rate", ["event", 2.0])
+def test_a_robot_that_starts_between_places_goes_to_the_nearest_first(rate, outside, gap, end):
+    """No place was known, so that it decided nothing, and stood for ever."""
+    floor = row_of_rooms("A", "B", "C", gap=gap)
+    ends = [*floor.graph.edges, Edge("C", "C", "Right")]
+    floor = Map(floor.labels, Graph(floor.graph.nodes, tuple(ends)))
+
+    class Begun(Robot):
+        def __init__(self, floor, predicates, x, y):
+            super().__init__(floor, predicates, x, y, outside=outside)
+
+    async def main(runtime):
+        predicates = mdm.PredicateManager()
+        robot = Begun(floor, predicates, 4.0 + gap / 4, 2.0)
+        navigation = Navigation(floor, robot, robot.places)
+        ensemble = mdm.Ensemble(
+            "robot",
+            policy=[0, 0, 0],
+            predicates=predicates,
+            states=[mdm.StateFactor("room", [f"{room}{end}" for room in "ABC"])],
+            actions={"Right": navigation.way("Right")},
+            drive=rate,
+            safe_action=lambda: None,
+        )
+        headings = probe(runtime.channel("navigation/headings", Heading))
+        await runtime.start(robot.places)
+        await runtime.start(ensemble)
+        living = asyncio.create_task(robot.live())
+        await asyncio.sleep(60)
+        living.cancel()
+        robot.goal = None
+        assert robot.said[:2] == ["go 2", "stop"]
+        assert headings[0].why == "Right from A, decided on, the nearest place, where it goes first"
+        assert robot.x == floor.graph.node("C").goal.x
+
+    run_virtual(main)
+
+
+def test_a_way_from_nowhere_leads_to_the_nearest_place():
+    """Of a robot that has left all places for long, and of which nothing that is decided on says where it is."""
+
+    async def script(driven):
+        await asyncio.sleep(0.2)
+        driven.robot.x = 5.0  # between places
+        await asyncio.sleep(1.0)
+        assert driven.robot.places.place is None
+        node, heading = driven.navigation.resolve("Right")
+        assert (node.name, heading.target, heading.source) == ("A", "A", None)
+        assert heading.why == "in no place: it goes to the nearest"
+        driven.living.cancel()
+        await asyncio.sleep(1.0)  # by now no pose counts, either
+        with pytest.raises(Error, match="it is not known in which place the robot is"):
+            driven.navigation.resolve("Right")
+
+    drive(script, floor=row_of_rooms("A", "B", gap=3.0), policy={"A": "Stay", "B": "Stay"})

@@ -14,7 +14,7 @@ from sentences import refused
 
 import mdm
 from mdm.errors import ConfigError, Error, MapError
-from mdm.maps import Floors, Frame, Graph, Labels, Lift, Map, Node, Places, Pose
+from mdm.maps import Floors, Frame, Graph, Grid, Labels, Lift, Map, Node, Places, Pose
 from mdm.messages import Journey, PoseUpdate
 from mdm.testing import crash, probe, run_virtual
 
@@ -256,8 +256,6 @@ def test_a_cell_of_no_place_is_of_the_last_one_for_a_while():
 
 def test_between_islands_the_last_place_may_be_kept():
     async def script(watched):
-        watched.see(4.5)
-        assert watched.values == {"Hall": None, "Kitchen": None}
         watched.see(1)
         for _ in range(100):
             await asyncio.sleep(0.1)
@@ -267,6 +265,57 @@ def test_between_islands_the_last_place_may_be_kept():
         assert watched.values == {"Hall": None, "Kitchen": None}
 
     watch(script, row_of_rooms("Hall", "Kitchen", gap=1.0), outside="keep")
+
+
+@pytest.mark.parametrize("outside", ["unknown", "keep"])
+def test_a_first_pose_between_places_is_of_the_nearest_until_one_is_entered(outside):
+    async def script(watched):
+        for _ in range(20):  # for longer than the max_age
+            watched.see(4.6)
+            await asyncio.sleep(0.1)
+            assert watched.values == {"Hall": False, "Kitchen": True}
+        assert (watched.places.between, watched.events) == ("Kitchen", [])
+        watched.see(3.9)  # in the margin of another place than the nearest
+        assert watched.values == {"Hall": True, "Kitchen": False}
+        assert (watched.places.between, watched.events) == (None, ["Hall.entered"])
+        watched.see(4.6)
+        await asyncio.sleep(0.6)  # all is unknown, and the robot between places: as at first
+        watched.see(4.6)
+        assert (watched.values, watched.places.between) == ({"Hall": False, "Kitchen": True}, "Kitchen")
+        watched.see(5.1)
+        assert (watched.places.between, watched.events) == (None, ["Hall.entered", "Hall.left", "Kitchen.entered"])
+
+    watch(script, row_of_rooms("Hall", "Kitchen", gap=1.0), outside=outside)
+
+
+def test_a_first_pose_off_the_map_is_of_no_place():
+    async def script(watched):
+        watched.see(4.6, 40.0)
+        assert watched.values == {"Hall": None, "Kitchen": None}
+        watched.see(4.6)  # by now a pose counts
+        assert watched.values == {"Hall": None, "Kitchen": None}
+
+    watch(script, row_of_rooms("Hall", "Kitchen", gap=1.0))
+
+
+def test_the_nearest_place_is_that_by_path():
+    """Of a robot in a corridor behind a wall the near goal takes the longer way; in a wall there is none at all."""
+    labels = np.zeros((40, 120), dtype=np.uint16)
+    labels[:15, :50], labels[:15, 70:] = 1, 2
+    free = np.ones((40, 120), dtype=bool)
+    free[20, 10:] = False  # the wall, with a door at the far left
+    frame = Frame(40, 120, 0.1)
+    nodes = (Node("Near", Pose(7.5, 3.5)), Node("Far", Pose(1.0, 3.5)))
+    floor = Map(Labels(frame, labels, ("Far", "Near")), Graph(nodes, ()), Grid(frame, free, ~free))
+
+    async def script(watched):
+        watched.see(7.5, 1.0)
+        assert (watched.places.place, watched.places.nearest()) == ("Far", "Far")
+        await asyncio.sleep(1.0)
+        watched.see(7.5, 1.95)
+        assert watched.places.place is None
+
+    watch(script, floor)
 
 
 def test_a_goal_is_left_farther_away_than_it_is_reached():
@@ -526,23 +575,31 @@ class Plain:
 
     def __init__(self, floor, margin, max_age):
         self.labels, self.margin, self.max_age = floor.labels, margin, max_age
-        self.room, self.placed, self.seen = None, -math.inf, -math.inf
+        self.goals = {node.name: node.goal for node in floor.graph.nodes}
+        self.room, self.placed, self.seen, self.between, self.located = None, -math.inf, -math.inf, False, False
 
     def pass_to(self, time):
-        if time >= self.seen + self.max_age or time >= self.placed + self.max_age:
+        if time >= self.seen + self.max_age:
+            self.room, self.located, self.between = None, False, False
+        if time >= self.placed + self.max_age:
             self.room = None
 
     def see(self, time, x, y):
         self.pass_to(time)
         if not (math.isfinite(x) and math.isfinite(y)):
-            self.room = None
+            self.room, self.located, self.between = None, False, False
             return
-        self.seen = time
+        self.seen, first, self.located = time, not self.located, True
         name = self.labels.name(x, y)
+        if name is None and first and self.labels.frame.cell(x, y) is not None:
+            self.room = min(self.goals, key=lambda room: math.hypot(self.goals[room].x - x, self.goals[room].y - y))
+            self.between = True
+        if name is not None or self.between:
+            self.placed = time
         if name is None:
             return
-        self.placed = time
-        if self.room is None or self.labels.depth[self.labels.frame.cell(x, y)] - 0.025 >= self.margin - 1e-9:
+        enters, self.between = self.room is None or self.between, False
+        if enters or self.labels.depth[self.labels.frame.cell(x, y)] - 0.025 >= self.margin - 1e-9:
             self.room = name
 
 

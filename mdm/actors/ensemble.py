@@ -275,6 +275,7 @@ class Ensemble(Layer):
         yield from circles(self)
         if not isinstance(self.parent, Ensemble):  # else a decision above ends its action, too
             yield from self.liveness.endless()
+            yield from self.liveness.dead_ends()
 
     def _silent(self) -> set[str]:
         """Return the predicates that it decides on and that code sets, unless one of them becomes unknown by age."""

@@ -132,6 +132,10 @@ class Declarations:
         """
         self._ages.update(dict.fromkeys(names, (seconds, teller)))
 
+    def moves(self, name: str) -> bool:
+        """Whether a name is told by an actor that says where the robot is."""
+        return name in self._ages or name.rpartition(".")[0] in self._ages
+
     def use(self, *names: str) -> None:
         """Ask for names that are known by their form, so that the network has them; call this before the start."""
         self._used.update(names)

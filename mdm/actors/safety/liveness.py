@@ -201,12 +201,7 @@ class Liveness:
         ensemble = self._ensemble
         if ensemble.predicates is None or not ensemble.control.event_driven or ensemble.control.source.shared:
             return
-        declared = ensemble.predicates.declared
-        given = [
-            name
-            for name in self._used()
-            if name not in declared.names or declared.senses(name) or declared.raises(name)
-        ]
+        given = self._given()
         if not given or not all(map(ACTION_END.fullmatch, given)):
             return  # another input may change its decision
         pairs = zip(ensemble.action.names, ensemble.action.bindings, strict=True)
@@ -216,6 +211,49 @@ class Liveness:
                 f"ensemble {ensemble.name!r} decides on the ends of its actions alone, so that one that never ends is "
                 f"its last: give a timeout to {', '.join(names)}"
             )
+
+    def dead_ends(self) -> Iterator[str]:
+        """Yield the safe modes that only a release ends: an input would, and only its own actions bring that about."""
+        ensemble = self._ensemble
+        action, control, given = ensemble.action, ensemble.control, self._given()
+        if action.safe is None or control.source.shared or not given or not all(map(self._is_own, given)):
+            return
+        heeded = set() if ensemble.predicates is None else {*ensemble.predicates.declared.used, *given}
+        found: dict[str, tuple[str, str]] = {}
+        for name, binding in zip(action.names, action.bindings, strict=True):
+            ends = ("failed",) if binding.timeout is None else ("failed", "timed_out")
+            unheeded = binding.lasts and any(f"{name}.{end}" not in heeded for end in ends)
+            if ensemble.safety.reacts_to_failures and unheeded and not binding.sequel.retries:
+                found[f"actions.{name}"] = f"{name} has failed", 'say then = "decide" at the action'
+            elif binding.sequel.attempts is not None and f"{name}.gave_up" not in heeded:
+                found[f"actions.{name}"] = f"{name} is given up", f"use {name}.gave_up, or leave attempts out"
+        if control.deadline is not None and control.event_driven:
+            found["deadline"] = "a decision was late", "decide at a fixed rate, or leave the deadline out"
+        for key, (case, way_out) in found.items():
+            yield (
+                f"ensembles.{ensemble.name}.{key}: where {case}, nothing but a release leads out of the safe mode, for "
+                f"only the ensemble's own actions change what it decides on ({', '.join(sorted(given))}): {way_out}"
+            )
+
+    def _is_own(self, name: str) -> bool:
+        """Whether an input changes by actions here or below alone: it is the end of one, or the robot's place."""
+        manager, action = self._ensemble.predicates, self._ensemble.action
+        if manager is not None and manager.declared.moves(name):
+            return True
+        own = ACTION_END.fullmatch(name) is not None and name.rpartition(".")[0] in action.names
+        return own or any(below.liveness._is_own(name) for below in self._ensemble.subensembles)  # noqa: SLF001 - family
+
+    def _given(self) -> set[str]:
+        """Return those of its inputs that no formula of others defines."""
+        manager = self._ensemble.predicates
+        if manager is None:
+            return set()
+        declared = manager.declared
+        return {
+            name
+            for name in self._used()
+            if name not in declared.names or declared.senses(name) or declared.raises(name)
+        }
 
     def _used(self) -> set[str]:
         """Return the inputs that the ensemble's decisions depend on."""

@@ -251,6 +251,11 @@ class Safety:
         elif told:
             self._ensemble.runtime.faults.publish(fault)
 
+    @property
+    def reacts_to_failures(self) -> bool:
+        """Whether a failed action that nothing heeds is a cause."""
+        return self._reactions[_FAILED]
+
     def fail(self, text: str) -> None:
         """Take it that an action has failed, and that nothing else heeds that."""
         if self.deciding and self._reactions[_FAILED]:

@@ -8,9 +8,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from action_lives import Body, lives_of, told
+from drives import Robot
 from hypothesis import given, settings, strategies as st
+from rows_of_rooms import row_of_rooms
 
 from mdm import Ensemble, PredicateManager, StateFactor, bind
+from mdm.maps import Navigation, Places
 from mdm.models import POMDP
 from mdm.policies import AlphaVectors, DeterministicPolicy
 from mdm.testing import probe, run_virtual
@@ -444,3 +447,83 @@ def test_whatever_ends_it_is_decided_again_or_told_why_not(
         if latest < most:
             assert decided, (life, nexts)
             assert decided[0].time / 1e9 <= latest, (life, decided[0])
+
+
+# -- What `mdm check` says of it --------------------------------------------------------------------------------------
+
+
+def dead_end(key, case, way_out):
+    alone = "for only the ensemble's own actions change what it decides on (Rest.succeeded, Work.succeeded)"
+    return [
+        f"ensembles.guard.{key}: where {case}, nothing but a release leads out of the safe mode, {alone}: {way_out}"
+    ]
+
+
+FAILED = dead_end("actions.Work", "Work has failed", 'say then = "decide" at the action')
+
+
+@pytest.mark.parametrize(
+    ("options", "work", "latch", "told"),
+    [
+        ({}, {}, "Work.succeeded", FAILED),
+        ({"drive": 2.0}, {}, "Work.succeeded", FAILED),
+        ({}, {"then": "decide"}, "Work.succeeded", []),
+        ({}, {"then": "wait"}, "Work.succeeded", FAILED),
+        ({}, {}, "Work.succeeded or Work.failed", []),  # that is heeded
+        ({}, {}, "Work.succeeded or Seen", []),  # and that comes from elsewhere
+        ({"on_failed_action": "continue"}, {}, "Work.succeeded", []),
+        ({"on_failed_action": "decide"}, {}, "Work.succeeded", []),
+        ({"safe_action": None}, {}, "Work.succeeded", []),
+        (
+            {},
+            {"then": "decide", "attempts": 2},
+            "Work.succeeded",
+            dead_end("actions.Work", "Work is given up", "use Work.gave_up, or leave attempts out"),
+        ),
+        ({}, {"then": "decide", "attempts": 2}, "Work.succeeded or Work.gave_up", []),
+        (
+            {"deadline": 0.5},
+            {"then": "decide"},
+            "Work.succeeded",
+            dead_end("deadline", "a decision was late", "decide at a fixed rate, or leave the deadline out"),
+        ),
+        ({"deadline": 0.5, "drive": 2.0}, {"then": "decide"}, "Work.succeeded", []),
+    ],
+)
+def test_safe_modes_that_nothing_leads_out_of_are_noted(options, work, latch, told):
+    manager = PredicateManager()
+    manager.sensor("Seen")
+    manager.latch("Worked", set=latch, reset="Rest.succeeded", initial=False)
+    actions = {"Work": bind(forever, timeout=5.0 if "failed" not in latch else None, **work), "Rest": lambda: None}
+    guard = Ensemble(
+        "guard",
+        policy=[0, 1],
+        predicates=manager,
+        states=[StateFactor("worked", ["Worked"])],
+        actions=actions,
+        **{"safe_action": lambda: None} | options,
+    )
+    assert [note for note in guard.notes() if "leads out" in note] == told
+    Ensemble("above", policy=[0], actions={"go": guard})
+    assert not [note for note in guard.notes() if "leads out" in note]  # what is above may end it
+
+
+def test_where_only_a_place_is_decided_on_nothing_leads_out_but_a_drive():
+    floor, predicates = row_of_rooms("A", "B"), PredicateManager()
+    places = Places(floor, predicates)
+    navigation = Navigation(floor, Robot(floor, PredicateManager(), 0.0, 0.0), places)
+
+    def noted(**actions):
+        robot = Ensemble(
+            "robot",
+            policy=[0, 0],
+            predicates=predicates,
+            states=[StateFactor("place", ["A.reached", "B.reached"])],
+            actions=actions,
+            safe_action=lambda: None,
+        )
+        return [note.partition(":")[0] for note in robot.notes() if "leads out" in note]
+
+    assert noted(Right=navigation.way("Right")) == []
+    assert noted(Right=forever) == ["ensembles.robot.actions.Right"]
+    assert noted(Right=navigation.way("Right", then="wait")) == ["ensembles.robot.actions.Right"]

@@ -339,7 +339,7 @@ class TeamLayer(Layer):
         """Go safe, hold or go on, by who is lost; safe as long as this agent is refused."""
         safety = self.ensemble.safety
         if self.link.refusal is not None:
-            safety.endanger("refused", self.link.refusal, now)
+            safety.endanger("refused", self.link.refusal, now, at_rest=True)
             return
         safety.reopen(_REFUSED, now)
         if safety.on_lost_teammate == "safe_action":

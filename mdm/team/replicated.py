@@ -391,9 +391,9 @@ class ReplicatedLayer(TeamLayer):
     def assess(self, now: int) -> None:
         """Go safe, hold or go on, by who is there."""
         safety = self.ensemble.safety
-        if self._role in _STEADY and not self.lost and not self._held and safety.modes.mode != "safe":
+        if self._role in _STEADY and not self.lost and not self._held and not safety.modes.causes:
             return  # as at nearly each step
-        if self._role == "waiting":
+        if self._role == "waiting" and self.copy.begun:
             safety.endanger("lost_majority", f"{self.agent} is without a majority of team {self.team.name!r}", now)
         elif self._role != "joining":
             safety.reopen(_MAJORITY, now)

@@ -94,8 +94,8 @@ def test_an_agent_of_another_kind_of_team_is_refused_and_safe(theirs, told, firs
         assert right.faults[-1].detail == f"right cannot take part in the team: {told}"
         assert right.role == "refused"
         assert right.member.link.refusal == told
-        assert [cause.kind for cause in right.ensemble.causes] in ([], ["refused"])
-        assert right.did in ([], ["SAFE"])
+        assert [cause.kind for cause in right.ensemble.causes] == ["refused"]
+        assert (right.ensemble.mode, right.did) == ("safe", ["SAFE"])
         assert right.commits == []
         assert [kind for kind in left.kinds() if kind != "missing_teammate"] == ["refused"]
         assert left.role == "leading"
@@ -103,6 +103,35 @@ def test_an_agent_of_another_kind_of_team_is_refused_and_safe(theirs, told, firs
         await asyncio.sleep(1.0)
         assert left.commits[-1].input == {"left": "hear-left"}
         assert right.commits == []
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("stops", [False, True])
+def test_an_agent_that_is_refused_is_safe_until_it_is_not_unless_it_was_told_to_stop(stops):
+    """It was stopped without a cause; and one that has said that it is stopped does not move."""
+    other = Team("tigers", ["left", "right"], mode="communicating", period=0.5)
+
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        left = await Robot(tigers(), "left", network, over_beliefs(MODEL)).start(runtime)
+        await asyncio.sleep(20.0)
+        build = over_beliefs(MODEL)
+
+        def safe(robot, agent):
+            return build(robot, agent, safe_action=robot.act("SAFE"))
+
+        right = await Robot(other, "right", network, safe).start(runtime)
+        if stops:
+            right.ensemble.stop()
+        await asyncio.sleep(10.0)
+        assert [cause.kind for cause in right.ensemble.causes] == ["refused"]
+        assert (right.ensemble.mode, right.did) == (("stopped", []) if stops else ("safe", ["SAFE"]))
+        await runtime.stop(left.member)  # the other one leaves: it is refused no more
+        await asyncio.sleep(10.0)
+        assert right.ensemble.causes == ()
+        assert right.ensemble.mode == ("stopped" if stops else "deciding")
+        assert bool(right.did[1:]) is not stops
 
     run_virtual(main)
 

@@ -127,7 +127,7 @@ class Modes:
         safe_action: How the safe action stands.
     """
 
-    __slots__ = ("_leaving", "causes", "mode", "safe_action", "since", "stage")
+    __slots__ = ("_leaving", "_ordered", "_rests", "causes", "mode", "safe_action", "since", "stage")
 
     def __init__(self, time: int = 0, held: Iterable[Cause] = ()) -> None:
         self.mode: ModeName = "stopped"
@@ -135,7 +135,9 @@ class Modes:
         self.causes = {cause.kind: cause for cause in held}
         self.stage = Stage.CLOSED
         self.safe_action = Try.NONE
+        self._ordered = False  # somebody has told it to stop, and not to start since
         self._leaving = False
+        self._rests = False  # it had not started when it went safe, and is stopped again when no cause holds
 
     @property
     def deciding(self) -> bool:
@@ -160,19 +162,22 @@ class Modes:
     @property
     def leaving(self) -> bool:
         """Whether it is safe, and stopped when that is over."""
-        return self._leaving
+        return self._leaving or self._rests
 
     @property
     def held(self) -> tuple[Cause, ...]:
-        """The causes that nothing but a release, or a user's own word, takes away."""
-        return tuple(cause for kind, cause in self.causes.items() if WAYS_BACK.get(kind, "release") == "release")
+        """The causes that outlast a stop: a release, the team or a user's own word takes them away, and no input."""
+        return tuple(
+            cause for kind, cause in self.causes.items() if WAYS_BACK.get(kind, "release") in {"release", "team"}
+        )
 
     # -- Stages --------------------------------------------------------------------------------------------------
 
     def open(self, time: int) -> None:
         """A life begins, stopped: it keeps the causes that a restart does not mend."""
         held = self.held if "failure" in self.causes else ()
-        self._leaving, self.safe_action = False, Try.NONE
+        self._leaving = self._rests = self._ordered = False
+        self.safe_action = Try.NONE
         self.causes = {cause.kind: cause for cause in held}
         self.stage = Stage.OPEN
         self._enter("stopped", time)
@@ -209,8 +214,9 @@ class Modes:
         """The ensemble is to decide; where a cause has outlasted its stop, it is safe at once."""
         if self.stage is not Stage.OPEN:
             return ()
+        self._ordered = False
         if self.mode == "safe":
-            self._leaving = self._leaving and self.ended
+            self._leaving, self._rests = self._leaving and self.ended, self._rests and self.ended
             return ()
         if self.mode == "deciding" or self.ended:
             return ()
@@ -226,6 +232,7 @@ class Modes:
         """
         if self.stage is Stage.BELOW:
             return ()
+        self._ordered = True
         if self.mode == "deciding":
             self._enter("stopped", time)
             return (Order.HALT,)
@@ -234,14 +241,25 @@ class Modes:
             return self._leave(time)
         return ()
 
-    def endanger(self, kind: str, detail: str, time: int) -> Orders:
-        """Something went wrong."""
-        if self.mode == "stopped":
+    def endanger(self, kind: str, detail: str, time: int, *, at_rest: bool = False) -> Orders:
+        """Something went wrong; where it has stopped, that is kept for its start.
+
+        Args:
+            kind: The cause.
+            detail: In words.
+            time: When.
+            at_rest: Whether it goes safe where it has not started, too; not where somebody has told it to stop.
+        """
+        stopped = self.mode == "stopped"
+        if stopped and self.stage is not Stage.OPEN:
             return ()
-        if self.mode == "safe" and not self.securing and WAYS_BACK.get(kind) == "at once":
-            return ()  # the robot is safe already, and nothing would ever take the cause away
+        if self.mode != "deciding" and not self.securing and WAYS_BACK.get(kind) == "at once":
+            return ()  # the robot is safe already, or stands, and nothing would ever take the cause away
         self.causes.setdefault(kind, Cause(kind, detail, time))
-        return () if self.mode == "safe" else self._secure(time)
+        if self.mode == "safe" or (stopped and (self._ordered or not at_rest)):
+            return ()
+        self._rests = stopped
+        return self._secure(time)
 
     def end(self, time: int, kind: str = "end", detail: str = "the ensemble ends", *, unsafe: bool = False) -> Orders:
         """There is no way back, behind `end_here`; the safe action runs once more, unless it is due or runs.
@@ -311,8 +329,8 @@ class Modes:
         """Leave the safe mode where nothing holds it any more."""
         if self.securing:
             return ()
-        if self._leaving:
-            self._leaving = False
+        if self._leaving or (self._rests and not self.causes):
+            self._leaving = self._rests = False
             if not self.ended:
                 self.causes = {cause.kind: cause for cause in self.held}
             self._enter("stopped", time)

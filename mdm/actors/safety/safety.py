@@ -206,14 +206,21 @@ class Safety:
             self._ensemble.liveness.look()
         return self.modes.mode == "safe"
 
-    def endanger(self, kind: str, detail: str, time: int) -> None:
-        """Take a cause that others report; where there is a safe action, go safe at once."""
+    def endanger(self, kind: str, detail: str, time: int, *, at_rest: bool = False) -> None:
+        """Take a cause that others report; where there is a safe action, go safe at once.
+
+        Args:
+            kind: The cause.
+            detail: In words.
+            time: When.
+            at_rest: See `Modes.endanger`.
+        """
         if self._has_safe_action:
-            self._obey(self.modes.endanger(kind, detail, time), time)
+            self._obey(self.modes.endanger(kind, detail, time, at_rest=at_rest), time)
 
     def reopen(self, kinds: frozenset[str], time: int) -> None:
         """Take causes as gone."""
-        if self.modes.mode == "safe":
+        if self.modes.causes:
             self._obey(self.modes.gone(kinds, time), time)
 
     def blind(self, time: int) -> None:
@@ -242,7 +249,7 @@ class Safety:
             time: When.
             told: Whether it is reported where it is no cause.
         """
-        secured = self.modes.mode == "safe" and not self.modes.ending
+        secured = self.returning and not self.modes.ending
         if kind in self.modes.causes or not (secured or (self.deciding and self._acted)):
             return
         fault = Fault(time, self._ensemble.path, kind, text)

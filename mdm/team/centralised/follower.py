@@ -206,6 +206,7 @@ class CentralisedFollower(TeamLayer):
         if not decision.running:
             safety.stop(now)
         elif self.ensemble.mode == "stopped" and not self.still:
+            safety.reopen(_CONTROLLER, now)
             safety.start(now)
         action = decision.action
         goes_on = last is not None and last.running and decision.command in {HOLD, *STARTS} and not held
@@ -256,7 +257,7 @@ class CentralisedFollower(TeamLayer):
 
     def assess(self, now: int) -> None:
         """Go safe, hold or go on, by who is there; the way back from a lost controller is its next decision."""
-        if self.refusal is None and not self._here:
+        if self.refusal is None and not self._here and self._last is not None:
             self.ensemble.safety.endanger("lost_controller", f"agent {self._controller!r} is not there", now)
         super().assess(now)
 

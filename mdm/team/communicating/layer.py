@@ -141,12 +141,17 @@ class CommunicatingLayer(TeamLayer):
     # -- Episodes ------------------------------------------------------------------------------------------------
 
     def _begin(self) -> None:
-        """Begin the first episode where there is none, if this is the first of the agents that are there."""
-        if self.episode is None and self.refusal is None:
-            if next((agent for agent in self._agents if agent in self.link.live), self.agent) == self.agent:
-                self.request("start", "")
-            else:
-                self.call_later(self.team.lease, self._begin)
+        """Begin the first episode where there is none and nobody was stopped, if this is the first agent that is there.
+
+        One that is refused looks again later: it may not be for long.
+        """
+        if self.episode is not None or self.stops.last:
+            return
+        first = next((agent for agent in self._agents if agent in self.link.live), self.agent)
+        if self.refusal is None and first == self.agent:
+            self.request("start", "")
+        else:
+            self.call_later(self.team.lease, self._begin)
 
     def request(self, command: str, token: str) -> None:
         """Begin an episode, or end it, at all agents."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import copy
+
 import pytest
 from hypothesis import settings, strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from mdm.actors.safety.modes import AT_INPUT, AT_STIMULUS, WAYS_BACK, Modes, Order, Stage, Try
 
-CAUSES = ("impossible_observation", "deadline", "stale_input", "action", "mine")
+CAUSES = ("impossible_observation", "deadline", "stale_input", "action", "mine", "lost_majority")
+TEAM = frozenset({"refused", "lost_majority"})
 
 
 def end(modes, time, kind="end"):
@@ -32,6 +35,8 @@ EVENTS = {
     "stimulus": lambda modes, time: modes.gone(AT_STIMULUS, time),
     "input": lambda modes, time: modes.gone(AT_INPUT, time),
     "known": lambda modes, time: modes.gone(frozenset({"stale_input"}), time),
+    "team": lambda modes, time: modes.gone(TEAM, time),
+    "refused": lambda modes, time: modes.endanger("refused", "words", time, at_rest=True),
     **{cause: lambda modes, time, cause=cause: modes.endanger(cause, "words", time) for cause in CAUSES},
 }
 
@@ -44,6 +49,7 @@ class World:
         self.modes.open(0)
         self.admits = False
         self.safe_runs = False
+        self.wanted = self.ordered = False  # whether it was told to start, and whether to stop, and not otherwise since
         self.tries = 0
         self.emergencies = 0
         self.time = 0
@@ -56,6 +62,10 @@ class World:
             if not self.safe_runs:
                 return
             self.safe_runs = False
+        if event == "start" and stage is Stage.OPEN and not ended:
+            self.wanted, self.ordered = True, False
+        if event == "stop" and stage is not Stage.BELOW:
+            self.wanted, self.ordered = False, True
         orders = EVENTS[event](self.modes, self.time)
         if event in {"latch", "end below"}:
             self.admits, orders = False, ()
@@ -84,34 +94,58 @@ class World:
         if self.modes.safe_action is Try.OWED:
             assert self.modes.stage is Stage.BELOW, "nothing has the safe action run once more"
         assert not self.safe_runs or after == "safe"
-        if before == "deciding" and (event in CAUSES or event == "end"):
+        if before == "deciding" and (event in CAUSES or event in {"end", "refused"}):
             assert (after, self.safe_runs) == ("safe", True), "a cause did not start the safe action"
         if before == "safe" and after == "deciding":
-            assert event in {"release", "secured", "secured early", "stimulus", "input", "known"}
+            assert event in {"release", "secured", "secured early", "stimulus", "input", "known", "team"}
+        if after == "deciding":
+            assert self.wanted, "decides although nobody told it to start"
+        if before == "stopped" and event in {*CAUSES, "refused"} and stage is Stage.OPEN:
+            assert (after == "safe") == (event == "refused" and not self.ordered)
+            kept = event != "impossible_observation"  # of which nothing is left to be done
+            assert (event in self.modes.causes) >= kept, "a cause that came to it stopped is lost"
+        if before == "stopped" and after == "safe":
+            assert event in {"start", "end"} or not self.ordered, "who has told it to stop sees it move"
+        if event == "team":
+            assert TEAM.isdisjoint(self.modes.causes)
         if after != before:
             assert self.modes.since == self.time
 
     @property
     def key(self):
         modes = self.modes
-        hidden = (modes.stage, modes.safe_action, modes._leaving)
-        return (modes.mode, frozenset(modes.causes), hidden, self.admits, self.safe_runs, self.tries)
+        hidden = (modes.stage, modes.safe_action, modes._leaving, modes._rests, modes._ordered)
+        told = (self.admits, self.safe_runs, self.wanted, self.ordered, self.tries)
+        return (modes.mode, frozenset(modes.causes), hidden, told)
 
 
-def test_every_small_world_keeps_the_latch():
-    import copy
-
+def search(causes):
+    """Return the worlds that can be reached by some causes, the other events, and all stages."""
     frontier, seen = [World()], set()
+    events = [event for event in EVENTS if event not in CAUSES or event in causes]
     while frontier:
         world = frontier.pop()
-        for event in EVENTS:
+        for event in events:
             following = copy.deepcopy(world)
             following.apply(event)
             if following.key not in seen:
                 seen.add(following.key)
                 frontier.append(following)
+    return seen
+
+
+@pytest.mark.parametrize(
+    ("causes", "most"),
+    [
+        (("impossible_observation", "mine"), 500),
+        (("action", "lost_majority"), 500),
+        pytest.param(CAUSES, 5000, marks=pytest.mark.slow),
+    ],
+)
+def test_every_small_world_keeps_the_latch(causes, most):
+    seen = search(causes)
     assert {key[0] for key in seen} == {"stopped", "deciding", "safe"}
-    assert len(seen) > 500
+    assert len(seen) > most
 
 
 class Machine(RuleBasedStateMachine):
@@ -260,3 +294,58 @@ def test_a_new_life_keeps_what_no_restart_mends():
     modes.open(5)
     assert (modes.mode, modes.since, [*modes.causes]) == ("stopped", 5, ["safe_action"])
     assert modes.start(6) == (Order.SECURE,)
+
+
+@pytest.mark.parametrize("kind", ["lost_teammate", "deadline", "mine"])
+def test_a_cause_that_comes_to_what_has_stopped_stands_at_its_start(kind):
+    modes = decide()
+    modes.stop(1)
+    assert modes.endanger(kind, "words", 2) == ()
+    assert (modes.mode, [cause.since for cause in modes.causes.values()]) == ("stopped", [2])
+    assert modes.start(3) == (Order.SECURE,)
+    modes.secured(None, 4)
+    assert modes.gone(frozenset({kind}), 5) == (Order.RESUME,)
+
+
+def test_a_cause_that_is_gone_before_the_start_keeps_nothing():
+    modes = decide()
+    modes.stop(1)
+    modes.endanger("lost_teammate", "words", 2)
+    modes.endanger("impossible_observation", "words", 2)  # of which nothing is left to be done
+    assert modes.gone(frozenset({"lost_teammate"}), 3) == ()
+    assert (modes.causes, modes.start(4)) == ({}, (Order.ADMIT,))
+
+
+def test_a_stop_takes_away_what_an_input_would_and_not_what_others_tell():
+    modes = decide()
+    for kind in ("deadline", "stale_input", "lost_majority", "mine"):
+        modes.endanger(kind, "words", 1)
+    modes.stop(2)
+    assert modes.secured(None, 3) == (Order.IDLE,)
+    assert [*modes.causes] == ["lost_majority", "mine"]
+
+
+def test_what_takes_no_part_is_safe_before_its_start_and_stopped_when_that_is_over():
+    modes = Modes()
+    modes.open(0)
+    assert modes.endanger("refused", "words", 1, at_rest=True) == (Order.SECURE,)
+    assert (modes.mode, modes.leaving) == ("safe", True)
+    modes.secured(None, 2)
+    assert modes.mode == "safe"
+    assert modes.gone(TEAM, 3) == (Order.IDLE,)
+    assert modes.mode == "stopped"
+    modes.endanger("refused", "words", 4, at_rest=True)
+    modes.secured(None, 5)
+    assert modes.start(6) == ()
+    assert modes.gone(TEAM, 7) == (Order.RESUME,)
+
+
+def test_what_was_told_to_stop_does_not_move_where_it_takes_no_part():
+    modes = Modes()
+    modes.open(0)
+    modes.stop(1)
+    assert modes.endanger("refused", "words", 2, at_rest=True) == ()
+    assert modes.start(3) == (Order.SECURE,)
+    modes.secured(None, 4)
+    assert modes.stop(5) == (Order.IDLE,)
+    assert [*modes.causes] == ["refused"]

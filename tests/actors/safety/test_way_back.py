@@ -502,3 +502,26 @@ def test_what_is_stopped_can_be_released():
         assert one.mode == "deciding"
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize("gone", [True, False])
+def test_a_cause_that_comes_while_it_is_stopped_stands_at_its_start(gone):
+    log = Log()
+
+    async def main(runtime):
+        one, _, sensor = sensed(log)
+        await runtime.start(one)
+        sensor.set(False)
+        one.stop()
+        one.safety.endanger("bumper", "something is in the way", runtime.now())
+        assert (one.mode, [cause.kind for cause in one.causes], log) == ("stopped", ["bumper"], ["A"])
+        if gone:
+            one.safety.reopen(frozenset({"bumper"}), runtime.now())
+            assert one.causes == ()
+        one.start()
+        await asyncio.sleep(1)
+        assert (one.mode, log[1:]) == (("deciding", ["A"]) if gone else ("safe", ["SAFE"]))
+        one.release()
+        assert (one.mode, log[-1]) == ("deciding", "A")
+
+    run_virtual(main)

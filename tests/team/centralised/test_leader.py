@@ -295,7 +295,7 @@ def test_a_controller_of_an_older_policy_decides_nothing_and_the_others_follow_t
         before = [len(robot.did) for robot in (two, third)]
         wrong = await Robot(team, "one", network, older).start(runtime)
         await asyncio.sleep(5.0)
-        assert wrong.did == []
+        assert wrong.did == ["SAFE"]
         assert [robot.role for robot in (wrong, two, third)] == ["refused", "waiting", "waiting"]
         assert [len(robot.did) for robot in (two, third)] == before
         assert [robot.ensemble.mode for robot in (two, third)] == ["safe", "safe"]

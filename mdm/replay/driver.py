@@ -27,6 +27,8 @@ __all__ = ["Driver"]
 
 _PATIENCE = 3600.0
 """Seconds of virtual time within which an actor that the record has comes to its start."""
+_BREATH = 100
+"""Stimuli after which the event loop turns once."""
 
 
 class Driver:
@@ -74,6 +76,8 @@ class Driver:
         player = self._player
         try:
             for place, stimulus in enumerate(stimuli):
+                if not place % _BREATH:
+                    await asyncio.sleep(0)  # so that signals are heard
                 await self._move_to(stimulus.time)
                 player.comes_to(place)
                 if isinstance(stimulus, Finished) or len(player.differences) >= most:
@@ -86,9 +90,6 @@ class Driver:
                 await self._settle()
             player.missed(self._clock.now(), overdue=len(player.differences) >= most)
         finally:
-            for stand_in, work in player.stand_ins.values():
-                if not work.done:
-                    stand_in.end()
             player.release()
             self._runtime.dispatcher.resume_later()
 

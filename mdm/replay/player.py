@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 __all__ = ["Player"]
 
 _SINCE = 5
+_AT_ONCE = 1000
+"""Lives of an ensemble at one instant of a replay that differs, from which on nothing follows from their ends."""
 _EVENTS = ("state", "observation")
 """Causes of decisions by events, and not at ticks."""
 
@@ -116,6 +118,9 @@ class Player:
         self._said: dict[tuple[str, int], list[Said]] = defaultdict(list)
         self._raised: dict[tuple[str, int], Raised] = {}
         self._lasting: set[tuple[str, int]] = set()
+        # The bindings whose functions were seen to last, and how many unknown lives began at one instant.
+        self._lasted: set[int] = set()
+        self._at_once: dict[str, tuple[int, int]] = {}
         self._kept: dict[tuple[str, int], tuple[dict[str, bool | None], dict[str, int]]] = {}
         self._ended: set[tuple[str, int]] = set()
         self._goes_on: dict[tuple[str, int, int], bool] = {}
@@ -193,9 +198,11 @@ class Player:
         return True
 
     def release(self) -> None:
-        """Hold nobody any more: the record is over."""
+        """Hold nobody any more: the record is over, and actions last until the runtime ends them."""
         self._over = True
         self.cuts.clear()
+        for stand_in, _ in self.stand_ins.values():
+            stand_in.release()
         for permit in self._waiting.values():
             if not permit.done():
                 permit.set_result(None)
@@ -268,9 +275,9 @@ class Player:
         """Have the layer call a stand-in for each of its functions."""
         acting: ActionLayer = layer
         self._layers[ensemble] = acting
-        acting.substitute(lambda: self._call(ensemble, acting.started))
+        acting.substitute(lambda binding: self._call(ensemble, acting.started, id(binding)))
 
-    def _call(self, ensemble: str, life: int) -> Any:
+    def _call(self, ensemble: str, life: int, binding: int) -> Any:
         """Do what the function of a life did within its call."""
         for said in self._said.get((ensemble, life), ()):
             self.say(said)
@@ -279,7 +286,18 @@ class Player:
             if raised.unrun:
                 return (None for _ in ())  # of which nothing runs, either
             raise AsRecordedError(raised.error)
-        return StandIn() if (ensemble, life) in self._lasting else None
+        if (ensemble, life) in self._lasting:
+            self._lasted.add(binding)
+            return StandIn()
+        return StandIn() if self._over or (self.differences and self._is_unknown(ensemble, binding)) else None
+
+    def _is_unknown(self, ensemble: str, binding: int) -> bool:
+        """Whether nobody knows how long a life lasts that the record does not have; else it ends within its call."""
+        now = self._now()
+        then, count = self._at_once.get(ensemble, (now, 0))
+        count = count + 1 if then == now else 1
+        self._at_once[ensemble] = now, count
+        return binding in self._lasted or count > _AT_ONCE
 
     def lasts(self, ensemble: str, life: int, work: Work) -> None:
         """Know the stand-in and the work of a life."""
@@ -287,8 +305,8 @@ class Player:
         if isinstance(stand_in, StandIn):
             self.stand_ins[ensemble, life] = stand_in, work
             self.fresh.append((stand_in, work))
-            if self._over:
-                stand_in.end()
+            if self._over or (ensemble, life) not in self._lasting:
+                stand_in.release()
 
     def ended(self, ensemble: str, life: int, work: Work, time: int) -> None:
         """Take the end of a life."""

@@ -19,18 +19,26 @@ class AsRecordedError(Error):
 
 
 class _Command(asyncio.Future[None]):
-    """Waits for the next command; whoever cancels the stand-in has no say in when that ends."""
+    """Waits for the next command; whoever cancels the stand-in has no say in when that ends.
+
+    Args:
+        cancel: What is told of a cancellation.
+    """
+
+    def __init__(self, cancel: Callable[[], bool]) -> None:
+        super().__init__()
+        self._cancel = cancel
 
     def cancel(self, msg: Any | None = None) -> bool:
         """Take the cancellation, and go on waiting."""
-        return True
+        return self._cancel()
 
 
 class StandIn:
     """An awaitable in place of that of an action's function.
 
     It passes for a future, so that a cancellation before its first step does not end it either: the record says when it
-    ends.
+    ends. One that is released, for the record does not say that, lasts until it is cancelled.
     """
 
     _asyncio_future_blocking = False
@@ -39,10 +47,17 @@ class StandIn:
         self._commands: deque[tuple[Callable[[], object], asyncio.Future[None]]] = deque()
         self._waiting: _Command | None = None
         self._over = False
+        self._released = False
 
     def cancel(self, msg: Any | None = None) -> bool:
-        """Take a cancellation that comes before the first step."""
+        """Take a cancellation, before the first step or later."""
+        if self._released:
+            self.end()
         return True
+
+    def release(self) -> None:
+        """Have the next cancellation end it."""
+        self._released = True
 
     def __await__(self) -> Generator[Any, None, None]:
         """Carry out commands until the end."""
@@ -56,7 +71,7 @@ class StandIn:
                         done.set_result(None)
                 if self._is_over():
                     return
-            self._waiting = _Command()
+            self._waiting = _Command(self.cancel)
             yield from self._waiting
 
     def _is_over(self) -> bool:

@@ -79,15 +79,15 @@ def test_calls_say_raise_and_last_as_they_did():
     layer = Layer()
     tape.acts("patrol", layer)
     layer.started = 1
-    assert isinstance(layer.call(), StandIn)
+    assert isinstance(layer.call(None), StandIn)
     assert found == [said]
     layer.started = 2
     with pytest.raises(AsRecordedError, match="ValueError: as it was"):
-        layer.call()
+        layer.call(None)
     layer.started = 3
-    assert list(layer.call()) == []
+    assert list(layer.call(None)) == []
     layer.started = 4
-    assert layer.call() is None
+    assert layer.call(None) is None
     assert found == [said]
 
 

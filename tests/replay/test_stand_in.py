@@ -7,6 +7,7 @@ import asyncio
 import pytest
 
 from mdm.replay.stand_in import AsRecordedError, StandIn
+from mdm.runtime.work import Work
 
 
 async def _wait(stand_in):
@@ -45,6 +46,23 @@ def test_a_cancellation_does_not_end_it():
         assert not task.done()
         stand_in.end()
         await task
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("rounds", [0, 5])
+def test_one_that_is_released_lasts_until_it_is_cancelled(rounds):
+    async def main():
+        stand_in = StandIn()
+        ended = []
+        work = Work(stand_in, "action", ended.append)
+        await _rounds(rounds)
+        stand_in.release()
+        await _rounds()
+        assert not work.done
+        work.cancel()
+        await work.over
+        assert (work.interrupted, work.error, ended) == (True, None, [work])
 
     asyncio.run(main())
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import inspect
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -269,11 +270,11 @@ class ActionLayer(Layer):
         if self.safe is not None:
             self.safe = own.get(id(self.safe), self.safe)
 
-    def substitute(self, function: Callable[[], object]) -> None:
-        """Call one function in place of those of all actions, as where a run is repeated from its record."""
-        own = {id(binding): binding.standing_in(function) for binding in self.bindings}
+    def substitute(self, function: Callable[[Binding], object]) -> None:
+        """Call one function, with the binding, in place of those of all actions: a run is repeated from its record."""
+        own = {id(binding): binding.standing_in(partial(function, binding)) for binding in self.bindings}
         if self.safe is not None:
-            self.safe = own.get(id(self.safe)) or self.safe.standing_in(function)
+            self.safe = own.get(id(self.safe)) or self.safe.standing_in(partial(function, self.safe))
         self.bindings = tuple([own[id(binding)] for binding in self.bindings])
         self._briefs = tuple(
             [

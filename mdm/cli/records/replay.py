@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from mdm.cli.report import as_json
 from mdm.config.rebuilt import rebuilt_to_compare, replay_team
-from mdm.config.recorded import different_entry
+from mdm.config.recorded import different_entry, different_part
 from mdm.recording import Record, records_of
 from mdm.replay import replay
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Mapping
 
+    from mdm.actors import Ensemble
     from mdm.replay import Replayed, Together
 
 __all__ = ["run"]
@@ -31,7 +32,7 @@ def _replay_one(record: Record, arguments: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory() as folder:
         run = rebuilt_to_compare(record, folder, arguments.config)
         result = replay(record, run.actors, transports=run.transports, most=_most(arguments))
-    entry = None if arguments.config is None or result.same else different_entry(record, run.ensembles)
+    entry = None if arguments.config is None else _different(record, run.ensembles)
     epoch = int(record.head["epoch"])
     if arguments.json:
         print(as_json(_facts(result, epoch) | ({} if entry is None else {"entry": entry})))
@@ -42,6 +43,18 @@ def _replay_one(record: Record, arguments: argparse.Namespace) -> int:
         if entry is not None:
             print(entry)
     return 0 if result.same else 1
+
+
+def _different(record: Record, ensembles: Mapping[str, Ensemble]) -> str | None:
+    """Return in words what differs first of model, policy and options, whether decisions do or not; None if nothing."""
+    entry = different_entry(record, ensembles)
+    if entry is not None:
+        return entry
+    for path, ensemble in ensembles.items():
+        part = different_part(record.metadata.get(f"ensemble {path}", {}), ensemble.controller)
+        if part is not None:
+            return f"ensemble {path!r}: {part}"
+    return None
 
 
 def _replay_team(folder: Path, arguments: argparse.Namespace) -> int:

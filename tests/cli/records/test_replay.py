@@ -332,16 +332,46 @@ def test_a_team_of_two_is_repeated_together(mdm, tmp_path, separate):
         assert "is of an agent of a team, and" in errors
 
 
-def test_the_entry_of_the_model_that_differs_is_named(mdm, run):
+MODEL = "discount: 0.9\nvalues: reward\nstates: away near\nactions: go turn\n"
+MODEL += "T: go\nidentity\nT: turn\n0.5 0.5\n{}\nR: go : away : * : * 1\nR: turn : near : * : * {}\n"
+
+
+@pytest.fixture
+def modelled(mdm, run):
+    """Record a robot with a model; return its file, that of its model, and the record."""
     file, path = run
-    model = "discount: 0.9\nvalues: reward\nstates: away near\nactions: go turn\n"
-    model += "T: go\nidentity\nT: turn\n0.5 0.5\n0 1\nR: go : away : * : * 1\nR: turn : near : * : * {}\n"
     text = FILE.replace("policy = [0, 1]", 'model = "walk.MDP"\npolicy = [0, 1]')
     file.write_text(text.replace('near = ["Near"]', 'x = { near = "Near" }'))
-    (file.parent / "walk.MDP").write_text(model.format(2))
+    (file.parent / "walk.MDP").write_text(MODEL.format("0 1", 2))
     other = path.with_name("model.mcap")
     assert mdm("run", file, "--virtual", "--seconds", "3", "--record", other)[0] == 0
-    (file.parent / "walk.MDP").write_text(model.format(4))
+    return file, file.parent / "walk.MDP", other
+
+
+def test_an_entry_that_differs_is_named_though_decisions_do_not(mdm, modelled):
+    file, model, record = modelled
+    model.write_text(MODEL.format("0.25 0.75", 2))
+    status, output, errors = mdm("replay", record, "--config", file)
+    assert (status, errors) == (0, "")
+    entry = "of the model of 'robot' the probability of 'away' after 'turn' in 'near' was 0, and is 0.25"
+    assert output == ["15 decisions recorded, 15 replayed: all the same (bit by bit)", entry]
+    (line,) = mdm("replay", record, "--config", file, "--json")[1]
+    assert (json.loads(line)["same"], json.loads(line)["entry"]) == (True, entry)
+    model.write_text(MODEL.format("0 1", 2))
+    assert mdm("replay", record, "--config", file)[1] == output[:1]
+
+
+def test_a_part_that_differs_is_named_where_it_is_no_entry_of_a_model(mdm, run):
+    file, path = run
+    file.write_text(FILE.replace("[ensembles.robot]", "[ensembles.robot]\nhorizon = 500"))
+    status, output, errors = mdm("replay", path, "--config", file)
+    assert (status, errors) == (0, "")
+    assert output[1:] == ["ensemble 'robot': the option horizon was None, and is 500"]
+
+
+def test_the_entry_of_the_model_that_differs_is_named(mdm, modelled):
+    file, model, other = modelled
+    model.write_text(MODEL.format("0 1", 4))
     status, output, errors = mdm("replay", other, "--config", file)
     assert (status, errors) == (1, "")
     assert output[-1] == "of the model of 'robot' the reward of 'turn' in 'near' was 2, and is 4"

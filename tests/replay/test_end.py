@@ -9,7 +9,6 @@ from replay.held import recorded
 
 import mdm
 from mdm.replay import replay
-from mdm.testing import run_virtual
 
 pytestmark = pytest.mark.usefixtures("recorded_here")
 

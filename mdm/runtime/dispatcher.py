@@ -532,7 +532,7 @@ class Dispatcher:
         )
 
     def count_afresh(self) -> None:
-        """Count messages and turns at this instant from 0: a simulated world takes a step, so that this is no circle."""
+        """Count messages and turns at this instant from 0: a simulated world steps, so that this is no circle."""
         self._handed, self._instant = 0, -1
 
     def look_at_time(self) -> None:

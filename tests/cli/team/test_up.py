@@ -43,6 +43,7 @@ def pid(record):
     return int(record["text"].split()[1])
 
 
+@pytest.mark.slow
 def test_agents_decide_together_and_end_in_order(team, up, tmp_path):
     with up(team, "--decisions", tmp_path / "decided") as running:
         for agent in "ab":

@@ -101,7 +101,7 @@ def predicted(on, off, speed):
 @pytest.mark.parametrize(
     ("robots", "seconds", "trial_seconds"),
     [
-        (("ada",), 220.0, 150.0),
+        pytest.param(("ada",), 220.0, 150.0, marks=pytest.mark.slow),
         pytest.param(("ada",), 1000.0, 400.0, marks=pytest.mark.slow),
         pytest.param(("ada", "bob"), 1000.0, 400.0, marks=pytest.mark.slow),
     ],

@@ -71,6 +71,7 @@ def is_gone(pid):
         os.close(descriptor)
 
 
+@pytest.mark.slow
 @pytest.mark.compiled("search", where_possible=True)
 def test_the_search_decides_and_the_loop_goes_on(tiger):
     """While a search of 0.3 s goes on, another ensemble goes on to decide, 100 times a second."""

@@ -110,6 +110,7 @@ def serving(folder, command):
         assert served.wait(60) == 130
 
 
+@pytest.mark.slow
 def test_the_commands_of_page_md_show_a_run(record, tmp_path):
     """Those that the page names, at ports that are free; what is for a terminal is printed once."""
     pytest.importorskip("rich")

@@ -52,6 +52,7 @@ def test_an_agent_ends_after_so_many_decisions(free, tmp_path):
     assert 1 <= len(output.splitlines()) <= made
 
 
+@pytest.mark.slow
 def test_an_agent_that_is_refused_has_failed(free, tmp_path):
     team = free()
     other = tmp_path / "other.toml"

@@ -94,6 +94,7 @@ def test_one_that_does_not_answer_is_told(mdm, free, up, tmp_path):
         assert errors == "mdm team stop: joint: agent 'b' did not confirm: it does not answer\n"
 
 
+@pytest.mark.slow
 def test_one_that_hangs_is_told_and_the_others_are_asked(mdm, free):
     from programs import python
 

@@ -79,6 +79,7 @@ def assert_right(model, solution, *, depth, slack=1e-7):
             assert policy.value(belief) <= belief @ earned + model.discount * ahead + slack
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(SMALL, st.integers(-1, 2), st.integers(1, 400))
 def test_bounds_of_events_and_false_negatives_hold_what_all_plans_earn(model, missed, backups):

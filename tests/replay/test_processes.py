@@ -126,11 +126,13 @@ async def live(system):
     tiger = system.ensembles["tiger"]
     await asyncio.sleep(0)
     await tiger.ready()
-    for number in range(10):
+    number = 0
+    while tiger.control.decisions <= 12:  # a busy machine decides on fewer of these
         system.predicates.occur(draw.choice(["HearLeft", "HearRight"]))
         if number % 5 == 2:
             time.sleep(0.5)  # the deadline passes meanwhile
         await asyncio.sleep(draw.choice([0.01, 0.05]))
+        number += 1
     print("told", flush=True)
     await asyncio.Event().wait()
 """
@@ -150,7 +152,7 @@ def test_searches_answer_as_they_did(tmp_path, monkeypatch):
         assert process.wait(PATIENCE) == 143
     said = [each.message for each in Record(path).messages(["stimuli"]) if isinstance(each.message, Said)]
     assert {each.message.source for each in said if each.type == Answer.__name__} == {"search", "fallback"}
-    assert replay(path) > 1  # by how many is up to how busy the machine is
+    assert replay(path) > 10
 
 
 @pytest.mark.parametrize(

@@ -124,10 +124,13 @@ def test_what_is_lost_on_the_way_is_made_good(seed):
     run_virtual(main)
 
 
+@pytest.mark.parametrize(("loss", "known"), [(0.1, 20), (0.2, 17)])
 @pytest.mark.parametrize("seed", range(12))
-def test_a_lossy_network_that_heals_is_soon_made_good(seed):
+def test_a_lossy_network_that_heals_is_soon_made_good(seed, loss, known):
+    """Of five messages one is lost: once in 600 four in a row are, and for a quarter of a second nothing is known."""
+
     async def main(runtime):
-        network = Network(runtime.clock, team="walk", loss=0.1, seed=seed, delay=(0.001, 0.02))
+        network = Network(runtime.clock, team="walk", loss=loss, seed=seed, delay=(0.001, 0.02))
         one, two_ = await two(runtime, network)
         for moving in (True, False):
             network.partition({"robot1"}, {"robot2"})
@@ -136,9 +139,12 @@ def test_a_lossy_network_that_heals_is_soon_made_good(seed):
             two_.moving.set(moving)
             network.heal()
             await asyncio.sleep(1.0)
+            values = []
             for _ in range(20):
                 await asyncio.sleep(0.1)
-                assert one.manager.value("robot2/IsMoving") is moving
+                values.append(one.manager.value("robot2/IsMoving"))
+            assert (not moving) not in values
+            assert values.count(moving) >= known
 
     run_virtual(main)
 

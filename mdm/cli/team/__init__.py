@@ -63,8 +63,8 @@ def _add_up(verbs: Any, name: str) -> argparse.ArgumentParser:
         description=(
             "Run all agents of a team on this machine, a process each, until Ctrl-C, SIGTERM or --seconds. A process "
             "that fails is started again, five times within a minute at most; one that cannot start, or that a signal "
-            "such as SIGTERM has ended in order, is not, and the others go on without it. The exit status is 1 if any "
-            "agent has failed."
+            "such as SIGTERM has ended in order, is not, and the others go on without it once more than half of a team "
+            "have met. The exit status is 1 if any agent has failed."
         ),
         epilog="example: mdm team up examples/team/meeting.toml --seconds 20 --decisions decided",
     )

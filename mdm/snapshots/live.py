@@ -328,6 +328,7 @@ class LiveRun:
         if scene != self._scene:
             self._scene = scene
             self.generation += 1
+            self._counted = -_SECOND  # who has just come, such as a team, is counted with the next frame
 
     def _met(self, ensemble: Ensemble) -> _Ensemble:
         ensemble.action.observer = self._guard(self._on_life)

@@ -159,6 +159,7 @@ def test_commands_of_a_team_are_said_to_concern_all_of_it_and_reach_all_of_it(tm
         async with browsers.browser() as (look, wrong):
             page = await look(address)
             await page.wait_for_function(f"() => {modes} === 'deciding,deciding'")
+            await page.wait_for_function("() => 'ensemble joint (b)' in mdmPage.frame.team")
             await page.get_by_role("option").filter(has_text="b/joint").click()
             await page.get_by_role("button", name="stop", exact=True).click()
             assert await text(page, ".ask b") == (

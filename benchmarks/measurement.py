@@ -6,14 +6,26 @@ import argparse
 import json
 import os
 import platform
+import random
+import socket
 import statistics
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-__all__ = ["arguments", "parser", "quantiles", "report", "table"]
+__all__ = ["arguments", "free_port", "parser", "quantiles", "report", "table"]
 
 RESULTS = Path(__file__).parent / "results"
+
+
+def free_port() -> int:
+    """Return a port of loopback that nobody listens on, below those that the system gives to whoever connects."""
+    while True:
+        port = random.SystemRandom().randrange(10_000, 32_000)
+        with socket.socket() as one, suppress(OSError):
+            one.bind(("127.0.0.1", port))
+            return port
 
 
 def parser(description: str) -> argparse.ArgumentParser:

@@ -8,14 +8,13 @@ from __future__ import annotations
 import asyncio
 import json
 import multiprocessing
-import socket
 import statistics
 import time
 from typing import TYPE_CHECKING, Any
 
 import zenoh
 import zenoh.handlers
-from measurement import parser, report, table
+from measurement import free_port, parser, report, table
 
 import mdm
 from mdm.messages import Tick
@@ -129,19 +128,11 @@ async def channel(rate: Rate, sender: str, own: str, ready: Callable[[], None]) 
 RECEIVERS = {"bare Zenoh callback": bare, "session: a handler": handler, "session: a channel": channel}
 
 
-def endpoints() -> tuple[str, str]:
-    """Return two that are free."""
-    with socket.socket() as one, socket.socket() as other:
-        one.bind(("127.0.0.1", 0))
-        other.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{one.getsockname()[1]}", f"tcp/127.0.0.1:{other.getsockname()[1]}"
-
-
 def main() -> None:
     """Measure, print and write."""
     options = parser(__doc__ or "").parse_args()
     count, rounds = (5_000, 1) if options.quick else (300_000, 5)
-    sender, own = endpoints()
+    sender, own = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
     context = multiprocessing.get_context("spawn")
     orders, theirs = context.Pipe()
     process = context.Process(target=send, args=(sender, count, theirs))

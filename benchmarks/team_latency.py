@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import multiprocessing
 import os
-import socket
 import statistics
 import sys
 import time
@@ -20,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from bare import Bare, Tcp
-from measurement import parser, report, table
+from measurement import free_port, parser, report, table
 
 import mdm
 from mdm.models import POMDP, Factor, Space
@@ -190,7 +189,7 @@ class Agents:
     def __init__(self, count: int, *, centralised: bool) -> None:
         context = multiprocessing.get_context("spawn")
         ways = ["bare", "tcp", "replicated", *(["centralised"] if centralised else [])]
-        ports = {way: free(count) for way in ways}
+        ports = {way: [free_port() for _ in range(count)] for way in ways}
         self.pipes: list[Connection] = []
         self.processes = []
         for number in range(count):
@@ -315,17 +314,6 @@ async def count_calls(size: int) -> dict[str, Any]:
         "until the leader's callback": calls.actions[0],
         "digests": calls.digests,
     }
-
-
-def free(count: int) -> list[int]:
-    """Return ports that nobody has."""
-    held = [socket.socket() for _ in range(count)]
-    for one in held:
-        one.bind(("127.0.0.1", 0))
-    found = [one.getsockname()[1] for one in held]
-    for one in held:
-        one.close()
-    return found
 
 
 def measure(pinned: str, *, blocks: int, count: int, sizes: tuple[int, ...]) -> tuple[list[Any], list[Any]]:

@@ -60,7 +60,7 @@ async def leave(runtime, net):
 
 async def twice(runtime, net):
     """A second process has the name of one that lives."""
-    net.options["lease"] = 0.1
+    net.options["lease"] = 1.0  # for so long a busy machine may take to answer who is there
     first = net.transport("b")
     await first.open()
     await Robot(TEAM, "b", net, BUILD).start(runtime)

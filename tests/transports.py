@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import json
+import random
 import socket
 import threading
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from types import SimpleNamespace
 from unittest.mock import patch
@@ -74,13 +75,17 @@ _given = set()
 
 
 def free_port():
-    """Return a port of loopback that nobody listens on, and that was not returned before."""
+    """Return a port of loopback that nobody listens on, and that was not returned before.
+
+    It is below those that the system gives to whoever connects: by the time it is used, one of these may be taken.
+    """
     while True:
-        with socket.socket() as one:
-            one.bind(("127.0.0.1", 0))
-            port = one.getsockname()[1]
-        if port not in _given:
-            _given.add(port)
+        port = random.SystemRandom().randrange(10_000, 32_000)
+        if port in _given:
+            continue
+        _given.add(port)
+        with socket.socket() as one, suppress(OSError):
+            one.bind(("127.0.0.1", port))
             return port
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
-import socket
 from argparse import Namespace
 from types import SimpleNamespace
 
@@ -15,7 +14,7 @@ from peers import peers
 from places import ROOT
 from team_robots import Robot, over_beliefs
 from teams import team as random_team
-from transports import Loopback
+from transports import Loopback, endpoint
 
 import mdm
 from mdm.cli.team import decisions
@@ -28,13 +27,7 @@ LONGEST_PAUSE = 20.0
 
 def endpoints(names):
     """Return a free endpoint of this machine for each agent."""
-    held = [socket.socket() for _ in names]
-    for one in held:
-        one.bind(("127.0.0.1", 0))
-    found = [(name, f"tcp/127.0.0.1:{one.getsockname()[1]}") for name, one in zip(names, held, strict=True)]
-    for one in held:
-        one.close()
-    return found
+    return [(name, endpoint()) for name in names]
 
 
 class Told:

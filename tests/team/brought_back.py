@@ -11,10 +11,9 @@ import asyncio
 import signal
 import sys
 import tempfile
-import time
 
 from peers import peers
-from team.commanded import LEASE, NAMES, PROGRAM, STILL, Robot, Schedule
+from team.commanded import LEASE, NAMES, PROGRAM, STILL, Robot, Schedule, main
 from team.copies import Violation
 from team.test_processes import endpoints
 
@@ -91,27 +90,5 @@ class Return(Schedule):
             await self.robots[name].hear(running=name)
 
 
-def violation(seed):
-    """Return the mode of a seed's schedule, the stops that were confirmed in it, and what is violated."""
-    schedule, wrong = Return(seed), None
-    try:
-        asyncio.run(schedule.run())
-    except (Violation, TimeoutError) as found:
-        wrong = f"{type(found).__name__}: {found} {schedule.log}"
-    return schedule.mode, len(schedule.stops), wrong
-
-
-def main(count, first=0):
-    """Run the schedules of so many seeds one after the other, and return the exit status."""
-    began, wrong, stops = time.monotonic(), 0, 0
-    for seed in range(first, first + count):
-        mode, confirmed, found = violation(seed)
-        stops += confirmed
-        wrong += found is not None
-        print(f"seed {seed}, {mode}: {found or 'nobody moved'}", flush=True)
-    print(f"{count} schedules, {stops} confirmed stops, {wrong} violate: {time.monotonic() - began:.0f} s", flush=True)
-    return 1 if wrong else 0
-
-
 if __name__ == "__main__":
-    sys.exit(main(*map(int, sys.argv[1:])))
+    sys.exit(main(*map(int, sys.argv[1:]), schedule=Return))

@@ -6,14 +6,14 @@
 from __future__ import annotations
 
 import pytest
-from team.brought_back import violation
-from team.commanded import MODES
+from team.brought_back import Return
+from team.commanded import MODES, violation
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(len(MODES)))
 def test_nobody_moves_before_a_start_whatever_is_killed_after_a_stop(seed):
     pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
-    mode, stops, wrong = violation(seed)
+    mode, stops, wrong = violation(seed, Return)
     assert (mode, wrong) == (MODES[seed], None)
     assert stops >= 3

@@ -5,8 +5,9 @@ and no model. A step takes one round trip between the leader and the others, and
 
 The rules and their promises are in ``docs/design/agreement.md``. The order of steps within terms that one agent leads
 goes back to viewstamped replication (Oki and Liskov, 1988) and Raft (Ongaro and Ousterhout, 2014). Other than there,
-nobody is elected, since the first live agent in the order of the team leads; nothing is kept on disk; and a leader
-applies the step that it commits at once, so that this one step may be known to it alone when it is lost.
+nobody is elected, since the first live agent in the order of the team leads; only the last stop that an agent obeys is
+kept on disk, and no step; and a leader applies the step that it commits at once, so that this one step may be known to
+it alone when it is lost.
 """
 
 from mdm.team.agreement.agreement import Agreement, Replica, Standing

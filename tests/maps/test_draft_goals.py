@@ -47,6 +47,15 @@ def test_what_no_robot_can_reach_is_left_out():
     assert len(propose(Grid(Frame(60, 100, 0.1), free, ~free), radius=0.1).nodes) == 2
 
 
+@pytest.mark.parametrize(("least", "count"), [(2.5, 2), (3.5, 1)])
+def test_a_room_that_is_smaller_than_the_least_belongs_to_its_neighbour(least, count):
+    free = np.zeros((60, 110), dtype=bool)
+    free[10:50, 5:50] = True
+    free[20:42, 52:74] = True  # 2.2 m wide, of which a robot's middle reaches 1.7 m: 2.9 square metres
+    free[28:36, 50:52] = True
+    assert len(propose(Grid(Frame(60, 110, 0.1), free, ~free), least=least).nodes) == count
+
+
 def test_a_turned_map_has_the_same_rooms():
     floor = flat()
     turned = Frame(*floor.frame.shape, floor.frame.resolution, 3.0, 1.0, math.pi / 2)

@@ -263,6 +263,23 @@ def test_drives_fail_when_the_building_stops():
     mdm.run(main, virtual=True)
 
 
+def test_a_drive_fails_when_its_robot_leaves_the_floor():
+    floor = offices().map()
+    building = Building(floor, seed=1)
+    robot = building.robot("ada", at="hall")
+
+    async def main():
+        async with mdm.Runtime(log=None) as runtime:
+            await runtime.start(building)
+            drive = asyncio.create_task(robot.go(floor.graph.node("lab").goal))
+            await runtime.clock.sleep(1.0)
+            building.leave("ada")
+            with pytest.raises(DriveError, match="'ada' has left the floor"):
+                await drive
+
+    mdm.run(main, virtual=True)
+
+
 def test_without_navground_there_is_one_sentence(monkeypatch):
     real = builtins.__import__
 

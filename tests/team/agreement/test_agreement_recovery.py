@@ -132,6 +132,9 @@ def test_a_snapshot_that_the_leader_did_not_send_keeps_nobody_from_further_steps
     team.oracle.applies = team.oracle.restores = team.oracle.hears = lambda *_: None  # it knows of true steps alone
     team["c"].state.fetching = "a"
     team.took("c", team["c"].receive("a", 1, Snapshot(true.term, lineage, true.side, digest, body), team.now))
+    told = [text for kind, text in team["c"].reports if kind == "digest"]
+    if digest == "4711":
+        assert told == [f"the snapshot of a after step {lineage[-1].step} is not what it should be"]
     for number in range(8):
         for name in team.machines:
             team.propose(name, b"%d" % number)

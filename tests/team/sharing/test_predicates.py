@@ -249,6 +249,20 @@ def test_what_has_stopped_tells_no_more_of_a_manager_that_goes_on():
     run_virtual(main)
 
 
+def test_what_has_stopped_listens_to_the_other_agents_no_more():
+    async def main(runtime):
+        one, _ = await two(runtime, Network(runtime.clock, team="walk"))
+        followed = next(child for child in one.member.children if child.name.startswith("robot2 for"))
+        link = one.member.link
+        heard = [*link._watching, *(each for known in link._heard.values() for each in known)]
+        await runtime.stop(followed)
+        left = [*link._watching, *(each for known in link._heard.values() for each in known)]
+        assert [each for each in heard if each.actor is followed] != []
+        assert [each for each in left if each.actor is followed] == []
+
+    run_virtual(main)
+
+
 @pytest.mark.parametrize("max_age", [0.5, 1.0, 3.0])
 def test_all_values_are_sent_four_times_within_the_greatest_age(max_age):
     async def main(runtime):

@@ -316,6 +316,22 @@ def test_a_handler_that_ends_the_program_ends_the_runtime_and_the_turn_goes_on(e
     assert seen == [1]
 
 
+def test_an_error_of_nobody_is_raised_where_it_was_brought_about_and_the_turn_goes_on():
+    seen = []
+
+    async def main(runtime):
+        channel = Channel("x", State, runtime.dispatcher)
+        for handler in (lambda _: seen.append(1 / 0), seen.append):
+            channel.subscribe(handler)
+        with pytest.raises(ZeroDivisionError):
+            channel.publish(state(0))
+        assert seen == []
+        await asyncio.sleep(0)
+        assert seen == [state(0)]
+
+    run_virtual(main)
+
+
 def test_a_dispatcher_needs_no_runtime():
     dispatcher = Dispatcher(WallClock())
     assert dispatcher.statistics().turns == 0

@@ -90,7 +90,7 @@ def test_many_values_are_refused_and_fewer_are_not(tmp_path):
     [
         ("a: &a [*a]", ":1: the alias .a stands for something that it is part of"),
         ("a: *b", "alias"),
-        ("a: [1\nb: 2", "not well-formed YAML"),
+        ("a: [1\nb: 2", "not well-formed YAML: did not find expected|not well-formed YAML: expected"),
         ("a: 1\na: 2", ":2: the key 'a' is given twice, first in line 1"),
         ("a: 1\n---\nb: 2", ":3: the text has a second document"),
         ("a: !!python/object:os.system {}", ":1: tags such as"),
@@ -99,7 +99,7 @@ def test_many_values_are_refused_and_fewer_are_not(tmp_path):
         ("[" * 60 + "]" * 60, "nested more than 50 deep"),
         ("[" * 100_000, "nested more than 50 deep|not well-formed"),
         ("# nothing\n", "no content"),
-        ("a: \x01", "not well-formed YAML"),
+        ("a: \x01", "not well-formed YAML: (control|special) characters are not allowed"),
         ("a:\t\n\t- b", "not well-formed YAML"),
     ],
 )

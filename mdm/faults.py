@@ -109,6 +109,12 @@ KINDS: Final[dict[str, FaultKind]] = {
         "An ensemble decides and has nothing to do: its action has ended, and nothing decides anew.",
         'Say `then = "decide"` or `"wait"` at the action, or have an input change; see docs/safety.md.',
     ),
+    "livelock": FaultKind(
+        "An ensemble decides again and again, and nothing comes of it: an action succeeds at once each time, or a "
+        "predicate flaps.",
+        "Have an action succeed by what it is decided on. Let a predicate of a number change by two thresholds "
+        "(`until`), or hold before it counts (`held_for`); or decide at a fixed rate.",
+    ),
     "state": FaultKind(
         "The policy or the controller refused a state.",
         "The detail names the state; see whether the policy belongs to the model (`mdm check`).",

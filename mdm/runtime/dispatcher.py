@@ -503,6 +503,11 @@ class Dispatcher:
         self._handed = 0
         return now + self._max_nanoseconds, self._max_slices
 
+    @property
+    def goes_on(self) -> bool:
+        """Whether the turn that runs was cut short before."""
+        return self._cuts > 0
+
     def _cut_short(self, now: int) -> bool:
         """Cut a turn, so that the event loop turns before it goes on; return False where it ends by itself first."""
         if self.tape is not None and not self._come_to_a_place(self.tape):

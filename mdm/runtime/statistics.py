@@ -183,24 +183,23 @@ class Latencies:
 
     def fold(self) -> None:
         """Count the pending records."""
-        if not self.pending:
-            return
-        values = np.maximum(np.array(self.pending, dtype=np.int64), 1)
+        self._counts, self._total, self._maximum = self._folded()
         del self.pending[:]
+
+    def _folded(self) -> tuple[npt.NDArray[np.int64], int, int]:
+        if not self.pending:
+            return self._counts, self._total, self._maximum
+        values = np.maximum(np.array(self.pending, dtype=np.int64), 1)
         fraction, exponent = np.frexp(values.astype(np.float64))
         buckets = (exponent - 1) * 8 + ((fraction * 2 - 1) * 8).astype(np.int64)
-        self._counts += np.bincount(buckets, minlength=_BUCKETS)
-        self._total += int(values.sum())
-        self._maximum = max(self._maximum, int(values.max()))
+        counts = self._counts + np.bincount(buckets, minlength=_BUCKETS)
+        return counts, self._total + int(values.sum()), max(self._maximum, int(values.max()))
 
     def snapshot(self) -> Histogram:
-        """Return the histogram so far."""
-        self.fold()
+        """Return the histogram so far; who looks at it changes nothing of when the pending records are counted."""
+        counts, total, maximum = self._folded()
         return Histogram(
-            count=int(self._counts.sum()),
-            total=self._total / 1e9,
-            maximum=self._maximum / 1e9,
-            counts=tuple(self._counts.tolist()),
+            count=int(counts.sum()), total=total / 1e9, maximum=maximum / 1e9, counts=tuple(counts.tolist())
         )
 
 

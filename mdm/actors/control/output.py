@@ -48,6 +48,7 @@ class Output:
         cause: The kind of stimulus on which it was decided, as in `Decision`.
         overdue: Nanoseconds from the first of the ticks that were missed to the present one.
         waited: Nanoseconds for which the stimulus of the planner's question had waited for the event loop.
+        look: Called now and then to look how quickly decisions come; returns after how many more it is to be called.
     """
 
     # The attributes that each decision reads or writes, close together: many ensembles do not all fit the cache.
@@ -59,6 +60,7 @@ class Output:
         "_deadline",
         "_decisions",
         "_do",
+        "_full",
         "_has_belief",
         "_latencies",
         "_now",
@@ -72,6 +74,7 @@ class Output:
         "action_names",
         "cause",
         "factor_names",
+        "look",
         "overdue",
         "record",
         "waited",
@@ -92,6 +95,8 @@ class Output:
         self._latencies = Latencies()
         self.record = self._latencies.record
         self._pending = self._latencies.pending
+        self.look: Callable[[], int] = lambda: FULL
+        self._full = 1
         # Whether actions are emitted, and nobody is told of each besides.
         self._alone = True
         self._actions: Channel[Action] | None = None
@@ -146,8 +151,8 @@ class Output:
         # Hot path.
         latency = self._now() - time
         self._pending.append(latency)
-        if len(self._pending) >= FULL:
-            self._latencies.fold()
+        if len(self._pending) >= self._full:
+            self._fold()
         if self._deadline is not None and self._is_refused(step, latency, time):
             return
         if self._tape is not None:
@@ -182,8 +187,8 @@ class Output:
         # Hot path.
         latency = self._now() - time
         self._pending.append(latency)
-        if len(self._pending) >= FULL:
-            self._latencies.fold()
+        if len(self._pending) >= self._full:
+            self._fold()
         if self._deadline is not None and self._is_refused(step, latency, time):
             return
         if self._tape is not None:
@@ -211,8 +216,8 @@ class Output:
             return False
         # Hot path.
         self._pending.append(self._now() - time)
-        if len(self._pending) >= FULL:
-            self._latencies.fold()
+        if len(self._pending) >= self._full:
+            self._fold()
         if self._tape is not None:
             self._tape.decided(self, time, epoch, "state", state, None, None, action, None)
         self.acted = action
@@ -220,6 +225,11 @@ class Output:
         assert self._actions is not None
         self._actions.emit_last(Action(time, epoch, action, state))
         return True
+
+    def _fold(self) -> None:
+        if len(self._pending) >= FULL:
+            self._latencies.fold()
+        self._full = min(len(self._pending) + self.look(), FULL)
 
     def _is_refused(self, step: Step, latency: int, time: int) -> bool:
         """Whether a decision comes past its deadline, and is not published."""

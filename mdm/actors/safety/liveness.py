@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mdm.actors.actions.sequel import Due, Sequel, Tries
 from mdm.actors.predicates.declarations import ACTION_END
+from mdm.actors.safety.livelock import Livelock
 from mdm.checks import is_number
 from mdm.errors import ConfigError
 from mdm.messages import Fault, Idle, PredicateUpdate, State
@@ -151,6 +152,7 @@ class Liveness:
         self._patience: Timer | None = None
         self._later: Timer | None = None
         self._looks: Subscription[int] = Subscription(None, ensemble, self._look)
+        self._livelock = Livelock(ensemble, self._used)
         ensemble.action.begins = self.began
         ensemble.action.ends = self.ended
         ensemble.action.clears = self.look
@@ -328,6 +330,7 @@ class Liveness:
             self._later = None
         self._end_rest()
         self._ended.clear()
+        self._livelock.end()
 
     def wait(self) -> None:
         """Take it that it waits for its state."""
@@ -343,6 +346,8 @@ class Liveness:
     def _plan(self, pause: float, name: str, status: ActionStatus) -> None:
         self._cancel_again()
         ensemble = self._ensemble
+        alone = ensemble.control.decisions <= self._decisions + 1
+        self._livelock.ended(name, well=alone and status == "succeeded")
         self._decisions = ensemble.control.decisions
         self._why = f"a pause of {pause:g} s, for action {name!r} {status.replace('_', ' ')}"
         self._again = ensemble.call_later(pause, self._decide_again)
@@ -362,6 +367,7 @@ class Liveness:
             safety.reopen(_ACTION, now)
         elif safety.deciding and self._decides_alone and ensemble.control.decisions == self._decisions:
             self.repeats += 1
+            self._livelock.decides_again(now)
             ensemble.control.source.decide_again(now)
         self.look()
 

@@ -59,6 +59,10 @@ KINDS: Final[dict[str, FaultKind]] = {
         "The event loop stood still for longer than the watchdog's limit.",
         "Move the call that the detail names to a thread or a process; see docs/safety.md.",
     ),
+    "suspended": FaultKind(
+        "The machine was suspended; all time limits went on meanwhile, so that what is too old now is unknown.",
+        "Nothing, if that was meant; else have the system suspend only while no robot runs.",
+    ),
     "emergency": FaultKind(
         "The last resort was called, or has failed.",
         "Find out why a safe action failed twice, or what held the loop; the faults before it say so.",

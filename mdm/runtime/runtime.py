@@ -166,6 +166,7 @@ class Runtime:
         if clock is not None and not isinstance(clock, Clock):
             raise Error(f"a runtime's clock is a WallClock(), a VirtualClock() or a Clock of your own, not {clock!r}")
         self.clock = _clock_of_the_loop() if clock is None else clock
+        self.clock.resumed = lambda seconds: self._alarm("suspended", f"the machine was suspended for {seconds:.1f} s")
         self.dispatcher = Dispatcher(self.clock)
         self.dispatcher.on_overflow = lambda detail: self._alarm("overflow", detail)
         self.dispatcher.on_endless = lambda detail: self._alarm("endless_turn", detail)

@@ -469,7 +469,8 @@ class Clocks(Actor):
     Ticks are at multiples of the period on each agent's own clock. Where a clock is off by more than half a period, or
     by more than a step waits, its agent's input comes too late or counts for another step: it reports a fault
     ``clock``, once until it agrees again, and once more where the time of day of its own machine was put right
-    meanwhile: its clock goes on from the time of its start.
+    meanwhile. Where that is ahead at two measurements, one after the other, and no other agent has the old time, this
+    one goes on by it; it never goes back.
 
     Args:
         link: The connection of the agent to the others.
@@ -488,6 +489,7 @@ class Clocks(Actor):
         self._lives: dict[str, int] = {}
         # Of agents that are too far off: whether this one's own clock had been put right when that was told.
         self._off: dict[str, bool] = {}
+        self._behind = False
         self._serves = False
 
     def on_start(self) -> None:
@@ -515,6 +517,15 @@ class Clocks(Actor):
         self._ask(new)
 
     def _on_tick(self, _: Tick) -> None:
+        clock, agree = self.runtime.clock, any(abs(each.seconds) <= self.limit for each in self.offsets.values())
+        corrected = clock.corrected() / 1e9
+        lasts, self._behind = self._behind, corrected > self.limit and not agree
+        if lasts and self._behind:
+            self._behind = False
+            clock.catch_up()
+            self.report(
+                "clock", f"the clock of {self._link.agent} went on by {corrected:.3f} s, to the time of day here"
+            )
         self._ask([agent for agent in self._link.live if agent != self._link.agent])
 
     def _ask(self, agents: list[str]) -> None:
@@ -548,6 +559,7 @@ class Clocks(Actor):
                 cure = (
                     f"the time of day here was put right by {corrected:.3f} s since the start: start this agent again"
                 )
+                cure += ", unless it takes that up within 10 s" if corrected > 0 else ""
             self.report(
                 "clock",
                 f"the clock of {agent} is {off:.3f} s {way} that of {self._link.agent}, and the team allows for "

@@ -16,9 +16,11 @@ import os
 import sys
 import time
 from abc import ABC, abstractmethod
+from contextlib import suppress
 from itertools import count
 from time import monotonic_ns
 from typing import TYPE_CHECKING
+from weakref import WeakSet
 
 from mdm.checks import is_number
 from mdm.errors import ConfigError
@@ -40,13 +42,25 @@ __all__ = [
 ]
 
 
-def steady(offset: int) -> Callable[[], int]:
-    """Return a function that tells the steady time, and so many nanoseconds more."""
+def steady(offset: int) -> tuple[Callable[[], int], Callable[[int], None]]:
+    """Return a function that tells the steady time, and so many nanoseconds more; and one that adds to these."""
     read = monotonic_ns
-    return lambda: read() + offset
+
+    def add(nanoseconds: int) -> None:
+        nonlocal offset
+        offset += nanoseconds
+
+    return lambda: read() + offset, add
 
 
-_ABSOLUTE = 1
+def suspended() -> int:
+    """Return for how many nanoseconds the machine has been suspended since it began, while the steady clock stood."""
+    since = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
+    return time.clock_gettime_ns(since) - monotonic_ns()
+
+
+_ABSOLUTE, _CANCEL_ON_SET = 1, 2
+_FAR = 10**18 * 8
 
 
 class _TimeSpec(ctypes.Structure):
@@ -71,23 +85,23 @@ _LIBRARY = _library()
 available = _LIBRARY is not None
 
 
-def create() -> int:
-    """Return the descriptor of a new, non-blocking timer on the steady clock.
+def create(clock: int = time.CLOCK_MONOTONIC) -> int:
+    """Return the descriptor of a new, non-blocking timer, by default on the steady clock.
 
     Raises:
         OSError: If the process has no descriptors left, or the platform has no such timers.
     """
-    descriptor = -1 if _LIBRARY is None else _LIBRARY.timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
+    descriptor = -1 if _LIBRARY is None else _LIBRARY.timerfd_create(clock, os.O_NONBLOCK | os.O_CLOEXEC)
     if descriptor < 0:
         raise OSError(ctypes.get_errno(), "timerfd_create failed")
     return int(descriptor)
 
 
-def set_time(descriptor: int, when: int) -> None:
-    """Fire once when the steady clock shows ``when`` nanoseconds (at once if that has passed)."""
+def set_time(descriptor: int, when: int, flags: int = _ABSOLUTE) -> None:
+    """Fire once when the timer's clock shows ``when`` nanoseconds (at once if that has passed)."""
     seconds, nanoseconds = divmod(max(when, 1), 1_000_000_000)
     spec = _TimerSpec(_TimeSpec(0, 0), _TimeSpec(seconds, nanoseconds))
-    if _LIBRARY is None or _LIBRARY.timerfd_settime(descriptor, _ABSOLUTE, ctypes.byref(spec), None) < 0:
+    if _LIBRARY is None or _LIBRARY.timerfd_settime(descriptor, flags, ctypes.byref(spec), None) < 0:
         raise OSError(ctypes.get_errno(), "timerfd_settime failed")
 
 
@@ -109,6 +123,8 @@ _SWEEP = 1024
 
 _MOST = 10_000
 _NEVER = sys.maxsize
+
+_SHORTEST_LEAP = 100_000_000
 
 _STEP = 4_000
 _LONGEST_LEAD = 400_000
@@ -159,6 +175,7 @@ class Clock(ABC):
     Attributes:
         due: When the next timer is due, or earlier, where that one was cancelled.
         firing: When the timer was due that fires now; -1 between timers.
+        resumed: Called with the seconds for which the machine was suspended, when it goes on.
     """
 
     def __init__(self) -> None:
@@ -169,6 +186,7 @@ class Clock(ABC):
         self._sweep_at = _SWEEP
         self._firing = False
         self._loop: asyncio.AbstractEventLoop | None = None
+        self.resumed: Callable[[float], object] = lambda _: None
 
     @abstractmethod
     def now(self) -> int:
@@ -181,6 +199,10 @@ class Clock(ABC):
     def corrected(self) -> int:
         """Return by how many nanoseconds the time of day has moved against this clock since the clock began."""
         return 0
+
+    def catch_up(self) -> None:
+        """Leap to the time of day where that is ahead, as where the event loop was held until now."""
+        return
 
     def time(self) -> float:
         """Return the time in seconds."""
@@ -307,7 +329,8 @@ class WallClock(Clock):
 
     The offset between the steady clock and the time of day is taken once, so that a correction of the time of day
     never makes it jump; processes on one machine, and machines whose time of day is synchronised, agree on it to
-    within that synchronisation, so that replicas tick together.
+    within that synchronisation, so that replicas tick together. When a suspended machine goes on, the clock leaps by
+    the time for which it was.
 
     An idle machine takes some 100 to 400 µs to wake a program. The clock learns how long this one takes, asks to be
     woken that much earlier, and spins for the rest, which is seldom more than 100 µs: 1 % of a core at 100 Hz.
@@ -324,8 +347,11 @@ class WallClock(Clock):
         self._learning = False
         self._offset = offset = time.time_ns() - time.monotonic_ns()
         # One for all: what many ensembles share stays in the processor's cache.
-        self._reader = steady(offset)
+        self._reader, self._add = steady(offset)
+        self._suspended = suspended()
+        _walls.add(self)
         self._descriptor: int | None = None
+        self._resumes: int | None = None
         self._handle: asyncio.TimerHandle | None = None
 
     def now(self) -> int:
@@ -333,11 +359,31 @@ class WallClock(Clock):
         return monotonic_ns() + self._offset
 
     def corrected(self) -> int:
-        """Return by how many nanoseconds the time of day was put right since the clock began.
-
-        A machine that was suspended shows by how long: the steady clock stood still meanwhile.
-        """
+        """Return by how many nanoseconds the time of day was put right since the clock began."""
         return time.time_ns() - self.now()
+
+    def catch_up(self) -> None:
+        """Leap to the time of day where that is ahead, and the process's wall clocks with it that serve no runtime."""
+        self._leap(WallClock.corrected)
+
+    def _resume(self) -> None:
+        """Leap where the machine was suspended, so that what is too old is so before the next input counts."""
+        assert self._resumes is not None
+        with suppress(OSError):  # which says that the machine was suspended, or its time set
+            os.read(self._resumes, 8)
+        total = suspended()
+        slept = total - self._suspended
+        self._leap(lambda clock: total - clock._suspended)  # noqa: SLF001 - one class
+        if slept > _SHORTEST_LEAP:
+            self.resumed(slept / 1e9)
+
+    def _leap(self, far: Callable[[WallClock], int]) -> None:
+        for clock in tuple(_walls):
+            if (clock is self or clock._loop is None) and (leap := far(clock)) > _SHORTEST_LEAP:  # noqa: SLF001
+                clock._offset += leap  # noqa: SLF001
+                clock._add(leap)  # noqa: SLF001
+                clock._suspended = suspended()  # noqa: SLF001
+        self._arm_next()
 
     def reader(self) -> Callable[[], int]:
         """Return a function that does as `now`, at two thirds of its cost."""
@@ -348,24 +394,31 @@ class WallClock(Clock):
         super().open(loop)
         if available:
             self._descriptor = create()
+            self._resumes = create(time.CLOCK_REALTIME)
+            set_time(self._resumes, _FAR, _ABSOLUTE | _CANCEL_ON_SET)
             try:
                 loop.add_reader(self._descriptor, self._timerfd_fired)
+                loop.add_reader(self._resumes, self._resume)
             except NotImplementedError:
-                close(self._descriptor)
-                self._descriptor = None
+                self._give_back()
         self._arm_next()
 
     def close(self) -> None:
         """Forget all timers and give the timer device back."""
-        if self._descriptor is not None:
-            if self._loop is not None and not self._loop.is_closed():
-                self._loop.remove_reader(self._descriptor)
-            close(self._descriptor)
-            self._descriptor = None
+        self._give_back()
         if self._handle is not None:
             self._handle.cancel()
             self._handle = None
         super().close()
+
+    def _give_back(self) -> None:
+        for descriptor in (self._descriptor, self._resumes):
+            if descriptor is not None:
+                if self._loop is not None and not self._loop.is_closed():
+                    with suppress(NotImplementedError):
+                        self._loop.remove_reader(descriptor)
+                close(descriptor)
+        self._descriptor = self._resumes = None
 
     def _arm(self, when: int) -> None:
         steady = when - self._offset
@@ -392,3 +445,6 @@ class WallClock(Clock):
             while monotonic_ns() < due:
                 pass
         self._fire_due()
+
+
+_walls: WeakSet[WallClock] = WeakSet()

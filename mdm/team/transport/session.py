@@ -132,7 +132,8 @@ class Session:
         self._largest = largest
         self._settings = settings(listen=self._listen, connect=self._connect, lease=lease, largest=largest)
         _lay_over(self._settings, configuration or {})
-        self._now = WallClock().reader()
+        self._clock = WallClock()  # kept, so that it leaps with the runtime's
+        self._now = self._clock.reader()
         self._packer = Packer(agent, self.incarnation, self._now)
         self._router = Router(team, agent, later=self._call_later, failed=_tell_loop, largest=largest)
         self._state: Literal["new", "opening", "open", "closed"] = "new"

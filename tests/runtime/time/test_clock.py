@@ -74,3 +74,14 @@ def test_a_clock_knows_by_how_much_the_time_of_day_was_put_right(monkeypatch):
     monkeypatch.setattr(time, "time_ns", lambda: shown() + 3_600_000_000_000)
     assert abs(clock.corrected() - 3_600_000_000_000) < 1_000_000_000
     assert VirtualClock().corrected() == 0
+
+
+def test_a_clock_catches_up_with_a_time_of_day_that_is_ahead_and_never_goes_back(monkeypatch):
+    clock, other, shown, hour = WallClock(), WallClock(), time.time_ns, 3_600_000_000_000
+    read, ahead = clock.reader(), [hour]
+    monkeypatch.setattr(time, "time_ns", lambda: shown() + ahead[0])
+    for right in (hour, -hour):
+        ahead[0] = right
+        clock.catch_up()
+        for now in (clock.now, read, other.now):  # that of a session, which serves no runtime, leaps too
+            assert abs(now() - shown() - hour) < 1_000_000_000

@@ -399,6 +399,12 @@ ASKED = (
     ),
     ("clock", (), "its time, 8 bytes: nanoseconds since 1970", "the other agents, every five seconds"),
     (
+        "double",
+        ("an agent, a life and an endpoint, in MessagePack",),
+        "where the agent of that name listens, if it is live for this one in another life; else nothing",
+        "a process that has met nobody, every ten seconds, or is refused at its start",
+    ),
+    (
         "ENSEMBLE/configuration",
         (),
         "the configuration of the ensemble, fact by fact, as a table",

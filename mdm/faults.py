@@ -295,7 +295,8 @@ KINDS: Final[dict[str, FaultKind]] = {
     ),
     "duplicate": FaultKind(
         "Another process of this agent's name is live, or asks, in the team.",
-        "End one of the two: `ps` shows them as `mdm run FILE --agent NAME`; on two machines, compare their files.",
+        "End one of the two: `ps` shows them as `mdm run FILE --agent NAME`; on two machines, compare their files. The "
+        "detail says where each listens, if the two are not connected.",
     ),
     "held_back": FaultKind(
         "A message was not sent, for the connection takes no more at the moment.",

@@ -23,7 +23,7 @@ from mdm.runtime import Actor, Subscription
 from mdm.team.configuration import Configuration
 from mdm.team.transport.bounds import UNREADABLE, Life, Name, Number, Text
 from mdm.team.transport.keys import join
-from mdm.team.transport.transport import LONGEST_CLOSE
+from mdm.team.transport.transport import DOUBLE, LONGEST_CLOSE
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable, Mapping
@@ -44,6 +44,7 @@ BEAT = "beat"
 BEATS = 5
 """Beats in a lease."""
 
+_DOUBLED = 30_000_000_000
 _FIRST_WAIT, _LONGEST_WAIT = 0.1, 1.0
 _MOST_STRANGERS = 8
 
@@ -79,6 +80,7 @@ class Beat(msgspec.Struct, frozen=True, array_like=True, gc=False):
 _encode = msgspec.msgpack.Encoder().encode
 _decode = msgspec.msgpack.Decoder(Beat).decode
 _facts = msgspec.msgpack.Decoder(dict[Text, Text]).decode
+_double = msgspec.msgpack.Decoder(tuple[Name, Life, Text]).decode
 
 
 class Link(Actor):
@@ -116,6 +118,7 @@ class Link(Actor):
         self._puts = 0
         self.configuration = Configuration(transport.agent, facts or {})
         self._left_at: dict[str, int] = {}
+        self._doubles: dict[str, tuple[str, int]] = {}
         self._since = 0
         self._leaving = False
         self._refused: set[str] = set()
@@ -127,6 +130,7 @@ class Link(Actor):
         self._heard: dict[str, list[Subscription[Any]]] = {}
         self._watching: list[Subscription[Any]] = []
         self._opening: Work | None = None
+        transport.serve(self.key(DOUBLE), self._on_double)
 
     def key(self, *rest: str) -> str:
         """Return a key of this agent."""
@@ -360,6 +364,29 @@ class Link(Actor):
                 f"agent {name!r} says that it is of team {self.team.name!r}, whose agents are "
                 f"{', '.join(self.team.names)} here: the team's name, or the file, is another one there",
             )
+
+    def _on_double(self, question: bytes) -> bytes:
+        """Return where a live agent listens whose name another process has; it asks where it has met nobody."""
+        with suppress(*UNREADABLE):
+            agent, life, endpoint = _double(question)
+            if self.live.get(agent, life) != life:
+                self.tell_double(agent, endpoint, told=agent == self.agent)  # the transport has reported it then
+                return self.team.endpoints()[agent].encode()
+        return b""
+
+    def tell_double(self, agent: str, endpoint: str, *, told: bool = False) -> None:
+        """Know of a second process of an agent's name; report it, once while it is there."""
+        told = told or agent in self.doubles
+        self._doubles[agent] = endpoint, self.runtime.now()
+        if not told:
+            known = self.team.endpoints()[agent]
+            self.report("duplicate", f"two robots are called {agent!r}: at {known} and {endpoint}")
+
+    @property
+    def doubles(self) -> dict[str, str]:
+        """Where other processes listen that have the names of agents, by the agent."""
+        since = self.runtime.now() - _DOUBLED
+        return {agent: endpoint for agent, (endpoint, time) in self._doubles.items() if time > since}
 
     def _part(self, sample: Sample, beat: Beat, told: str) -> None:
         """Part with an agent of another configuration, and have the difference reported."""

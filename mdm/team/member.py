@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from mdm.actors import Ensemble
-from mdm.errors import ConfigError
+from mdm.errors import ConfigError, Error
 from mdm.messages import Message
 from mdm.runtime import Actor, ActorStatistics
 from mdm.team.centralised.follower import CentralisedFollower
@@ -24,9 +25,11 @@ from mdm.team.sharing.remote import Exports, Imports, typed
 from mdm.team.storage import Storage
 from mdm.team.transport.access import access_settings
 from mdm.team.transport.ceilings import ceiling_settings
+from mdm.team.transport.keys import join
+from mdm.team.transport.transport import DOUBLE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from mdm.actors import PredicateManager
@@ -35,12 +38,14 @@ if TYPE_CHECKING:
     from mdm.team.team import Team
     from mdm.team.transport.access import Access
     from mdm.team.transport.allowance import Allowance
+    from mdm.team.transport.session import Session
     from mdm.team.transport.transport import Transport, TransportStatistics
 
 __all__ = ["Member", "MemberStatistics", "Teammates"]
 
 _PATIENCE = 3.0
 """Seconds, beside a lease, within which all agents of a team may start."""
+_SEEK_EVERY = 10.0
 
 
 class Teammates(Message, frozen=True, gc=False):
@@ -118,8 +123,10 @@ class Member(Actor):
         self.team = team
         self.agent = agent
         self.ensembles = _by_name(ensembles)
+        self._seeks: Callable[[], Awaitable[None]] | None = None
         if transport is None:
-            transport = _session(team, agent, allowance, access)
+            transport = session = _session(team, agent, allowance, access)
+            self._seeks = lambda: self._seek_double(session.identity, access)
         elif allowance is not None or access is not None:
             raise ConfigError(
                 "an allowance and access are for the session that a member makes: give them to the transport",
@@ -248,6 +255,21 @@ class Member(Actor):
             )
             for layer in self.layers.values():
                 layer.miss(f"never met: {', '.join(missing)}")
+            if self._seeks is not None:
+                self.spawn(self._seeks(), name="seek a double")
+
+    async def _seek_double(self, identity: bytes, access: Access | None) -> None:
+        """Ask at all endpoints, until others are met, for a process of this name: they connect to that one alone."""
+        from mdm.team.sharing.asking import asking  # noqa: PLC0415 - nobody asks in most processes
+
+        while not self.link.met:
+            answers: dict[str, bytes] = {}
+            with suppress(Error):
+                async with asking(self.team, access, self.agent) as (session, _):
+                    answers = await session.ask(join(self.team.name, "*", DOUBLE), identity)
+            for where in filter(None, answers.values()):
+                self.link.tell_double(self.agent, where.decode(errors="replace"))
+            await self.runtime.clock.sleep(_SEEK_EVERY)
 
     def statistics(self) -> MemberStatistics:
         """Return where it stands."""
@@ -280,7 +302,7 @@ def _facts(team: Team, ensembles: Iterable[str], placement: Mapping[str, Placeme
     return told
 
 
-def _session(team: Team, agent: str, allowance: Allowance | None, access: Access | None) -> Transport:
+def _session(team: Team, agent: str, allowance: Allowance | None, access: Access | None) -> Session:
     """Return a session of Zenoh, which connects to the agents that were declared before this one."""
     from mdm.team.transport.session import Session  # noqa: PLC0415 - the one that needs Zenoh
 

@@ -202,7 +202,7 @@ def test_who_has_a_wrong_name_port_or_endpoint_is_told_so_and_the_team_goes_on(h
         assert "'a' and 'b' of team 'team' were never met" in lonely.faults[-1].detail
         assert lonely.did == []
         assert running.dropped("duplicate")[1] >= 1
-        check(a, "stranger", "missing_teammate")
+        check(a, "stranger", "missing_teammate", "duplicate")
         check(b, "stranger", "missing_teammate", "duplicate")
 
     over_sessions(test, present="ab", lease=0.5)

@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(
             "\n".join(table(_COLUMNS, [row for agent, ensembles in found.items() for row in _rows(agent, ensembles)]))
         )
-    troubles = list(_troubles(found))
+    troubles = [*_doubles(found, team), *_troubles(found)]
     for trouble in troubles:
         print(f"mdm team status: {trouble}", file=sys.stderr)
     if len(silent) == len(team.names):
@@ -49,6 +49,14 @@ def run(arguments: argparse.Namespace) -> int:
     elif silent:
         print(f"mdm team status: no answer from {', '.join(silent)}", file=sys.stderr)
     return 1 if silent or troubles else 0
+
+
+def _doubles(found: dict[str, dict[str, Any]], team: Team) -> list[str]:
+    """Return which names two processes have, in words."""
+    known = team.endpoints()
+    statuses = [status for ensembles in found.values() for status in ensembles.values()]
+    doubles = {double for status in statuses for double in status.get("doubles", {}).items() if double[0] in known}
+    return [f"two robots are called {agent}: at {known[agent]} and {where}" for agent, where in sorted(doubles)]
 
 
 def _troubles(found: dict[str, dict[str, Any]]) -> Iterator[str]:

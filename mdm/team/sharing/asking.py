@@ -20,17 +20,21 @@ _FIRST, _REST = 0.8, 0.4
 
 
 @asynccontextmanager
-async def asking(team: Team, access: Access | None = None) -> AsyncIterator[tuple[Session, Collection[str]]]:
+async def asking(
+    team: Team, access: Access | None = None, who: str = ""
+) -> AsyncIterator[tuple[Session, Collection[str]]]:
     """Yield a session that asks the agents of a team, and those that were there within about a second.
 
     Args:
         team: The team.
-        access: The certificates of the team's operator, where its agents have any.
+        access: The certificates of the team's operator, where its agents have any; or of an agent.
+        who: That agent.
     """
     from mdm.team.transport.access import OPERATOR, access_settings  # noqa: PLC0415 - nobody asks in most processes
     from mdm.team.transport.session import Session  # noqa: PLC0415 - the one that needs Zenoh
 
-    configuration: dict[str, Any] = {} if access is None else access_settings(access, team.name, OPERATOR, team.names)
+    shown = who or OPERATOR
+    configuration: dict[str, Any] = {} if access is None else access_settings(access, team.name, shown, team.names)
     # An agent that hangs holds the end of the session for so many milliseconds; and who is there is waited for here.
     configuration.setdefault("transport", {})["unicast"] = {"open_timeout": 700}
     configuration["open"] = {"return_conditions": {"connect_scouted": False, "declares": False}}

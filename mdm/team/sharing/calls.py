@@ -126,6 +126,7 @@ class Answers(Actor):
             "epoch": ensemble.controller.epoch,
             "live": list(self._link.live),
             "unmet": [agent for agent in layer.team.names if layer.unmet and agent not in self._link.live],
+            "doubles": self._link.doubles,
             "clocks": msgspec.to_builtins(self._clocks.offsets),
             "held": layer.holds,
             "stopped": None if ensemble.mode != "stopped" or layer.stopped is None else str(layer.stopped),
@@ -195,6 +196,7 @@ class _Status(msgspec.Struct):
     stopped: str | None = None
     unkept: str | None = None
     unmet: list[str] = []
+    doubles: dict[str, str] = {}
     clocks: dict[str, _Clock] = {}
     commands: dict[str, str] = {}
 

@@ -26,7 +26,7 @@ from mdm.team.transport.keys import check_expression, check_name, join
 from mdm.team.transport.mailbox import Mailbox
 from mdm.team.transport.router import Router
 from mdm.team.transport.settings import check_endpoint, exposed, resolve, settings
-from mdm.team.transport.transport import LONGEST_CLOSE
+from mdm.team.transport.transport import DOUBLE, LONGEST_CLOSE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -145,6 +145,11 @@ class Session:
         self._keys: dict[str, zenoh.KeyExpr] = {}
         self._router.serve(join(team, agent, _WHO), self._who)
 
+    @property
+    def identity(self) -> bytes:
+        """Who this is, as agents are asked whether another process has its name."""
+        return msgspec.msgpack.encode((self.agent, self.incarnation, *self._listen[:1]))
+
     # Opening and closing
 
     async def open(self) -> None:
@@ -244,6 +249,7 @@ class Session:
             if not others:
                 return
             if self._now() > until:
+                await self.ask(join(self.team, "*", DOUBLE), self.identity)
                 raise Error(
                     f"an agent {self.agent!r} of team {self.team!r} is live already: "
                     "end its process, or give this one another name"

@@ -15,7 +15,10 @@ from mdm.runtime.statistics import Histogram
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-__all__ = ["LONGEST_CLOSE", "Priority", "Sample", "Traffic", "Transport", "TransportStatistics"]
+__all__ = ["DOUBLE", "LONGEST_CLOSE", "Priority", "Sample", "Traffic", "Transport", "TransportStatistics"]
+
+DOUBLE = "double"
+"""The channel on which agents are asked for another process that has the name of one of them."""
 
 LONGEST_CLOSE = 3.0
 """Seconds within which a transport closes."""

@@ -159,3 +159,33 @@ def test_what_it_waits_for_stands_beside_the_mode():
 
     shown = {"mode": "deciding", "causes": [], "live": ["a"], "idle": None, "waiting": ["agent b", "room_b (of b)"]}
     assert status._row("a", "joint", shown)[2] == "deciding (waits for agent b, room_b (of b))"
+
+
+@pytest.mark.slow
+def test_a_second_robot_of_a_name_is_told_by_the_pair_and_by_the_status(mdm, free, up, tmp_path):
+    """Where its endpoint is another one nobody connects to it, so that it has to ask; else it is refused."""
+    from programs import python
+    from transports import endpoint
+
+    team = free()
+    with up(team) as running:
+        asked(mdm, team)
+        lists = team.read_text().splitlines()
+        [agents] = [line for line in lists if line.startswith("agents")]
+        first, second = endpoint(), endpoint()
+        for agent, own in (("a", first), ("b", second)):
+            there = agents.split(f'name = "{agent}", endpoint = "')[1].split('"')[0]
+            other = tmp_path / f"{agent}.toml"
+            other.write_text(team.read_text().replace(there, own))
+            told = f"two robots are called '{agent}': at {there} and {own}"
+            with python("-m", "mdm", "team", "run", other, "--agent", agent, "--log", "json") as double:
+                running.hear(kind="duplicate", agent="b" if agent == "a" else "a", detail=told)
+                status, _, errors = mdm("team", "status", team)
+                assert status == 1
+                assert f"mdm team status: {told.replace(chr(39), '')}\n" in errors
+                if agent == "a":
+                    lines = iter(double.stderr.readline, "")
+                    said = next(line for line in map(json.loads, lines) if line.get("kind") == "duplicate")
+                    assert said["detail"] == f"two robots are called 'a': at {own} and {there}"
+                else:
+                    assert "an agent 'b' of team 'rooms' is live already" in double.communicate(timeout=60)[1]

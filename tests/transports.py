@@ -140,6 +140,25 @@ class Loopback:
 
 
 @contextmanager
+def routing(where, shown=None, agents=()):
+    """Run a router of Zenoh in this process, as the page on addresses does; with what it shows, it keeps the rules."""
+    import zenoh
+
+    chosen = {
+        "mode": "router",
+        "listen": {"endpoints": [where]},
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+    }
+    if shown is not None:
+        chosen |= access_settings(shown, "team", "router", agents)
+    router = zenoh.open(zenoh.Config.from_json5(json.dumps(chosen)))
+    try:
+        yield
+    finally:
+        router.close()
+
+
+@contextmanager
 def two_days_ago():
     """Make certificates as of two days ago: those for one day are no longer valid."""
     then = datetime.now(UTC) - timedelta(days=2)

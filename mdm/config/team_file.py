@@ -11,7 +11,7 @@ from msgspec import Meta
 from mdm.config.communication import read_communication
 from mdm.config.tables import Seconds, Table, stated
 from mdm.errors import ConfigError
-from mdm.team.team import FIRST_PORT, Mode, Quorum, Team
+from mdm.team.team import FIRST_PORT, Agent, Mode, Quorum, Team
 from mdm.team.transport.access import Access, access_of
 from mdm.team.transport.allowance import Allowance
 from mdm.team.transport.ceilings import Ceiling
@@ -32,10 +32,14 @@ class AgentTable(Table, frozen=True):
     Attributes:
         name: Its name, the same in the files of all.
         endpoint: Where the others reach it, such as ``tcp/192.168.0.7:7447``; by default on its own machine alone.
+        listen: Where it listens instead, such as ``tcp/0.0.0.0:7447`` in a container.
+        connect: Where the others reach it instead.
     """
 
     name: str
     endpoint: str | None = None
+    listen: str | None = None
+    connect: str | None = None
 
 
 class TeamTable(Table, frozen=True):
@@ -43,6 +47,7 @@ class TeamTable(Table, frozen=True):
 
     Attributes:
         port: Agents without an endpoint listen on this machine: the first at this port, the second at the next one.
+        router: The endpoint of a router, through which all agents talk; they then listen nowhere.
         access: A folder with ``authority.pem``, and ``NAME.pem`` and ``NAME.key.pem`` of each agent: mutual TLS.
         allowance: What each agent may send; by default anything.
         state: The folder in which each agent keeps that it was stopped; by default that of the file.
@@ -61,6 +66,7 @@ class TeamTable(Table, frozen=True):
     max_age: Seconds | None = None
     memory: Annotated[float, Meta(gt=0)] | None = None
     communication: Any = None
+    router: str | None = None
     access: str | None = None
     allowance: Any = None
     state: str | None = None
@@ -153,17 +159,20 @@ def read_team(given: object, folder: Path, functions: Functions, problems: Probl
     return None
 
 
-def _agents(table: TeamTable, problems: Problems) -> list[tuple[str, str]] | None:
+def _agents(table: TeamTable, problems: Problems) -> list[Agent] | None:
     protocol = "tcp" if table.access is None else "tls"
-    agents: list[tuple[str, str]] = []
+    agents: list[Agent] = []
     for place, given in enumerate(table.agents):
         written = {"name": given} if isinstance(given, str) else given
         agent: AgentTable | None = problems.convert(written, AgentTable, f"team.agents.{place}")
         if agent is None:
             return None
         port = table.port + place
-        if agent.endpoint is None and port > 65535:
-            problems.add(f"agent {agent.name!r} would listen at port {port}, and 65535 is the last", "team.port")
-            return None
-        agents.append((agent.name, agent.endpoint or f"{protocol}/127.0.0.1:{port}"))
+        addresses = stated(agent, "endpoint", "listen", "connect")
+        if not addresses and table.router is None:
+            if port > 65535:
+                problems.add(f"agent {agent.name!r} would listen at port {port}, and 65535 is the last", "team.port")
+                return None
+            addresses = {"endpoint": f"{protocol}/127.0.0.1:{port}"}
+        agents.append(Agent(agent.name, **addresses))
     return agents

@@ -248,10 +248,11 @@ class Member(Actor):
             goes_on = f"until then, or until a start that is asked for here, {self.agent} decides nothing"
             if not unmet:
                 goes_on = f"{self.agent} decides on what it knows"
+            or_router = "" if self.team.router is None else f" or the router at {self.team.router}"
             self.report(
                 "missing_teammate",
-                f"{who} never met: no such agent runs, or its endpoint, the authority of its certificate, or the "
-                f"team's name or the order of its agents there, differ; {goes_on}",
+                f"{who} never met: no such agent runs, or its endpoint{or_router}, the "
+                f"authority of its certificate, or the team's name or the order of its agents there, differ; {goes_on}",
             )
             for layer in self.layers.values():
                 layer.miss(f"never met: {', '.join(missing)}")
@@ -303,25 +304,22 @@ def _facts(team: Team, ensembles: Iterable[str], placement: Mapping[str, Placeme
 
 
 def _session(team: Team, agent: str, allowance: Allowance | None, access: Access | None) -> Session:
-    """Return a session of Zenoh, which connects to the agents that were declared before this one."""
+    """Return a session of Zenoh, which connects to the agents declared before this one, or to the team's router."""
     from mdm.team.transport.session import Session  # noqa: PLC0415 - the one that needs Zenoh
 
-    protocol = "tcp" if access is None else "tls"
-    endpoints = team.endpoints(protocol)
     configuration = ceiling_settings(team.ceilings)
     if access is not None:
+        endpoints = team.endpoints("tls")
         plain = [name for name, endpoint in endpoints.items() if not endpoint.startswith(("tls/", "quic/"))]
         if plain:
             raise ConfigError(
-                f"access needs endpoints that begin with tls/, but agent {plain[0]!r} has {endpoints[plain[0]]}",
+                f"access needs endpoints that begin with tls/, but {plain[0]!r} has {endpoints[plain[0]]}",
                 key="team.agents",
             )
-        configuration |= access_settings(access, team.name, agent, team.names)
-    before = team.names[: team.names.index(agent)]
+        configuration |= access_settings(access, team.name, agent, team.names, routed=team.router is not None)
     return Session(
         *(team.name, agent),
-        listen=endpoints[agent],
-        connect=[endpoints[other] for other in before],
+        **team.addresses(agent, "tcp" if access is None else "tls"),
         lease=team.lease,
         allowance=allowance,
         configuration=configuration,

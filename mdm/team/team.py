@@ -16,7 +16,7 @@ from mdm.runtime.time.clock import check_seconds
 from mdm.team.communicating.communication import Always
 from mdm.team.transport.ceilings import Ceiling, ceiling_settings
 from mdm.team.transport.keys import check_name
-from mdm.team.transport.settings import check_endpoint
+from mdm.team.transport.settings import address, check_endpoint
 
 if TYPE_CHECKING:
     from mdm.actors import Drive, Ensemble
@@ -34,20 +34,36 @@ Quorum = Literal["majority", "continue"]
 FIRST_PORT = 7447
 """The port of the first agent on this machine, where nothing is said about endpoints; the others' follow."""
 
-Given = str | tuple[str, str]
-"""An agent as it is given: its name, or its name and its endpoint."""
-
 
 class Agent(msgspec.Struct, frozen=True):
     """An agent of a team.
 
     Args:
         name: Its name, the same at all agents.
-        endpoint: Where it listens for the others, such as ``tcp/192.168.0.7:7450``; None where the transport knows.
+        endpoint: Where it listens and the others reach it, such as ``tcp/192.168.0.7:7450``; None where the transport
+            knows.
+        listen: Where it listens in place of that, such as ``tcp/0.0.0.0:7450`` in a container.
+        connect: Where the others reach it in place of that, such as ``tcp/robot1.local:17450``.
     """
 
     name: str
     endpoint: str | None = None
+    listen: str | None = None
+    connect: str | None = None
+
+    @property
+    def listens(self) -> str | None:
+        """Where it listens for the others."""
+        return self.listen or self.endpoint or self.connect
+
+    @property
+    def reached(self) -> str | None:
+        """Where the others reach it."""
+        return self.connect or self.endpoint or self.listen
+
+
+Given = str | tuple[str, str] | Agent
+"""An agent as it is given: its name, its name and its endpoint, or all its addresses."""
 
 
 class Team:
@@ -55,7 +71,8 @@ class Team:
 
     Args:
         name: The team's name, which begins the keys of its messages.
-        agents: All agents, in the order of the model's agents: names, or pairs of a name and an endpoint.
+        agents: All agents, in the order of the model's agents: names, pairs of a name and an endpoint, or
+            `Agent` s with other addresses.
         mode: ``replicated``: each agent holds the whole controller, and all agree on each joint step.
             ``centralised``: one agent decides for all. ``communicating``: each decides by its own knowledge, at a
             period.
@@ -75,6 +92,7 @@ class Team:
         memory: The most megabytes that a model may take at an agent. Ensembles of a file have it unless they say
             something else; those of a program take it as their option of that name.
         ceilings: The most that Zenoh lets through, by key.
+        router: The endpoint of a router of Zenoh, which carries all messages: agents then have no addresses.
         state: The folder in which each agent keeps over the end of its process that it was stopped, or waits for a
             release; without one a process that ends forgets. Agents may differ in it.
 
@@ -103,12 +121,18 @@ class Team:
         max_age: float = 1.0,
         memory: float = 1000.0,
         ceilings: Iterable[Ceiling] = (),
+        router: str | None = None,
         communication: CommunicationPolicy | None = None,
         state: str | Path | None = None,
     ) -> None:
         self.name = check_name(name, "a team", key="team.name")
         self.agents = _agents(agents)
         self.names = tuple(agent.name for agent in self.agents)
+        self.router = None if router is None else check_endpoint(router, key="team.router", connect=True)
+        if router is not None and any(agent.listens for agent in self.agents):
+            raise ConfigError(
+                "agents with a router listen nowhere: leave out their addresses, or the router", key="team.agents"
+            )
         self.mode: Mode = _one_of(mode, Mode, "mode")
         self.drive = _drive(period, drive)
         self.event_driven = isinstance(self.drive, OnEvent)
@@ -191,11 +215,26 @@ class Team:
         return str(name)
 
     def endpoints(self, protocol: str = "tcp") -> dict[str, str]:
-        """Return where each agent listens; those that say nothing of it, on this machine, at a port each."""
+        """Return where each agent is reached: by the router; else those that do not say it here, at a port each."""
         return {
-            agent.name: agent.endpoint or f"{protocol}/127.0.0.1:{FIRST_PORT + number}"
+            agent.name: agent.reached or self.router or f"{protocol}/127.0.0.1:{FIRST_PORT + number}"
             for number, agent in enumerate(self.agents)
         }
+
+    def addresses(self, agent: str | None = None, protocol: str = "tcp") -> dict[str, Any]:
+        """Return where an agent listens, and what it connects to, as arguments of a session.
+
+        Args:
+            agent: The agent; None for somebody else, who listens nowhere and connects to all.
+            protocol: That of agents which say nothing of their addresses.
+        """
+        if self.router is not None:
+            return {"listen": [], "connect": [self.router], "mode": "client"}
+        reached = [*self.endpoints(protocol).values()]
+        if agent is None:
+            return {"listen": [], "connect": reached}
+        place = self.names.index(agent)
+        return {"listen": [self.agents[place].listens or reached[place]], "connect": reached[:place]}
 
     # -- Commands ------------------------------------------------------------------------------------------------
 
@@ -257,21 +296,27 @@ def _agents(given: Iterable[Given]) -> tuple[Agent, ...]:
     if isinstance(given, str) or not isinstance(given, Iterable):
         raise ConfigError(f"agents are a list of names, or of (name, endpoint), not {given!r}", key="team.agents")
     agents: list[Agent] = []
+    taken: dict[tuple[str, str, str], str] = {}
     for place, one in enumerate(given):
         key = f"team.agents.{place}"
-        name, endpoint = (one, None) if not isinstance(one, tuple) or len(one) != 2 else one
-        check_name(name, "an agent", key=key)
-        if endpoint is not None:
-            check_endpoint(endpoint, key=key)
+        pair: Any = one if isinstance(one, tuple) and len(one) == 2 else (one,)
+        agent = one if isinstance(one, Agent) else Agent(*pair)
+        name = check_name(agent.name, "an agent", key=key)
         if any(name == other.name for other in agents):
             raise ConfigError(f"two agents are called {name!r}: each has a name of its own", key=key)
-        agents.append(Agent(name, endpoint))
+        for end in (agent.endpoint, agent.listen, agent.connect):
+            if end is not None:
+                check_endpoint(end, key=key)
+        if agent.reached is not None:
+            other = taken.setdefault(address(check_endpoint(agent.reached, key=key, connect=True)), name)
+            if other != name:
+                raise ConfigError(
+                    f"{other!r} and {name!r} are both reached at {agent.reached}: each has an address of its own",
+                    key=key,
+                )
+        agents.append(agent)
     if not agents:
         raise ConfigError("a team has at least one agent", key="team.agents")
-    ends = [agent.endpoint for agent in agents if agent.endpoint is not None]
-    twice = next((end for end in ends if ends.count(end) > 1), None)
-    if twice is not None:
-        raise ConfigError(f"two agents listen at {twice!r}: each has an endpoint of its own", key="team.agents")
     return tuple(agents)
 
 

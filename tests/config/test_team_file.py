@@ -43,6 +43,15 @@ def test_seconds_of_a_team_are_those_of_the_file(tmp_path, given):
     assert (team.lease, team.max_age) == (given.get("lease", 1.0), given.get("max_age", 1.0))
 
 
+def test_addresses_of_the_file_are_those_of_the_team(tmp_path):
+    here = '{ name = "a", listen = "tcp/0.0.0.0:7447", connect = "tcp/host.local:17447" }'
+    team = load_team(write(tmp_path, ('agents = ["a", "b"]', f'agents = [{here}, "b"]')))
+    assert team.addresses("a") == {"listen": ["tcp/0.0.0.0:7447"], "connect": []}
+    assert team.addresses("b") == {"listen": ["tcp/127.0.0.1:7601"], "connect": ["tcp/host.local:17447"]}
+    team = load_team(write(tmp_path, ('agents = ["a", "b"]', 'agents = ["a", "b"]\nrouter = "tcp/r.local:7447"')))
+    assert team.addresses("a") == {"listen": [], "connect": ["tcp/r.local:7447"], "mode": "client"}
+
+
 def test_certificates_are_in_a_folder_beside_the_file(tmp_path):
     described = load_team_file(write(tmp_path, ("port = 7600", 'port = 7600\naccess = "keys"')))
     assert [agent.endpoint for agent in described.team.agents] == ["tls/127.0.0.1:7600", "tls/127.0.0.1:7601"]

@@ -266,6 +266,23 @@ def test_a_member_without_a_transport_makes_a_session_with_the_team_s_settings(t
         open_team.member("left", over_beliefs(MODEL)(Nobody(), 0), access=files["left"])
 
 
+def test_a_member_behind_a_router_is_a_client_that_believes_it(tmp_path):
+    class Nobody:
+        act = staticmethod(lambda name: lambda: None)
+
+    certificates = pytest.importorskip("mdm.team.transport.certificates")
+    pytest.importorskip("cryptography", reason="makes the certificates")
+    files = certificates.make_certificates(tmp_path, {"left": []})
+    team = Team("tigers", ["left", "right"], router="tls/r.test:7447")
+    made = team.member("left", over_beliefs(MODEL)(Nobody(), 0), access=files["left"]).link.transport._settings
+    assert (made["mode"], made["listen"]["endpoints"], made["connect"]["endpoints"]) == ("client", [], [team.router])
+    assert [one["cert_common_names"] for one in made["access_control"]["subjects"]] == [["router"]]
+    with refused(mdm.ConfigError):
+        Team("tigers", ["left", "right"], router="tcp/r.test:7447").member(
+            "left", over_beliefs(MODEL)(Nobody(), 0), access=files["left"]
+        )
+
+
 def test_an_ensemble_of_no_team_has_no_lost_teammates():
     async def main(runtime):
         class Nobody:

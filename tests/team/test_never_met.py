@@ -8,6 +8,7 @@ import pytest
 from team_robots import Robot, over_beliefs
 
 from mdm import problems
+from mdm.cli.team.status import _troubles
 from mdm.team.sharing.calls import ask
 from mdm.team.team import Team
 from mdm.team.transport.network import Network
@@ -115,13 +116,31 @@ def test_who_has_met_the_other_goes_on_without_it():
     run_virtual(main)
 
 
-def test_who_has_the_agents_in_another_order_moves_nobody():
+@pytest.mark.parametrize("options", AGREEING)
+@pytest.mark.parametrize("wrong", ["address", "order", "name", "port"])
+def test_with_wrong_addresses_nobody_moves_and_who_asks_is_told(options, wrong):
+    """What `test_wrong_addresses` tries with processes: a wrong address reaches nobody, a port is one agent's alone."""
+
     async def main(runtime):
-        pair = Pair(runtime, theirs=["bob", "ada"])
-        pair.network.heal()
-        ada, bob = await pair.begin("ada", "bob")
-        assert {*ada.did, *bob.did} <= {"SAFE"}
-        assert "deciding" not in {ada.ensemble.mode, bob.ensemble.mode}
+        pair = Pair(runtime, ["bob", "ada"] if wrong == "order" else None, **options)
+        if wrong == "name":
+            pair.others = Team("tigres", ["ada", "bob"], **options)
+            elsewhere = Network(runtime.clock, team="tigres")
+            pair.network.transport, ours = (
+                lambda name: (elsewhere.transport if name == "bob" else ours)(name),
+                pair.network.transport,
+            )
+        if wrong != "address":
+            pair.network.heal()
+        robots = await pair.begin("ada", *(["bob"] if wrong != "port" else []))
+        assert {act for robot in robots for act in robot.did} <= {"SAFE"}
+        assert "deciding" not in {robot.ensemble.mode for robot in robots}
+        if wrong == "address":
+            pair.network.partition({"ada", "console"}, {"bob"})
+        asker = pair.network.transport("console")
+        await asker.open()
+        found = {agent: {"joint": told} for agent, told in (await ask(asker, pair.team, "status")).items()}
+        assert list(_troubles(found))
 
     run_virtual(main)
 

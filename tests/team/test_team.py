@@ -43,7 +43,12 @@ def test_drives():
         ({"agents": []}, "at least one agent"),
         ({"agents": ["a", "a"]}, "two agents are called 'a'"),
         ({"agents": ["a", "b*"]}, "the name of an agent has"),
-        ({"agents": [("a", "tcp/h:1"), ("b", "tcp/h:1")]}, "two agents listen at 'tcp/h:1'"),
+        ({"agents": [("a", "tcp/h:1"), ("b", "tcp/h:1")]}, "'a' and 'b' are both reached at tcp/h:1"),
+        ({"agents": [("a", "tcp/localhost:1"), ("b", "ws/127.0.0.1:1")]}, "are both reached at ws/127.0.0.1:1"),
+        ({"agents": [Agent("a", connect="tcp/h:1", listen="tcp/i:1"), ("b", "tcp/H:1?x")]}, "are both reached"),
+        ({"agents": [Agent("a", listen="nowhere", connect="tcp/h:1")]}, "an endpoint is a protocol, a host and a port"),
+        ({"router": "tcp/r:7447", "agents": [("a", "tcp/h:1")]}, "agents with a router listen nowhere"),
+        ({"router": "nowhere"}, "an endpoint is a protocol, a host and a port"),
         ({"agents": [("a", "nowhere")]}, "an endpoint is a protocol, a host and a port"),
         ({"mode": "anarchy"}, "mode is 'replicated' or"),
         ({"quorum": "all"}, "quorum is 'majority' or 'continue'"),
@@ -63,6 +68,38 @@ def test_what_means_nothing_is_refused(given, words):
     options = {"name": "team", "agents": ["a", "b"]} | given
     with pytest.raises(mdm.ConfigError, match=words):
         Team(options.pop("name"), options.pop("agents"), **options)
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "[::]", "0", "0x0.0", "[0:0::0]", "[::ffff:0.0.0.0]"])
+@pytest.mark.parametrize("given", ["endpoint", "connect", "router"])
+def test_nobody_connects_to_every_address_of_a_machine(host, given):
+    where = f"tcp/{host}:7447"
+    agents = ["b"] if given == "router" else ["b", Agent("a", **{given: where})]
+    with pytest.raises(mdm.ConfigError) as wrong:
+        Team("t", agents, router=where if given == "router" else None)
+    assert str(wrong.value) == (
+        f"team.{'router' if given == 'router' else 'agents.1'}: nobody can connect to {where!r}, every address of a "
+        "machine at once: an agent may `listen` there, and the others `connect` to its host by name or address, such "
+        "as 'tcp/robot1.local:7447'"
+    )
+
+
+def test_an_agent_listens_where_it_is_and_is_reached_where_the_others_see_it():
+    """Two containers listen at one port, which is another of their host for each."""
+    agents = [Agent(name, listen="tcp/0.0.0.0:7447", connect=f"tcp/host:{port}") for name, port in (("a", 1), ("b", 2))]
+    team = Team("t", [*agents, ("c", "tcp/10.0.0.3:7447"), Agent("d", listen="tcp/h:3"), Agent("e", connect="tcp/h:4")])
+    reached = ["tcp/host:1", "tcp/host:2", "tcp/10.0.0.3:7447", "tcp/h:3", "tcp/h:4"]
+    listens = ["tcp/0.0.0.0:7447", "tcp/0.0.0.0:7447", *reached[2:]]
+    assert list(team.endpoints().values()) == reached
+    for place, (name, end) in enumerate(zip(team.names, listens, strict=True)):
+        assert team.addresses(name) == {"listen": [end], "connect": reached[:place]}
+    assert team.addresses() == {"listen": [], "connect": reached}
+
+
+@pytest.mark.parametrize("agent", ["a", "b", None])
+def test_with_a_router_everybody_connects_to_it_alone(agent):
+    team = Team("t", ["a", "b"], router="tcp/r:7447")
+    assert team.addresses(agent) == {"listen": [], "connect": ["tcp/r:7447"], "mode": "client"}
 
 
 def test_an_unknown_agent_is_told_with_similar_names():

@@ -104,7 +104,7 @@ def _tell_team(arguments: argparse.Namespace, team: Team) -> int:
     }
     if arguments.json:
         agents = {
-            agent.name: {"endpoint": agent.endpoint, **Ensembles(systems[agent.name]).facts()} for agent in team.agents
+            agent.name: {"endpoint": agent.reached, **Ensembles(systems[agent.name]).facts()} for agent in team.agents
         }
         print(as_json({**facts, "agents": agents}))
         return 0
@@ -112,7 +112,7 @@ def _tell_team(arguments: argparse.Namespace, team: Team) -> int:
         print(f"{key.replace('_', ' '):24}{_text(value)}")
     for agent in team.agents:
         system = systems[agent.name]
-        print("\n".join(["", f"{agent.name} at {agent.endpoint}", "", system.tree(), *lines(system)]))
+        print("\n".join(["", f"{agent.name} at {agent.reached or team.router}", "", system.tree(), *lines(system)]))
     return 0
 
 

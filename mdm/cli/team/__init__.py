@@ -140,7 +140,8 @@ def _add_check(verbs: Any, name: str) -> argparse.ArgumentParser:
         help=VERBS[name],
         description=(
             "List everything that `mdm team run` would refuse, at every agent. Functions are looked for in the source "
-            "of their modules, which are not run, unless --import is given."
+            "of their modules, which are not run, unless --import is given. It notes what other files of the team in "
+            "the same folder differ in."
         ),
         epilog="example: mdm team check examples/team/meeting.toml",
     )

@@ -5,11 +5,10 @@ from __future__ import annotations
 import asyncio
 import errno
 import os
-import re
 import signal
 import socket
 import sys
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +19,7 @@ from mdm.cli.team.crew import Crew
 from mdm.cli.team.file import check_zenoh, forget_state, sound_systems_of, team_of
 from mdm.errors import Error
 from mdm.team.transport.access import OPERATOR
-from mdm.team.transport.settings import resolve
+from mdm.team.transport.settings import address, resolve
 
 if TYPE_CHECKING:
     import argparse
@@ -163,26 +162,26 @@ def _check_ports(team: Team) -> None:
     Raises:
         Error: If an agent's port is taken, or its address is none of this machine.
     """
-    for agent in team.agents:
-        protocol, _, address = (agent.endpoint or "").partition("/")
-        host, _, port = re.split(r"[?#]", address, maxsplit=1)[0].rpartition(":")
-        if protocol == "unixsock-stream" or not port.isdigit():
-            continue
-        resolve(agent.endpoint or "")
-        kind = socket.SOCK_DGRAM if protocol == "quic" else socket.SOCK_STREAM
-        family, _, _, _, place = socket.getaddrinfo(host.strip("[]"), int(port), type=kind)[0]
-        with socket.socket(family, kind) as one:
-            if kind == socket.SOCK_STREAM:
-                one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    with ExitStack() as taken:  # all at once: two agents of it may want one port
+        for agent in team.agents:
+            protocol, host, port = address(agent.listens or "")
+            if protocol == "unixsock-stream" or not port:
+                continue
+            resolve(agent.listens or "")
+            kind = socket.SOCK_DGRAM if protocol == "udp" else socket.SOCK_STREAM
+            family, _, _, _, place = socket.getaddrinfo(host.strip("[]"), int(port), type=kind)[0]
+            one = taken.enter_context(socket.socket(family, kind))
             try:
+                if kind == socket.SOCK_STREAM:
+                    one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
                 one.bind(place)
+                if kind == socket.SOCK_STREAM:
+                    one.listen()
             except OSError as error:
                 way = "perhaps the team runs already (`mdm team status` says so), or another `port` in [team] is free"
                 if error.errno == errno.EADDRNOTAVAIL:
                     way = f"run it on the machine that has this address: mdm team run FILE --agent {agent.name}"
-                raise Error(
-                    f"agent {agent.name!r} cannot listen at {agent.endpoint}: {error.strerror}; {way}"
-                ) from None
+                raise Error(f"agent {agent.name!r} cannot listen at {agent.listens}: {error.strerror}; {way}") from None
 
 
 async def _run(

@@ -7,6 +7,8 @@ import os
 from contextlib import asynccontextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
+from mdm.errors import Error
+
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Collection, Mapping
 
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["asking"]
 
 _FIRST, _REST = 0.8, 0.4
+_OPENING = 3.0
+"""Seconds for which a router is waited for."""
 
 
 @asynccontextmanager
@@ -33,16 +37,17 @@ async def asking(
     from mdm.team.transport.access import OPERATOR, access_settings  # noqa: PLC0415 - nobody asks in most processes
     from mdm.team.transport.session import Session  # noqa: PLC0415 - the one that needs Zenoh
 
-    shown = who or OPERATOR
-    configuration: dict[str, Any] = {} if access is None else access_settings(access, team.name, shown, team.names)
+    configuration: dict[str, Any] = {}
+    if access is not None:
+        routed = team.router is not None
+        configuration = access_settings(access, team.name, who or OPERATOR, team.names, routed=routed)
     # An agent that hangs holds the end of the session for so many milliseconds; and who is there is waited for here.
     configuration.setdefault("transport", {})["unicast"] = {"open_timeout": 700}
     configuration["open"] = {"return_conditions": {"connect_scouted": False, "declares": False}}
     session = Session(
         team.name,
         f"asker-{os.getpid()}",
-        listen=[],
-        connect=list(team.endpoints("tcp" if access is None else "tls").values()),
+        **team.addresses(protocol="tcp" if access is None else "tls"),
         lease=team.lease,
         configuration=configuration,
     )
@@ -64,7 +69,11 @@ async def _meet(session: Session, team: Team) -> Collection[str]:
             complete.set()
 
     session.watch(see)
-    await session.open()
+    try:
+        async with asyncio.timeout(None if team.router is None else _OPENING):
+            await session.open()
+    except TimeoutError:
+        raise Error(f"no router answers at {team.router}: start it, or correct the team's `router`") from None
     for seconds in (_FIRST, _REST):
         with suppress(TimeoutError):
             await asyncio.wait_for(complete.wait(), seconds)

@@ -19,10 +19,13 @@ from mdm.team.transport.keys import ROOT, check_name, join
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["OPERATOR", "Access", "access_of", "access_settings", "shown_certificate"]
+__all__ = ["OPERATOR", "ROUTER", "Access", "access_of", "access_settings", "shown_certificate"]
 
 OPERATOR = "operator"
 """Whose certificate somebody shows who is none of the agents: it lets them ask and call, and put nothing."""
+
+ROUTER = "router"
+"""Whose certificate a router shows, through which agents hear each other: what others say comes from it."""
 
 _OWN = ("put", "delete", "reply", "declare_queryable", "liveliness_token")
 _ANY = ("declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber")
@@ -47,7 +50,9 @@ def access_of(folder: Path, name: str) -> Access:
     return Access(*(str(folder / file) for file in ("authority.pem", f"{name}.pem", f"{name}.key.pem")))
 
 
-def access_settings(access: Access, team: str, agent: str, agents: Sequence[str]) -> dict[str, Any]:
+def access_settings(
+    access: Access, team: str, agent: str, agents: Sequence[str], *, routed: bool = False
+) -> dict[str, Any]:
     """Return Zenoh's settings for mutual TLS and the permissions of each agent.
 
     Args:
@@ -55,16 +60,17 @@ def access_settings(access: Access, team: str, agent: str, agents: Sequence[str]
         team: The team's name.
         agent: The agent's own name.
         agents: The names of all agents.
+        routed: Whether a router stands between them: it keeps each to its own keys, and is believed.
 
     Raises:
         ConfigError: If a file is missing or is none, others would refuse the certificate as this agent's, or an agent
-            has the operator's name.
+            has the operator's name, or a router's.
     """
-    if OPERATOR in agents:
-        raise ConfigError(
-            f"with access no agent can be called {OPERATOR!r}: whoever asks the team shows a certificate of that name",
-            key="agents",
-        )
+    for name, who in ((OPERATOR, "whoever asks the team"), *([(ROUTER, "its router")] if routed else [])):
+        if name in agents:
+            raise ConfigError(
+                f"with access no agent can be called {name!r}: {who} shows a certificate of that name", key="agents"
+            )
     _check_certificate(access, agent)
     others = [name for name in agents if name != agent]
     # Zenoh forbids what no rule allows: to send anything of the team's, and to take what anyone may ask and hear.
@@ -78,9 +84,11 @@ def access_settings(access: Access, team: str, agent: str, agents: Sequence[str]
         rules.append(_rule(f"own {name}", ["ingress"], _OWN, _whole(team, name)))
         subjects.append({"id": name, "cert_common_names": [name]})
         policies.append({"rules": ["all", "ask", f"own {name}"], "subjects": [name]})
-    if OPERATOR not in agents:
-        subjects.append({"id": OPERATOR, "cert_common_names": [OPERATOR]})
-        policies.append({"rules": ["all", "ask"], "subjects": [OPERATOR]})
+    subjects.append({"id": OPERATOR, "cert_common_names": [OPERATOR]})
+    policies.append({"rules": ["all", "ask"], "subjects": [OPERATOR]})
+    if routed:
+        subjects = [{"id": ROUTER, "cert_common_names": [ROUTER]}]
+        policies = [{"rules": [rule["id"] for rule in rules], "subjects": [ROUTER]}]
     return {
         "transport": {
             "link": {

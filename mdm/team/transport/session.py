@@ -43,6 +43,7 @@ T = TypeVar("T")
 _LIVE = "@team/live"
 _WHO = "@team/who"
 _FLUSH = 0.1
+_RETRY = 0.25
 
 _open: set[zenoh.Session] = set()
 _forked = False
@@ -95,6 +96,7 @@ class Session:
             reached from its own machine alone.
         connect: The endpoints of other agents. Two agents meet where one of them connects to the other; it is enough
             that each connects to those declared before it.
+        mode: ``client`` where ``connect`` is a router, which carries all messages and which `open` waits for.
         lease: After so many seconds of silence the others take this agent for lost.
         largest: The largest message in bytes, with its envelope.
         allowance: The most that this agent may send; any amount by default.
@@ -116,6 +118,7 @@ class Session:
         *,
         listen: str | Sequence[str] = "tcp/127.0.0.1:7447",
         connect: Sequence[str] = (),
+        mode: Literal["peer", "client"] = "peer",
         lease: float = 1.0,
         largest: int = LARGEST,
         allowance: Allowance | None = None,
@@ -127,10 +130,10 @@ class Session:
         self.allowance = allowance
         check_seconds(lease, "the lease")
         self._listen = [check_endpoint(one) for one in ([listen] if isinstance(listen, str) else listen)]
-        self._connect = [check_endpoint(one) for one in connect]
+        self._connect = [check_endpoint(one, connect=True) for one in connect]
         self._lease = lease
         self._largest = largest
-        self._settings = settings(listen=self._listen, connect=self._connect, lease=lease, largest=largest)
+        self._settings = settings(listen=self._listen, connect=self._connect, lease=lease, largest=largest, mode=mode)
         _lay_over(self._settings, configuration or {})
         self._clock = WallClock()  # kept, so that it leaps with the runtime's
         self._now = self._clock.reader()
@@ -148,7 +151,7 @@ class Session:
     @property
     def identity(self) -> bytes:
         """Who this is, as agents are asked whether another process has its name."""
-        return msgspec.msgpack.encode((self.agent, self.incarnation, *self._listen[:1]))
+        return msgspec.msgpack.encode((self.agent, self.incarnation, (self._listen or self._connect)[0]))
 
     # Opening and closing
 
@@ -179,7 +182,8 @@ class Session:
         )
         self._worker = ThreadPoolExecutor(1, thread_name_prefix=f"mdm-{self.agent}")
         try:
-            await self._work(self._begin)
+            while not await self._work(self._begin):  # noqa: ASYNC110 - a router that is not there says nothing
+                await asyncio.sleep(_RETRY)
             # One that fell silent may be seen to live until its lease is over.
             await self._refuse_double(lambda _: True, patience=2 * self._lease + 0.5)
             await self._work(self._appear)
@@ -189,18 +193,21 @@ class Session:
             self._end()
             raise
         self._state = "open"
-        risk = None if "access_control" in self._settings else exposed(self._listen)
+        risk = None if "access_control" in self._settings else exposed(self._listen or self._connect)
         if risk is not None:
             self._router.report("unprotected", risk)
         self._look()
 
-    def _begin(self) -> None:
+    def _begin(self) -> bool:
+        """Open the session; return whether its router was there, or it needs none."""
         library = _import_zenoh()
         for endpoint in (*self._listen, *self._connect):
             resolve(endpoint)
         try:
             opened = library.open(library.Config.from_json5(json.dumps(self._settings)))
         except library.ZError as error:
+            if self._settings["mode"] == "client" and "Unable to connect" in str(error):
+                return False
             raise self._refusal(str(error)) from None
         _open.add(opened)
         self._zenoh = opened
@@ -213,6 +220,7 @@ class Session:
             library.handlers.Callback(self._token_changed, indirect=False),
             history=True,
         )
+        return True
 
     def _appear(self) -> None:
         # Others learn of the token after all that was declared before it on the same connection.
@@ -224,7 +232,7 @@ class Session:
         if "Address already in use" in reason:
             return Error(f"{where}: the port is in use; end the program that has it, or choose another one")
         if "Cannot assign requested address" in reason:
-            return Error(f"{where}: that is no address of this machine; choose one that it has, or 0.0.0.0 for all")
+            return Error(f"{where}: that is no address of this machine; listen at one of its own, or at 0.0.0.0")
         if "Permission denied" in reason:
             return Error(f"{where}: that needs permission; choose a port above 1023")
         return Error(

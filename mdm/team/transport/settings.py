@@ -5,25 +5,31 @@ from __future__ import annotations
 import ipaddress
 import re
 import socket
-from typing import TYPE_CHECKING, Any
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Literal
 
 from mdm.errors import ConfigError, Error
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-__all__ = ["PROTOCOLS", "check_endpoint", "exposed", "resolve", "settings"]
+__all__ = ["PROTOCOLS", "address", "check_endpoint", "exposed", "resolve", "settings"]
 
 PROTOCOLS = ("tcp", "tls", "quic", "ws", "unixsock-stream")
 
 _ADDRESS = re.compile(r"(?P<host>\[[0-9A-Fa-f:.]+(?:%\w+)?\]|[^\[\]:/\s]+):(?P<port>[0-9]{1,5})")
 
 
-def check_endpoint(endpoint: object, *, key: str | None = None) -> str:
+def check_endpoint(endpoint: object, *, key: str | None = None, connect: bool = False) -> str:
     """Return an endpoint, such as ``tcp/192.168.0.7:7447`` or ``unixsock-stream//tmp/robot1.sock``.
 
+    Args:
+        endpoint: What is given as one.
+        key: Its place in a configuration.
+        connect: Whether others connect to it.
+
     Raises:
-        ConfigError: If it is malformed.
+        ConfigError: If it is malformed, or nobody can connect to it though others have to.
     """
     form = "an endpoint is a protocol, a host and a port, such as tcp/192.168.0.7:7447"
     if not isinstance(endpoint, str):
@@ -45,7 +51,32 @@ def check_endpoint(endpoint: object, *, key: str | None = None) -> str:
     found = _ADDRESS.fullmatch(address)
     if found is None or not 0 < int(found["port"]) < 65536:
         raise ConfigError(f"{form} from 1 to 65535, not {endpoint!r}", key=key)
+    if connect and _is_any(found["host"].strip("[]")):
+        reached = endpoint.replace(found["host"], "robot1.local", 1)
+        raise ConfigError(
+            f"nobody can connect to {endpoint!r}, every address of a machine at once: an agent may `listen` there, and "
+            f"the others `connect` to its host by name or address, such as {reached!r}",
+            key=key,
+        )
     return endpoint
+
+
+def _is_any(host: str) -> bool:
+    """Return whether a host stands for all addresses of a machine; ``0`` and ``0.0`` are ``0.0.0.0``, too."""
+    with suppress(OSError, ValueError):
+        found = str(socket.getaddrinfo(host, None, flags=socket.AI_NUMERICHOST)[0][4][0])
+        return found.partition("%")[0] in {"0.0.0.0", "::", "::ffff:0.0.0.0"}  # noqa: S104 - it binds nothing
+    return False
+
+
+def address(endpoint: str) -> tuple[str, str, str]:
+    """Return what only one program of a machine can have: the kind of an endpoint's port, its host, and the port."""
+    protocol, _, rest = endpoint.partition("/")
+    rest = re.split(r"[?#]", rest, maxsplit=1)[0]
+    if protocol == "unixsock-stream":
+        return protocol, "", rest
+    host, _, port = rest.rpartition(":")
+    return "udp" if protocol == "quic" else "tcp", re.sub("^localhost$", "127.0.0.1", host.lower()), port
 
 
 def exposed(endpoints: Iterable[str]) -> str | None:
@@ -100,6 +131,7 @@ def settings(
     connect: Sequence[str],
     lease: float,
     largest: int,
+    mode: Literal["peer", "client"] = "peer",
 ) -> dict[str, Any]:
     """Return the configuration of a Zenoh session: explicit endpoints, and nobody else looked for or let in.
 
@@ -108,6 +140,7 @@ def settings(
         connect: Endpoints of others.
         lease: After so many seconds of silence this agent is taken for lost.
         largest: The largest message in bytes.
+        mode: ``client`` where it connects to a router alone.
     """
     # Microseconds that a put may wait for room, ten times as many where it is cut into parts: the event loop waits.
     longest_wait = 100
@@ -115,10 +148,11 @@ def settings(
     longest_opening = max(round(2000 * lease), 2000)
     sizes = ("control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low")
     return {
-        "mode": "peer",
+        "mode": mode,
         "listen": {"endpoints": list(listen)},
         "connect": {
             "endpoints": list(connect),
+            **({"timeout_ms": 1000} if mode == "client" else {}),  # within which it opens, or not at all
             "retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
         },
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},

@@ -63,6 +63,70 @@ def test_one_that_others_cannot_reach_is_noted(mdm, free):
     assert any("whoever reaches tcp/192.168.0.7:7447 can speak as any agent of the team" in line for line in output)
 
 
+@pytest.mark.parametrize("verb", [("team", "check"), ("check",), ("team", "up"), ("team", "run", "--agent", "b")])
+@pytest.mark.parametrize("host", ["0.0.0.0", "[::]"])
+def test_nobody_connects_to_every_address_of_a_machine(mdm, free, verb, host):
+    team = free()
+    here = team.read_text().partition('endpoint = "')[2].partition('"')[0]
+    team.write_text(team.read_text().replace(here, f"tcp/{host}:7447"))
+    status, _, errors = mdm(*verb, team)
+    assert status != 0
+    assert f"team.agents.0: nobody can connect to 'tcp/{host}:7447'" in errors
+    assert "an agent may `listen` there, and the others `connect` to its host by name" in errors
+    team.write_text(team.read_text().replace("endpoint =", 'connect = "tcp/host.local:7447", listen =', 1))
+    assert mdm("team", "check", team)[0] == 0
+
+
+def beside(mdm, team, *changes):
+    """Write a second file of the team with changes; return what the check of the first one notes."""
+    text = team.read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    (team.parent / "other.toml").write_text(text)
+    status, output, errors = mdm("check", team)
+    assert (status, errors) == (0, "")
+    found = [line.removeprefix(f"{team}: note: agents of this file and of other.toml ") for line in output[:-1]]
+    return [line for line in found if line not in output]
+
+
+def at(team, name):
+    return team.read_text().partition(f'name = "{name}", endpoint = "')[2].partition('"')[0]
+
+
+def test_another_file_of_the_team_is_compared(mdm, free):
+    team = free()
+    a, b = at(team, "a"), at(team, "b")
+    never = "never meet: their team is 'rooms' here, and {!r} there"
+    assert beside(mdm, team) == []
+    assert beside(mdm, team, ('"rooms"', '"roms"')) == [never.format("roms")]
+    assert beside(mdm, team, ('"rooms"', '"quite-another"')) == [never.format("quite-another")]
+    order = (a, "x"), ('"a", endpoint', '"c", endpoint'), ('"b", endpoint', '"a", endpoint'), ('"c", e', '"b", e')
+    assert beside(mdm, team, *order, (b, a), ("x", b)) == ["never decide together: a, b here, and b, a there"]
+    assert beside(mdm, team, (b, "tcp/127.0.0.1:7777")) == [
+        f"look for 'b' at different addresses: {b} here, and tcp/127.0.0.1:7777 there"
+    ]
+    assert beside(mdm, team, (a, "tcp/127.0.0.1:7777"), (b, a)) == [
+        f"look for 'a' at different addresses: {a} here, and tcp/127.0.0.1:7777 there",
+        f"look for different agents at {a}: 'a' here, and 'b' there",
+        f"look for 'b' at different addresses: {b} here, and {a} there",
+    ]
+    assert beside(mdm, team, (a, a.replace("127.0.0.1", "localhost"))) == []
+
+
+def test_files_of_other_teams_and_those_that_are_none_are_not(mdm, free):
+    team = free()
+    (team.parent / "none.toml").write_text("")
+    (team.parent / "wrong.toml").write_text("[team]\nname = 7\n")
+    (team.parent / "folder.toml").mkdir()
+    elsewhere = (at(team, "a"), "tcp/127.0.0.1:7777"), (at(team, "b"), "tcp/127.0.0.1:7778")
+    assert beside(mdm, team, ('name = "rooms"', 'name = "quite-another"'), *elsewhere) == []
+    plain = [(f'{{ name = "{name}", endpoint = "{at(team, name)}" }}', f'"{name}"') for name in "ab"]
+    team.write_text(team.read_text().replace(plain[0][0], '"a"').replace(plain[1][0], '"b"'))
+    assert beside(mdm, team, ('name = "rooms"', 'name = "quite-another"')) == []  # both at the usual ports
+    assert beside(mdm, team, ('name = "rooms"', 'name = "quite-another"\nport = 7777')) == []
+
+
 @pytest.mark.parametrize("verb", ["check", "status"])
 def test_a_model_is_loaded_once_for_all_agents(mdm, free, verb, monkeypatch):
     from mdm.config import ensembles

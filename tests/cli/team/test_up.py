@@ -113,6 +113,17 @@ def test_a_port_that_somebody_has_is_told_in_a_sentence(mdm, team):
     assert f"agent 'b' cannot listen at {ours}: Address already in use; perhaps the team runs already" in errors
 
 
+def test_two_agents_that_want_one_port_of_this_machine_are_told(mdm, team):
+    """In two containers they may have one."""
+    port = free_port()
+    text = team.read_text().replace("endpoint = ", f'listen = "tcp/0.0.0.0:{port}", connect = ')
+    team.write_text(text)
+    assert mdm("team", "check", team)[0] == 0
+    status, _, errors = mdm("team", "up", team)
+    assert status == 1
+    assert f"agent 'b' cannot listen at tcp/0.0.0.0:{port}: Address already in use; " in errors
+
+
 @pytest.mark.parametrize(
     ("endpoint", "words"),
     [

@@ -1,10 +1,11 @@
 from __future__ import annotations
 
+import asyncio
 import json
 
 import pytest
 from sentences import refused
-from transports import LOOPBACK, free_port, key, two_days_ago
+from transports import LOOPBACK, Loopback, endpoint, free_port, key, routing, two_days_ago
 
 from mdm.errors import ConfigError
 from mdm.team.transport import access
@@ -114,6 +115,79 @@ def test_with_certificates_an_endpoint_that_everybody_reaches_is_no_risk(guarded
         assert reports == []
 
     guarded(main)
+
+
+@pytest.fixture
+def routed(tmp_path):
+    """Agents and an operator that have each a session through one router, all of which show certificates."""
+    pytest.importorskip("zenoh")
+    pytest.importorskip("cryptography")
+    files = make_certificates(tmp_path, {agent: ["127.0.0.1"] for agent in (*AGENTS, "operator", "router")})
+    where = endpoint(protocol="tls")
+
+    class Routed(Loopback):
+        def transport(self, agent, *, shown=None):
+            configuration = access_settings(files[shown or agent], "team", shown or agent, AGENTS, routed=True)
+            made = Session(
+                "team", agent, listen=[], connect=[where], mode="client", lease=2.0, configuration=configuration
+            )
+            self.made.append(made)
+            return made
+
+    def run(main):
+        async def within():
+            net = Routed()
+            try:
+                await main(net)
+            finally:
+                await net.close()
+
+        with routing(where, files["router"], AGENTS):
+            asyncio.run(within())
+
+    return run
+
+
+def test_behind_a_router_agents_talk_ask_and_see_each_other_and_the_operator_asks(routed):
+    async def main(net):
+        sessions = [net.transport(agent) for agent in AGENTS]
+        got = {agent: [] for agent in AGENTS}
+        for session in sessions:
+            session.subscribe("mdm/team/**", lambda sample, name=session.agent: got[name].append(sample.body))
+            session.serve(key(session.agent, "call"), lambda body, name=session.agent: name.encode())
+        await net.open(*sessions)
+        sessions[0].put(key("a"), b"value")
+        await net.until(lambda: got == {"a": [], "b": [b"value"], "c": [b"value"]})
+        operator = net.transport("asker-1", shown="operator")
+        await operator.open()
+        assert await operator.ask("mdm/team/*/e/call", timeout=30) == {"a": b"a", "b": b"b", "c": b"c"}
+
+    routed(main)
+
+
+def test_the_router_refuses_a_forged_key_though_agents_believe_it(routed):
+    async def main(net):
+        a, b = net.transport("a"), net.transport("b")
+        got = []
+        a.subscribe("mdm/team/**", lambda sample: got.append((sample.owner, sample.body)))
+        await net.open(a, b)
+        b._zenoh.put(key("c"), Packer("c", 1, int).pack(key("c"), b"I am c"))
+        b._zenoh.liveliness().declare_token("mdm/team/c/@team/live/7")
+        operator = net.transport("asker-1", shown="operator")
+        await operator.open()
+        operator._zenoh.put(key("c"), Packer("c", 1, int).pack(key("c"), b"I am c"))
+        b.put(key("b"), b"I am b")
+        await net.until(lambda: got)
+        assert got == [("b", b"I am b")]
+        assert (a.statistics().dropped, "c" in a._tokens) == ({}, False)
+
+    routed(main)
+
+
+def test_no_agent_has_the_name_of_the_router(files):
+    with refused(ConfigError):
+        access_settings(files["a"], "team", "a", ["a", "router"], routed=True)
+    assert access_settings(files["a"], "team", "a", ["a", "router"])["access_control"]["enabled"]
 
 
 def test_files_that_are_missing_are_named(tmp_path):

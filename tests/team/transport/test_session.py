@@ -16,10 +16,12 @@ from patience import PATIENCE
 from peers import peers
 from places import ROOT
 from sentences import refused
-from transports import LOOPBACK, endpoint, free_port, key
+from transports import LOOPBACK, endpoint, free_port, key, routing
 
 from mdm.errors import ConfigError, Error
 from mdm.runtime import VirtualEventLoop
+from mdm.team.sharing import asking
+from mdm.team.team import Team
 from mdm.team.transport import session as module
 from mdm.team.transport.envelope import Packer
 from mdm.team.transport.session import Session
@@ -465,3 +467,71 @@ def test_an_endpoint_that_everybody_reaches_is_told_once(host, told):
         assert session.statistics().dropped == {}
 
     LOOPBACK(main)
+
+
+def test_a_client_waits_for_its_router_and_finds_it_again():
+    async def main(net):
+        where = endpoint()
+        a, b = (net.transport(agent, listen=[], connect=[where], mode="client") for agent in "ab")
+        opening = [asyncio.create_task(session.open()) for session in (a, b)]
+        tried, begin = asyncio.Event(), a._begin
+
+        def once():
+            try:
+                return begin()
+            finally:
+                loop.call_soon_threadsafe(tried.set)
+
+        loop, a._begin = asyncio.get_running_loop(), once
+        await asyncio.wait_for(tried.wait(), PATIENCE)
+        assert not any(one.done() for one in opening)
+        with routing(where):
+            await asyncio.gather(*opening)
+            await net.until(lambda: "b" in a._tokens)
+        await net.until(lambda: "b" not in a._tokens)
+        with routing(where):
+            await net.until(lambda: "b" in a._tokens and "a" in b._tokens)
+
+    LOOPBACK(main)
+
+
+def test_a_client_that_waits_for_its_router_can_end():
+    async def main(net):
+        session = net.transport("a", listen=[], connect=[endpoint()], mode="client")
+        opening = asyncio.create_task(session.open())
+        while session._state == "new":
+            await asyncio.sleep(0)
+        opening.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await opening
+
+    LOOPBACK(main)  # which waits for the session's thread
+
+
+@pytest.mark.parametrize(("host", "told"), [("127.0.0.1", 0), ("localhost.localdomain", 1)])
+def test_a_router_that_everybody_reaches_is_told_once(host, told, monkeypatch):
+    monkeypatch.setattr(module, "resolve", lambda endpoint: None)
+
+    async def main(net):
+        port, reports = free_port(), []
+        session = net.transport("a", listen=[], connect=[f"tcp/{host}:{port}"], mode="client")
+        session.supervise(pytest.fail, lambda kind, reason: reports.append(kind))
+        session._settings["connect"]["endpoints"] = [endpoint(port)]
+        with routing(endpoint(port)):
+            await session.open()
+            assert reports == ["unprotected"] * told
+
+    LOOPBACK(main)
+
+
+def test_who_asks_a_team_whose_router_is_not_there_is_told(monkeypatch):
+    monkeypatch.setattr(asking, "_OPENING", 0.1)
+    where = endpoint()
+
+    async def main():
+        with pytest.raises(Error) as refused:
+            async with asking.asking(Team("team", ["a", "b"], router=where)):
+                raise AssertionError
+        return str(refused.value)
+
+    assert asyncio.run(main()) == f"no router answers at {where}: start it, or correct the team's `router`"

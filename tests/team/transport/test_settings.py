@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 from sentences import refused
 
 from mdm.errors import ConfigError, Error
-from mdm.team.transport.settings import check_endpoint, exposed, resolve, settings
+from mdm.team.transport.settings import address, check_endpoint, exposed, resolve, settings
 
 
 @pytest.mark.parametrize(
@@ -29,6 +29,37 @@ def test_endpoints_are_taken(endpoint):
 def test_what_is_no_endpoint_is_refused_with_its_place(endpoint):
     with refused(ConfigError):
         check_endpoint(endpoint, key="team.agents")
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    ["tcp/0.0.0.1:1", "tcp/[::1]:1", "tcp/robot1:1",
+     "tcp/0robot:1", "tcp/[fe80::1%eth0]:1", "unixsock-stream//0", "tcp/\0:1"],
+)  # fmt: skip
+def test_others_connect_to_one_machine(endpoint):
+    assert check_endpoint(endpoint, connect=True) == endpoint
+
+
+def test_every_address_of_a_machine_is_for_who_listens():
+    assert check_endpoint("tls/[::]:7447#iface=eth0") == "tls/[::]:7447#iface=eth0"
+    with refused(ConfigError):
+        check_endpoint("tls/[::]:7447#iface=eth0", key="team.agents", connect=True)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        ("tcp/localhost:7447", "tls/127.0.0.1:7447?prio=6-7", True),
+        ("tcp/Robot1:7447#iface=eth0", "ws/robot1:7447", True),
+        ("tcp/robot1:7447", "quic/robot1:7447", False),
+        ("tcp/robot1:7447", "tcp/robot1:7448", False),
+        ("tcp/robot1:7447", "tcp/robot2:7447", False),
+        ("unixsock-stream//tmp/a:1.sock", "unixsock-stream//tmp/b:1.sock", False),
+        ("unixsock-stream//tmp/a.sock", "unixsock-stream//tmp/a.sock", True),
+    ],
+)
+def test_a_port_of_a_host_is_one_program_s(one, other, same):
+    assert (address(one) == address(other)) == same
 
 
 def test_datagrams_are_refused_with_what_to_write_instead():
@@ -81,9 +112,10 @@ def test_nobody_else_is_looked_for_or_let_in():
     assert made["transport"]["shared_memory"] == {"enabled": False}
 
 
-def test_zenoh_takes_them():
+@pytest.mark.parametrize("mode", ["peer", "client"])
+def test_zenoh_takes_them(mode):
     zenoh = pytest.importorskip("zenoh")
-    made = settings(listen=["tcp/127.0.0.1:1"], connect=["tcp/127.0.0.1:2"], lease=0.5, largest=1 << 20)
+    made = settings(listen=["tcp/127.0.0.1:1"], connect=["tcp/127.0.0.1:2"], lease=0.5, largest=1 << 20, mode=mode)
     taken = zenoh.Config.from_json5(json.dumps(made))
     assert json.loads(taken.get_json("transport/link/tx/lease")) == 500
     for opening in ("open_timeout", "accept_timeout"):

@@ -249,6 +249,10 @@ KINDS: Final[dict[str, FaultKind]] = {
         "The team's messages are not protected: whoever reaches the port can command the robot.",
         "Use certificates, or a network of the robots alone: docs/teams.md says how.",
     ),
+    "certificate": FaultKind(
+        "An agent's certificate, or its authority's, ends within two days: nobody connects to it then.",
+        "Renew its files, and start the agents again one after the other: the team goes on meanwhile.",
+    ),
     "oversize": FaultKind(
         "A message is larger than is taken, and was not sent, or was dropped.",
         "Send less in it, or raise the limit in `[team]`, at all agents.",

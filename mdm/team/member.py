@@ -27,6 +27,7 @@ from mdm.team.transport.access import access_settings
 from mdm.team.transport.ceilings import ceiling_settings
 from mdm.team.transport.keys import join
 from mdm.team.transport.transport import DOUBLE
+from mdm.team.validity import Validity
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
@@ -153,6 +154,9 @@ class Member(Actor):
         storage = None if state is None else Storage(state, team.name, agent, self.ensembles)
         if storage is not None:
             self.add(storage)
+        validity = None if access is None else Validity(access, agent, listens=team.router is None)
+        if validity is not None:
+            self.add(validity)
         self.add(self.link)
         for name, ensemble in self.ensembles.items():
             layer = self.layers[name] = _layer(team, ensemble, self.link, given.pop(name, Placement()))
@@ -165,7 +169,7 @@ class Member(Actor):
             self.exports,
             self.imports,
             self.clocks,
-            Answers(self.link, self.ensembles, self.layers, self.clocks),
+            Answers(self.link, self.ensembles, self.layers, self.clocks, validity),
         ):
             self.add(actor)
         if given:

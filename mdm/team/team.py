@@ -72,7 +72,7 @@ class Team:
     Args:
         name: The team's name, which begins the keys of its messages.
         agents: All agents, in the order of the model's agents: names, pairs of a name and an endpoint, or
-            `Agent` s with other addresses.
+            each an `Agent` with its addresses.
         mode: ``replicated``: each agent holds the whole controller, and all agree on each joint step.
             ``centralised``: one agent decides for all. ``communicating``: each decides by its own knowledge, at a
             period.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -15,6 +16,7 @@ import mdm
 from mdm import problems
 from mdm.team.member import Teammates
 from mdm.team.ownership import Placement
+from mdm.team.sharing.calls import Answers, ask
 from mdm.team.team import Team
 from mdm.team.transport.ceilings import Ceiling
 from mdm.team.transport.network import Network
@@ -281,6 +283,20 @@ def test_a_member_behind_a_router_is_a_client_that_believes_it(tmp_path):
         Team("tigers", ["left", "right"], router="tcp/r.test:7447").member(
             "left", over_beliefs(MODEL)(Nobody(), 0), access=files["left"]
         )
+
+
+def test_who_asks_is_told_for_how_long_certificates_are_valid():
+    async def main(runtime):
+        network = Network(runtime.clock, team="tigers")
+        robots = await started(runtime, tigers(), network, over_beliefs(MODEL))
+        [answers] = [child for child in robots[0].member.children if isinstance(child, Answers)]
+        answers._validity = SimpleNamespace(days=5.25)
+        asker = network.transport("console")
+        await asker.open()
+        told = await ask(asker, tigers(), "status")
+        assert [one["certificate"] for one in told.values()] == [5.25, None]
+
+    run_virtual(main)
 
 
 def test_an_ensemble_of_no_team_has_no_lost_teammates():

@@ -99,6 +99,7 @@ def test_an_agent_listens_where_it_is_and_is_reached_where_the_others_see_it():
 @pytest.mark.parametrize("agent", ["a", "b", None])
 def test_with_a_router_everybody_connects_to_it_alone(agent):
     team = Team("t", ["a", "b"], router="tcp/r:7447")
+    assert team.endpoints() == {"a": "tcp/r:7447", "b": "tcp/r:7447"}
     assert team.addresses(agent) == {"listen": [], "connect": ["tcp/r:7447"], "mode": "client"}
 
 

@@ -108,7 +108,8 @@ def _add_status(verbs: Any, name: str) -> argparse.ArgumentParser:
             "Ask every agent of a running team for its mode, for how long it has had nothing to do, where it stands in "
             "the agreement, how late messages reach it (the median, and the worst), by how much the clock that is most "
             "off is ahead of its own, how many messages it dropped, and whom it sees. Times of more than a day are not "
-            "shown: a message told them that was forged, or a clock is set wrong (null with --json). The exit status "
+            "shown: a message told them that was forged, or a clock is set wrong (null with --json). Of a team with "
+            "certificates it says for how many days each is valid, and warns below seven. The exit status "
             "is 1 if an agent does not answer, is refused or safe, or does not see another one that answers."
         ),
         epilog="example: mdm team status examples/team/meeting.toml",
@@ -141,7 +142,7 @@ def _add_check(verbs: Any, name: str) -> argparse.ArgumentParser:
         description=(
             "List everything that `mdm team run` would refuse, at every agent. Functions are looked for in the source "
             "of their modules, which are not run, unless --import is given. It notes what other files of the team in "
-            "the same folder differ in."
+            "the same folder differ in, and certificates that end within seven days."
         ),
         epilog="example: mdm team check examples/team/meeting.toml",
     )
@@ -173,7 +174,8 @@ def _add_certificates(verbs: Any, name: str) -> argparse.ArgumentParser:
         help=VERBS[name],
         description=(
             "Write the certificate of an authority, and a certificate and key for each agent of a team, and for the "
-            "operator, as whom `mdm team status` asks. They are for trying; needs mdm[certificates]."
+            "operator, as whom `mdm team status` asks, and the team's router, if it has one. In a folder that has an "
+            "authority it signs for those who have none yet. They are for trying; needs mdm[certificates]."
         ),
         epilog="example: mdm team certificates examples/team/meeting.toml -o certificates",
     )

@@ -12,7 +12,9 @@ from mdm.config import load_team, load_team_file
 from mdm.errors import ConfigError, Error
 from mdm.logic import similar
 from mdm.team import Team
+from mdm.team.transport.access import OPERATOR, ROUTER
 from mdm.team.transport.settings import address, exposed
+from mdm.team.validity import WARNING, days_left, ending
 
 if TYPE_CHECKING:
     import argparse
@@ -61,10 +63,14 @@ def examine(file: str, agents: Sequence[str], *, imports: bool) -> Findings:
     if described is None:
         raise AssertionError
     team = described.team
+    found = {name: days_left(described.access(name)) for name in (*agents, OPERATOR, ROUTER)}
+    days = {name: left for name, left in found.items() if left is not None}
+    valid = f", with certificates for {min(days.values()):.1f} days" if days else ""
+    soon = [ending(left, name) for name, left in days.items() if left < WARNING]
     return (
-        f"team {team.name!r} of {len(agents)} agents ({', '.join(agents)})",
+        f"team {team.name!r} of {len(agents)} agents ({', '.join(agents)}){valid}",
         problems,
-        [*notes, *_reaching(described), *_beside(Path(file), team)],
+        [*notes, *_reaching(described), *_beside(Path(file), team), *soon],
     )
 
 
@@ -101,7 +107,7 @@ def _is_same(team: Team, other: Team) -> bool:
 def _reaching(described: TeamFile) -> Iterator[str]:
     """Yield what is odd about how the agents reach each other, and who else may."""
     team = described.team
-    ends = team.endpoints() if team.router is None else {"router": team.router}
+    ends = team.endpoints()
     here = [name for name, endpoint in ends.items() if "/127.0.0.1:" in endpoint or "/localhost:" in endpoint]
     if 0 < len(here) < len(ends):
         yield (

@@ -12,8 +12,11 @@ from mdm.cli.report import as_json
 from mdm.cli.team.asker import asker_of
 from mdm.cli.team.file import team_of
 from mdm.cli.team.table import table
+from mdm.config import load_team_file
 from mdm.errors import Error
 from mdm.runtime.statistics import Histogram
+from mdm.team.transport.access import OPERATOR
+from mdm.team.validity import WARNING, days_left, ending
 
 if TYPE_CHECKING:
     import argparse
@@ -25,7 +28,7 @@ __all__ = ["run"]
 
 _COLUMNS = (
     *("agent", "ensemble", "mode", "role", "term", "step", "digest"),
-    *("late (ms)", "clock (ms)", "dropped", "sees", "action"),
+    *("late (ms)", "clock (ms)", "dropped", "sees", "action", "certificate (days)"),
 )
 _DAY = 86400.0
 
@@ -38,12 +41,14 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(as_json({"team": team.name, "agents": found, "silent": silent}))
     elif found:
-        print(
-            "\n".join(table(_COLUMNS, [row for agent, ensembles in found.items() for row in _rows(agent, ensembles)]))
-        )
+        rows = [row for agent, ensembles in found.items() for row in _rows(agent, ensembles)]
+        columns = _COLUMNS[: max(len(_COLUMNS) - 1, *map(len, rows))]  # the last where there are certificates
+        print("\n".join(table(columns, rows)))
     troubles = [*_doubles(found, team), *_troubles(found)]
-    for trouble in troubles:
-        print(f"mdm team status: {trouble}", file=sys.stderr)
+    described = load_team_file(arguments.file)
+    own = None if described is None else days_left(described.access(OPERATOR))
+    for told in [*troubles, *_ending(found, own)]:
+        print(f"mdm team status: {told}", file=sys.stderr)
     if len(silent) == len(team.names):
         print(f"mdm team status: nobody runs the team {team.name!r}: no agent answers", file=sys.stderr)
     elif silent:
@@ -75,6 +80,14 @@ def _troubles(found: dict[str, dict[str, Any]]) -> Iterator[str]:
                 yield f"{name}: the team is split: agent {agent!r} does not see {', '.join(apart)}"
             if status.get("mode") == "safe":
                 yield f"{name}: agent {agent!r} is safe: {'; '.join(status['causes'])}"
+
+
+def _ending(found: dict[str, dict[str, Any]], own: float | None) -> Iterator[str]:
+    """Yield which certificates end soon, those of the agents and of who asks, in words."""
+    days = {agent: status.get("certificate") for agent, ensembles in found.items() for status in ensembles.values()}
+    for name, left in {**days, OPERATOR: own}.items():
+        if left is not None and left < WARNING:
+            yield f"warning: {ending(left, name)}"
 
 
 async def _ask(file: str, team: Team) -> dict[str, dict[str, Any]]:
@@ -140,6 +153,7 @@ def _row(agent: str, name: str, status: dict[str, Any]) -> list[str]:
         str(sum(status.get("dropped", {}).values())),
         ", ".join(other for other in status["live"] if other != agent) or "-",
         _text(status.get("action")),
+        *([] if status.get("certificate") is None else [f"{status['certificate']:.1f}"]),
     ]
 
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from mdm.team.link import Clocks, Link
     from mdm.team.team import Team
     from mdm.team.transport.transport import Transport
+    from mdm.team.validity import Validity
 
 __all__ = ["CALLS", "COMMANDS", "Answers", "ask"]
 
@@ -52,6 +53,7 @@ class Answers(Actor):
         ensembles: The ensembles by name.
         layers: The team's layer of each of them.
         clocks: How far the clocks of others are ahead.
+        validity: For how long the agent's certificates are valid, where it has any.
     """
 
     def __init__(
@@ -60,6 +62,7 @@ class Answers(Actor):
         ensembles: Mapping[str, Ensemble],
         layers: Mapping[str, TeamLayer],
         clocks: Clocks,
+        validity: Validity | None = None,
         *,
         name: str = "calls",
     ) -> None:
@@ -68,6 +71,7 @@ class Answers(Actor):
         self._ensembles = dict(ensembles)
         self._layers = dict(layers)
         self._clocks = clocks
+        self._validity = validity
         self._serves = False
 
     def on_start(self) -> None:
@@ -133,6 +137,7 @@ class Answers(Actor):
             "unkept": None if layer.storage is None else layer.storage.unkept,
             "knows": layer.knows,
             "commands": layer.commands.outcomes,
+            "certificate": None if self._validity is None else round(self._validity.days, 3),
         }
         for key in ("role", "leader", "term", "step", "digest", "members"):
             if hasattr(stands, key):
@@ -197,6 +202,7 @@ class _Status(msgspec.Struct):
     unkept: str | None = None
     unmet: list[str] = []
     doubles: dict[str, str] = {}
+    certificate: float | None = None
     clocks: dict[str, _Clock] = {}
     commands: dict[str, str] = {}
 

@@ -19,7 +19,7 @@ from mdm.team.transport.keys import ROOT, check_name, join
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["OPERATOR", "ROUTER", "Access", "access_of", "access_settings", "shown_certificate"]
+__all__ = ["OPERATOR", "ROUTER", "Access", "access_of", "access_settings", "shown_certificate", "valid_until"]
 
 OPERATOR = "operator"
 """Whose certificate somebody shows who is none of the agents: it lets them ask and call, and put nothing."""
@@ -177,6 +177,20 @@ def shown_certificate(access: Access) -> dict[str, Any]:
                 ) from None
     shown: dict[str, Any] = ends[0].getpeercert() or {}
     return shown
+
+
+def valid_until(access: Access) -> float:
+    """Return until when a certificate, and that of the authority which signed it, are valid, in seconds since 1970.
+
+    Raises:
+        ConfigError: As `shown_certificate`.
+    """
+    shown = shown_certificate(access)
+    authority = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    authority.load_verify_locations(access.authority)
+    signers = [one for one in authority.get_ca_certs() if one["subject"] == shown["issuer"]]
+    end, *ends = (ssl.cert_time_to_seconds(str(one["notAfter"])) for one in (shown, *signers))
+    return min(end, max(ends, default=end))
 
 
 def _whole(team: str, agent: str) -> list[str]:

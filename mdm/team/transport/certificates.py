@@ -10,34 +10,40 @@ from __future__ import annotations
 import datetime as dt
 import ipaddress
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mdm.errors import Error
-from mdm.team.transport.access import Access
+from mdm.team.transport.access import access_of
 from mdm.team.transport.keys import check_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from mdm.team.transport.access import Access
+
 __all__ = ["make_certificates"]
 
 _MOST_DAYS = 36_500
+_AUTHORITY_DAYS = 3_650
 
 
 def make_certificates(folder: str | Path, agents: Mapping[str, Sequence[str]], *, days: int = 30) -> dict[str, Access]:
     """Write an authority's certificate, and of each agent a certificate and its key; return where they are.
 
-    The key of the authority is not kept: who needs more agents makes all anew.
+    In a folder that has an authority already, it signs for those who have no certificate yet; what is there stays. So
+    an agent that comes later changes nothing for the others, and who removes the two files of an agent renews it. The
+    key of the authority, ``authority.key.pem``, is for no robot.
 
     Args:
         folder: Where to write; it is made where it is not.
         agents: The hosts of each agent's endpoints, by name.
-        days: How long they are valid.
+        days: How long they are valid; the authority is for ten years at least.
 
     Raises:
-        Error: If ``cryptography`` is not installed, a file is there already or cannot be written, two files would have
-            one name, or the days are more than a hundred years.
+        Error: If ``cryptography`` is not installed, all files are there already or one cannot be written, the authority
+            there cannot sign, two files would have one name, or the days are more than a hundred years.
     """
     if not 1 <= days <= _MOST_DAYS:
         raise Error(f"certificates are valid for 1 to {_MOST_DAYS} days, not for {days}")
@@ -49,16 +55,21 @@ def make_certificates(folder: str | Path, agents: Mapping[str, Sequence[str]], *
         raise Error(
             "certificates need the package cryptography: pip install 'markov-decision-making[certificates]'"
         ) from None
-    made = {check_name(agent, "an agent"): Access("", "", "") for agent in agents}
-    _check_files(made)
     place = Path(folder)
+    made = {check_name(agent, "an agent"): access_of(place, agent) for agent in agents}
+    _check_files(made)
+    missing = [agent for agent, own in made.items() if not Path(own.certificate).exists()]
+    if not missing:
+        raise Error(f"all certificates for {place} are there already: name another folder, or remove some first")
     now = dt.datetime.now(dt.UTC)
 
-    def certificate(name: str, public: Any, issuer: str, signer: Any, hosts: Sequence[str], *, authority: bool) -> Any:
+    def certificate(
+        name: str, public: Any, issuer: Any, signer: Any, hosts: Sequence[str], days: int, *, authority: bool = False
+    ) -> Any:
         builder = (
             x509.CertificateBuilder()
             .subject_name(x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, name)]))
-            .issuer_name(x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, issuer)]))
+            .issuer_name(issuer)
             .public_key(public)
             .serial_number(x509.random_serial_number())
             .not_valid_before(now - dt.timedelta(hours=1))
@@ -75,24 +86,47 @@ def make_certificates(folder: str | Path, agents: Mapping[str, Sequence[str]], *
             builder = builder.add_extension(x509.SubjectAlternativeName([_host(x509, host) for host in hosts]), False)
         return builder.sign(signer, hashes.SHA256())
 
-    root_name = "authority of a team that is tried"
-    root = ec.generate_private_key(ec.SECP256R1())
-    root_certificate = certificate(root_name, root.public_key(), root_name, root, (), authority=True)
-    authority = _write(place / "authority.pem", _pem(root_certificate), secret=False)
-    for agent, hosts in agents.items():
+    files = access_of(place, "authority")
+    if Path(files.authority).exists():
+        issuer, root = _authority(files)
+    else:
+        name = "authority of a team that is tried"
+        issuer = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, name)])
+        root = ec.generate_private_key(ec.SECP256R1())
+        own = certificate(name, root.public_key(), issuer, root, (), max(days, _AUTHORITY_DAYS), authority=True)
+        _write(files.key, _key_pem(root), secret=True)
+        _write(files.authority, _pem(own), secret=False)
+    for agent in missing:
         key = ec.generate_private_key(ec.SECP256R1())
-        own = certificate(agent, key.public_key(), root_name, root, hosts, authority=False)
-        made[agent] = Access(
-            authority,
-            _write(place / f"{agent}.pem", _pem(own), secret=False),
-            _write(place / f"{agent}.key.pem", _key_pem(key), secret=True),
-        )
+        own = certificate(agent, key.public_key(), issuer, root, agents[agent], days)
+        _write(made[agent].key, _key_pem(key), secret=True)
+        _write(made[agent].certificate, _pem(own), secret=False)
     return made
+
+
+def _authority(files: Access) -> tuple[Any, Any]:
+    """Return the name and the key of an authority that is there.
+
+    Raises:
+        Error: If it cannot sign.
+    """
+    from cryptography import x509  # noqa: PLC0415 - an extra
+    from cryptography.hazmat.primitives.serialization import load_pem_private_key  # noqa: PLC0415
+
+    with suppress(OSError, ValueError, TypeError):
+        own = x509.load_pem_x509_certificate(Path(files.certificate).read_bytes())
+        key: Any = load_pem_private_key(Path(files.key).read_bytes(), None)
+        if key.public_key() == own.public_key():
+            return own.subject, key
+    raise Error(
+        f"{files.certificate} is there already, and {files.key} is no key to it, to sign more with: name another "
+        "folder, or bring that key"
+    )
 
 
 def _check_files(agents: Iterable[str]) -> None:
     """Raise an error where two files would have one name, before any is written."""
-    whose = {"authority.pem": "the authority's certificate"}
+    whose = {"authority.pem": "the authority's certificate", "authority.key.pem": "the authority's key"}
     for agent in agents:
         for file, kind in ((f"{agent}.pem", "certificate"), (f"{agent}.key.pem", "key")):
             if file in whose:
@@ -138,7 +172,8 @@ def _key_pem(key: Any) -> bytes:
     return pem
 
 
-def _write(path: Path, content: bytes, *, secret: bool) -> str:
+def _write(name: str, content: bytes, *, secret: bool) -> None:
+    path = Path(name)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -151,9 +186,8 @@ def _write(path: Path, content: bytes, *, secret: bool) -> str:
     except OSError as error:
         raise Error(f"cannot write {path}: {error.strerror}") from None
     try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(content)
+        with os.fdopen(descriptor, "wb") as written:
+            written.write(content)
     except OSError as error:
         path.unlink(missing_ok=True)
         raise Error(f"cannot write {path}: {error.strerror}") from None
-    return str(path)

@@ -13,9 +13,18 @@ def test_each_agent_has_a_certificate(mdm, free, tmp_path):
     assert (status, output) == (0, [f"{folder}: certificates of an authority and a, b, operator, valid for 3 days"])
     names = {"a.key.pem", "a.pem", "authority.pem", "b.key.pem", "b.pem"}
     assert {path.name for path in folder.iterdir()} >= names
+    team.write_text(team.read_text().replace("agents = [", 'agents = ["c", '))
+    status, output, _ = mdm("team", "certificates", team, "-o", folder)
+    assert (status, output) == (
+        0,
+        [
+            f"{folder}: certificates of an authority and c, valid for 30 days",
+            f"{folder}: those of a, b, operator stay as they are",
+        ],
+    )
     status, _, errors = mdm("team", "certificates", team, "-o", folder)
     assert status == 1
-    assert "is there already" in errors
+    assert "are there already" in errors
 
 
 def test_hosts_of_the_team_s_page_are_in_the_certificate_of_its_operator(mdm, free, tmp_path):
@@ -25,6 +34,19 @@ def test_hosts_of_the_team_s_page_are_in_the_certificate_of_its_operator(mdm, fr
         made = x509.load_pem_x509_certificate((tmp_path / f"{name}.pem").read_bytes())
         names = made.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
         assert [str(each.value) for each in names] == hosts
+
+
+def test_a_router_has_a_certificate_of_its_host_and_agents_need_none(mdm, free, tmp_path):
+    x509 = pytest.importorskip("cryptography.x509", reason="the extra mdm[certificates]")
+    team = free()
+    text = team.read_text()
+    agents = text[text.index("agents = [") : text.index("]\n", text.index("agents = [")) + 1]
+    team.write_text(text.replace(agents, 'agents = ["a", "b"]\nrouter = "tls/r.test:7447"'))
+    assert mdm("team", "certificates", team, "-o", tmp_path / "keys")[0] == 0
+    for name, hosts in (("router", ["r.test"]), ("a", None)):
+        made = x509.load_pem_x509_certificate((tmp_path / "keys" / f"{name}.pem").read_bytes())
+        kinds = [one.value for one in made.extensions if one.oid == x509.SubjectAlternativeName.oid]
+        assert [[str(each.value) for each in one] for one in kinds] == ([] if hosts is None else [hosts])
 
 
 def test_days_are_a_number(mdm, free):

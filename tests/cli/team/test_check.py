@@ -63,7 +63,15 @@ def test_one_that_others_cannot_reach_is_noted(mdm, free):
     assert any("whoever reaches tcp/192.168.0.7:7447 can speak as any agent of the team" in line for line in output)
 
 
-@pytest.mark.parametrize("verb", [("team", "check"), ("check",), ("team", "up"), ("team", "run", "--agent", "b")])
+@pytest.mark.parametrize(
+    "verb",
+    [
+        ("team", "check"),
+        ("check",),
+        ("team", "up", "--seconds", "1"),
+        ("team", "run", "--agent", "b", "--seconds", "1"),
+    ],
+)
 @pytest.mark.parametrize("host", ["0.0.0.0", "[::]"])
 def test_nobody_connects_to_every_address_of_a_machine(mdm, free, verb, host):
     team = free()
@@ -125,6 +133,21 @@ def test_files_of_other_teams_and_those_that_are_none_are_not(mdm, free):
     team.write_text(team.read_text().replace(plain[0][0], '"a"').replace(plain[1][0], '"b"'))
     assert beside(mdm, team, ('name = "rooms"', 'name = "quite-another"')) == []  # both at the usual ports
     assert beside(mdm, team, ('name = "rooms"', 'name = "quite-another"\nport = 7777')) == []
+
+
+@pytest.mark.parametrize(("days", "notes"), [(5, ["'a'", "'b'", "'operator'"]), (30, [])])
+def test_how_long_certificates_are_valid_is_told(mdm, free, tmp_path, days, notes):
+    pytest.importorskip("cryptography", reason="the extra mdm[certificates]")
+    team = free(('name = "rooms"', 'name = "rooms"\naccess = "keys"'))
+    team.write_text(team.read_text().replace("tcp/", "tls/"))
+    assert mdm("team", "certificates", team, "-o", tmp_path / "keys", "--days", days)[0] == 0
+    status, output, _ = mdm("team", "check", team)
+    assert status == 0
+    assert (
+        output[-1] == f"{team}: team 'rooms' of 2 agents (a, b), with certificates for {days}.0 days, no problems found"
+    )
+    told = ", or of the authority that signed it, ends in 5.0 days"
+    assert output[:-1] == [f"{team}: note: the certificate of {name}{told}" for name in notes]
 
 
 @pytest.mark.parametrize("verb", ["check", "status"])

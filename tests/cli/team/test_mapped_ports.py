@@ -55,7 +55,7 @@ def within_namespaces(*words):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("way", ["mapped ports", "router"])
+@pytest.mark.parametrize("way", ["mapped ports", "router", "router with certificates"])
 def test_robots_meet_by_the_page_s_recipe(mdm, tmp_path, way):
     agents = MAPPED if way == "mapped ports" else ROUTED
     path = write(tmp_path, (AGENTS, agents))

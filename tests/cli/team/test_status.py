@@ -43,6 +43,7 @@ def test_a_team_that_runs_tells_how_it_is_and_is_told_what_to_do(mdm, free, up):
         assert a["sent"]["messages"] > 0
         status, output, _ = mdm("team", "status", team)
         assert output[0].split()[:6] == ["agent", "ensemble", "mode", "role", "term", "step"]
+        assert output[0].endswith("  action")
         assert output[1].split()[:3] == ["a", "joint", "deciding"]
         assert "(waits for InLab, room_b (of b))" in output[1]  # nobody has told where it is
         status, output, errors = mdm("team", "stop", team)
@@ -122,13 +123,27 @@ def test_the_operator_of_a_team_with_certificates_may_ask(mdm, free, up, tmp_pat
     with up(team) as running:
         for agent in "ab":
             running.hear(agent=agent, event="running", actor=agent)
-        assert asked(mdm, team)[0] == 0
+        status, found, _ = asked(mdm, team)
+        assert status == 0
+        assert [29 < one["joint"]["certificate"] < 30.1 for one in found["agents"].values()] == [True, True]
+        assert mdm("team", "status", team)[1][0].endswith("  certificate (days)")
         assert mdm("team", "stop", team)[0] == 0
         asked(mdm, team, mode="stopped")
         (tmp_path / "keys" / "operator.pem").unlink()
         status, _, errors = mdm("team", "status", team)
         assert status == 1
         assert "operator.pem" in errors
+
+
+@pytest.mark.parametrize(("days", "told"), [(5.0, ["'a'", "'operator'"]), (8.0, [])])
+def test_certificates_that_end_soon_are_told(days, told):
+    from mdm.cli.team import status
+
+    found = {"a": {"joint": {"certificate": days, "mode": "deciding", "causes": [], "live": ["a"]}}, "b": {"joint": {}}}
+    words = "warning: the certificate of {}, or of the authority that signed it, ends in 5.0 days"
+    assert list(status._ending(found, days)) == [words.format(name) for name in told]
+    assert list(status._ending(found, None)) == [words.format(name) for name in told[:1]]
+    assert status._row("a", "joint", found["a"]["joint"])[-1] == f"{days}"
 
 
 def test_times_that_cannot_be_are_not_shown():

@@ -88,8 +88,8 @@ def refused(mdm, tmp_path, mode, wrong):
         assert not any(acted(up) for up in ups)
 
 
-def test_with_another_port_no_robot_acts(mdm, tmp_path):
-    refused(mdm, tmp_path, "replicated", KINDS["another port"])
+def test_where_one_would_connect_to_every_address_no_robot_acts(mdm, tmp_path):
+    refused(mdm, tmp_path, "replicated", KINDS["every address of a machine"])
 
 
 @pytest.mark.slow

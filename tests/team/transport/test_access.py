@@ -2,14 +2,15 @@ from __future__ import annotations
 
 import asyncio
 import json
+import time
 
 import pytest
 from sentences import refused
 from transports import LOOPBACK, Loopback, endpoint, free_port, key, routing, two_days_ago
 
 from mdm.errors import ConfigError
-from mdm.team.transport import access
-from mdm.team.transport.access import Access, access_settings
+from mdm.team.transport import access, certificates
+from mdm.team.transport.access import Access, access_settings, valid_until
 from mdm.team.transport.certificates import make_certificates
 from mdm.team.transport.envelope import Packer
 from mdm.team.transport.session import Session
@@ -188,6 +189,39 @@ def test_no_agent_has_the_name_of_the_router(files):
     with refused(ConfigError):
         access_settings(files["a"], "team", "a", ["a", "router"], routed=True)
     assert access_settings(files["a"], "team", "a", ["a", "router"])["access_control"]["enabled"]
+
+
+def test_an_agent_that_comes_later_needs_no_new_certificates_of_the_others(tmp_path):
+    pytest.importorskip("zenoh")
+    pytest.importorskip("cryptography")
+    make_certificates(tmp_path, {agent: ["127.0.0.1"] for agent in "ab"})
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    files = make_certificates(tmp_path, {agent: ["127.0.0.1"] for agent in AGENTS})
+    assert {name: (tmp_path / name).read_bytes() for name in before} == before
+    assert {path.name for path in tmp_path.iterdir()} - before.keys() == {"c.pem", "c.key.pem"}
+
+    async def main(net):
+        a, c = net.transport("a"), net.transport("c")
+        got = []
+        a.subscribe("mdm/team/**", lambda sample: got.append((sample.owner, sample.body)))
+        await net.open(a, c)
+        c.put(key("c"), b"I am new")
+        await net.until(lambda: got)
+        assert got == [("c", b"I am new")]
+
+    LOOPBACK(main, files=files, agents=AGENTS)
+
+
+@pytest.mark.parametrize("days", [1, 30])
+def test_a_certificate_is_valid_as_long_as_its_authority_is(tmp_path, days, monkeypatch):
+    pytest.importorskip("cryptography")
+    now = time.time()
+    own = make_certificates(tmp_path / "one", {"a": []}, days=days)["a"]
+    assert valid_until(own) - now == pytest.approx(days * 86400, abs=60)
+    monkeypatch.setattr(certificates, "_AUTHORITY_DAYS", 1)
+    make_certificates(tmp_path / "two", {"a": []}, days=days)
+    late = make_certificates(tmp_path / "two", {"a": [], "b": []}, days=100)["b"]
+    assert valid_until(late) - now == pytest.approx(days * 86400, abs=60)
 
 
 def test_files_that_are_missing_are_named(tmp_path):

@@ -58,6 +58,41 @@ def test_nothing_is_written_over(tmp_path):
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
+def test_the_key_of_the_authority_is_a_secret(tmp_path):
+    pytest.importorskip("cryptography")
+    make_certificates(tmp_path, {"a": []})
+    assert stat.S_IMODE((tmp_path / "authority.key.pem").stat().st_mode) == 0o600
+
+
+def test_who_lost_both_files_gets_new_ones_and_who_lost_one_is_told(tmp_path):
+    pytest.importorskip("cryptography")
+    made = make_certificates(tmp_path, {"a": [], "b": []})
+    before = {agent: Path(own.certificate).read_bytes() for agent, own in made.items()}
+    Path(made["a"].certificate).unlink()
+    with refused(Error):
+        make_certificates(tmp_path, {"a": [], "b": []})
+    Path(made["a"].key).unlink()
+    make_certificates(tmp_path, {"a": [], "b": []})
+    assert [Path(own.certificate).read_bytes() == before[agent] for agent, own in made.items()] == [False, True]
+
+
+@pytest.mark.parametrize("key", [None, "another's", "garbage"])
+def test_an_authority_that_cannot_sign_is_told(tmp_path, key):
+    pytest.importorskip("cryptography")
+    make_certificates(tmp_path, {"a": []})
+    own = tmp_path / "authority.key.pem"
+    if key is None:
+        own.unlink()
+    else:
+        own.write_bytes((tmp_path / "a.key.pem").read_bytes() if key == "another's" else b"garbage")
+    with pytest.raises(Error) as told:
+        make_certificates(tmp_path, {"a": [], "b": []})
+    assert str(told.value) == (
+        f"{tmp_path}/authority.pem is there already, and {own} is no key to it, to sign more with: name another "
+        "folder, or bring that key"
+    )
+
+
 def test_names_that_are_paths_are_refused(tmp_path):
     pytest.importorskip("cryptography")
     with refused(ConfigError):
@@ -69,6 +104,7 @@ def test_names_that_are_paths_are_refused(tmp_path):
     ("agents", "told"),
     [
         (["left", "authority"], r"for agent 'authority': the authority's certificate is authority\.pem"),
+        (["authority.key"], r"for agent 'authority\.key': the authority's key is authority\.key\.pem"),
         (["a", "a.key"], r"for agent 'a\.key': the key of agent 'a' is a\.key\.pem"),
         (["a.key", "a"], r"for agent 'a': the certificate of agent 'a\.key' is a\.key\.pem"),
     ],

@@ -11,6 +11,7 @@ import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
+import msgspec
 import pytest
 from patience import PATIENCE
 from peers import peers
@@ -535,3 +536,10 @@ def test_who_asks_a_team_whose_router_is_not_there_is_told(monkeypatch):
         return str(refused.value)
 
     assert asyncio.run(main()) == f"no router answers at {where}: start it, or correct the team's `router`"
+
+
+def test_who_it_is_is_told_with_an_address_behind_a_router_too():
+    where = endpoint()
+    behind = Session("team", "a", listen=[], connect=[where], mode="client")
+    for session in (Session("team", "a", listen=where), behind):
+        assert msgspec.msgpack.decode(session.identity) == ["a", session.incarnation, where]

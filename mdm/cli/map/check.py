@@ -71,7 +71,7 @@ def _check_floors(
     arguments: argparse.Namespace, radius: float, margin: float
 ) -> tuple[dict[str, Parts], Sequence[str], list[Problem]]:
     """Return the floors of a building, the names of all places, and the problems of all floors and lifts."""
-    building = load_building(arguments.map)
+    building = load_building(arguments.map, robot=arguments.kinds)
     problems = [
         problem.on(name)
         for name, parts in building.floors.items()

@@ -22,7 +22,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Draft the labels; return the exit status."""
     check_one_floor(arguments)
     check_output(arguments.output, *inputs(arguments))
-    graph, grid = load_graph(arguments.graph), load_grid(arguments.map)
+    graph, grid = load_graph(arguments.graph, robot=arguments.kinds), load_grid(arguments.map)
     labels = draft(grid, graph)
     facts = _facts(labels, grid, graph)
     save_labels(labels, arguments.output)

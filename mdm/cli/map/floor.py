@@ -48,7 +48,12 @@ def check_one_floor(arguments: argparse.Namespace) -> None:
 def load(arguments: argparse.Namespace) -> Parts:
     """Load the files of a floor."""
     return load_parts(
-        arguments.graph, grid=arguments.map, labels=arguments.labels, names=arguments.names, reach=arguments.reach
+        arguments.graph,
+        grid=arguments.map,
+        labels=arguments.labels,
+        names=arguments.names,
+        reach=arguments.reach,
+        robot=arguments.kinds,
     )
 
 

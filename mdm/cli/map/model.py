@@ -73,7 +73,7 @@ def _load_floor(arguments: argparse.Namespace) -> tuple[Map, list[str]]:
 
 def _load_floors(arguments: argparse.Namespace) -> tuple[Floors, list[str]]:
     """Return the floors of a building, and the files that are read; by default the robot begins where those say."""
-    building = load_building(arguments.map)
+    building = load_building(arguments.map, robot=arguments.kinds)
     if arguments.start is None:
         arguments.start = building.start
     return building.whole(), [*map(str, building.files)]

@@ -64,6 +64,9 @@ def text(
     lines += [f"{key} = {path(given)}" for key in ("labels", "names") if (given := getattr(arguments, key)) is not None]
     if arguments.reach is not None:
         lines.append(f"reach = {arguments.reach!r}")
+    if arguments.kinds:
+        kinds = ", ".join(f"{_quoted(kind)} = {_quoted(value)}" for kind, value in arguments.kinds.items())
+        lines.append(f"robot = {{ {kinds} }}")
     if tour:
         lines.append(f"tour = [{', '.join(map(_quoted, tour))}]")
     lines += ['navigator = "robot:Wheels"', ""]

@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _show_building(arguments: argparse.Namespace) -> int:
     """Show the floors of a building; return the exit status."""
-    building = load_building(arguments.map)
+    building = load_building(arguments.map, robot=arguments.kinds)
     if arguments.output is not None:
         check_output(arguments.output, *map(str, building.files))
     floors = {name: _facts(parts, 2 * (arguments.radius or 0.0)) for name, parts in building.floors.items()}

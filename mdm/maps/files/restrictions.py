@@ -33,8 +33,8 @@ def allows(restriction: str, robot: Mapping[str, str]) -> bool | None:
 
 def _holds(part: ast.expr, robot: Mapping[str, str]) -> bool | None:
     match part:
-        case ast.Constant(value=bool(value)):
-            return value
+        case ast.Constant(value=bool(known)):
+            return known
         case ast.Name(id=name):
             kind, _, value = name.partition("_")
             return robot[kind].lower() == value.lower() if kind in robot else None
@@ -48,5 +48,5 @@ def _holds(part: ast.expr, robot: Mapping[str, str]) -> bool | None:
         case _:
             raise ValueError(ast.unparse(part))
     decisive = isinstance(joint, ast.Or | ast.BitOr)  # one part that is so decides
-    known = [_holds(each, robot) for each in parts]
-    return decisive if decisive in known else None if None in known else not decisive
+    held = [_holds(each, robot) for each in parts]
+    return decisive if decisive in held else None if None in held else not decisive

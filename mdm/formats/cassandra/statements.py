@@ -42,6 +42,8 @@ _DIALECTS = {
     "is not read: take the line out, and say what is wanted by rewards (R)",
     "prio": "'prio' gives states a priority, for parity objectives, in a dialect that is not read: take the line out, "
     "and say what is wanted by rewards (R)",
+    "partitionSizes": "'partitionSizes:' divides states or observations among agents, in a dialect that is not read: "
+    "take it out, with its lines",
 }
 _NUMBERED = {"atom", "prio"}
 """Words that a number follows, before the colon."""

@@ -224,7 +224,8 @@ addAction ( &late );""",
     "q_values": "[2,2]((0,5),(1,0))",
     "all.launch": """<launch>
         <node pkg="learner" name="state_layer" type="states"/>
-        <node pkg="learner" name="control_layer" type="learn" args="$(find learner)/policy $(find learner)/q_values $(find learner)/new"/>
+        <node pkg="learner" name="control_layer" type="learn"
+            args="$(find learner)/policy $(find learner)/q_values $(find learner)/new"/>
         <node pkg="learner" name="action_layer" type="acts"/>
     </launch>""",
 }  # fmt: skip

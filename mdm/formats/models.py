@@ -101,6 +101,8 @@ def save_model(model: MDP | POMDP, path: str | Path) -> None:
             f"{suffix} files cannot mark an observation as a false negative: write a .npz, or "
             f"model.with_false_negatives(None)"
         )
+    if model.available is not None and suffix != ".npz":
+        raise ModelError(f"{suffix} files cannot say which actions are available in which states: write a .npz")
     write: Callable[[MDP, str | Path], None] = format_of(_BY_SUFFIX[suffix]).write
     write(model, path)
 

@@ -148,7 +148,7 @@ def save_policy(policy: Policy, path: str | Path, model: MDP | None = None) -> N
         ModelError: If the suffix's format cannot hold this policy, or the policy does not fit the model.
         FormatError: If the file cannot be written.
     """
-    if model is None and getattr(policy, "named", ()):
+    if model is None and isinstance(policy, AlphaVectors) and policy.named:
         raise ModelError("the policy's file names its actions, and the model alone knows their indices: give the model")
     wrong = None if model is None else mismatch(policy, model)
     if wrong is not None:

@@ -107,6 +107,7 @@ def describe_model(model: MDP) -> dict[str, Any]:
         "factored": network is not None,
         # A factored model would have to be flattened to know this.
         "sparse": None if network is not None else model.is_sparse,
+        "unavailable_actions": None if model.available is None else int((~model.available).sum()),
         "action_names": [list(factor.names) for factor in model.action_space.factors],
         "observation_names": [] if observations is None else [list(factor.names) for factor in observations.factors],
     }

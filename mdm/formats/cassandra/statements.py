@@ -17,6 +17,7 @@ import numpy.typing as npt
 from mdm.errors import FormatError, ModelError
 from mdm.formats.cassandra.parameters import Places, Probabilities, Rewards
 from mdm.formats.source import number
+from mdm.models.availability import HINT
 from mdm.models.matrices import csr_identity
 from mdm.models.validation import report
 
@@ -280,7 +281,8 @@ class Statements:
             )
         for offset, value in enumerate(values):
             if not math.isfinite(value) or (kind != "R" and value < 0):
-                self.fail(at + offset, f"{found[offset]} is not a {'reward' if kind == 'R' else 'probability'}")
+                hint = f": {HINT}" if kind == "R" and math.isinf(value) else ""
+                self.fail(at + offset, f"{found[offset]} is not a {'reward' if kind == 'R' else 'probability'}{hint}")
         return (np.array(values).reshape(shape) if shape else values[0]), at + count
 
     def _store(self, kind: str, fields: list[Field], value: Any) -> None:

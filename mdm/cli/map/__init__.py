@@ -257,28 +257,19 @@ def _add_kinds(parser: argparse.ArgumentParser, more: str = "") -> None:
     parser.add_argument(
         "--robot",
         metavar="KIND=VALUE|FILE.toml" if more else "KIND=VALUE",
-        action=_Robot,
-        is_file=bool(more),
+        action="append",
+        default=[],
+        type=str if more else _kind,
+        dest="kinds",
         help=f"what the robot is, such as robot=short, by which the restrictions of a tmap2 are judged{more}",
     )
-    parser.set_defaults(kinds=None)
 
 
-class _Robot(argparse.Action):
-    """Keeps what the robot is as ``kinds``, and a file, where one may be written, as ``robot``."""
-
-    def __init__(self, *given: Any, is_file: bool, **more: Any) -> None:
-        super().__init__(*given, **more)
-        self._is_file = is_file
-
-    def __call__(self, parser: object, namespace: argparse.Namespace, values: Any, option: str | None = None) -> None:
-        kind, equals, value = values.partition("=")
-        if kind and value:
-            namespace.kinds = (namespace.kinds or {}) | {kind: value}
-        elif equals or not self._is_file:
-            raise argparse.ArgumentError(self, f"KIND=VALUE, such as robot=short, was expected, not {values!r}")
-        else:
-            namespace.robot = values
+def _kind(text: str) -> str:
+    kind, _, value = text.partition("=")
+    if not kind or not value:
+        raise argparse.ArgumentTypeError(f"KIND=VALUE, such as robot=short, was expected, not {text!r}")
+    return text
 
 
 def _add_robot(parser: argparse.ArgumentParser) -> None:

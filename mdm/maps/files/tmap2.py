@@ -1,8 +1,10 @@
 """Graphs as LCAS's topological navigation keeps them: YAML, files `.tmap2`.
 
 A node's zone, `verts`, is relative to its position and not turned with it. The actions of edges say how to drive, and
-are the same for many: an edge's label is `to` and the name of its target. Nodes and edges that their restrictions
-forbid to the robot are left out, see `mdm.maps.files.restrictions`.
+are the same for many: an edge's label is `to` and the name of its target.
+
+Restrictions of nodes and edges are formulas of conditions, a kind with a value such as ``robot_short``: they hold where
+the robot may go. A kind of which nothing is told, such as ``obstacleFree``, is unknown. What is forbidden is left out.
 """
 
 from __future__ import annotations
@@ -10,10 +12,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from mdm.errors import MapWarning
+from mdm.errors import FormatError, MapWarning
 from mdm.formats.inventory import Inventory
+from mdm.logic import parse
 from mdm.maps.files.gathered import Gathered
-from mdm.maps.files.restrictions import allows
 from mdm.maps.graph import Edge, Graph, Node, Pose
 
 if TYPE_CHECKING:
@@ -26,12 +28,17 @@ __all__ = ["read_tmap2"]
 _TILT = 0.01
 """How much of a turn, as the sine of half its angle, may be about another axis than the vertical one."""
 _PLANNING, _RUNTIME = "restrictions_planning", "restrictions_runtime"
-_TAKEN = {
-    "the map": {"nodes", "transformation", "meta", "metric_map", "name", "pointset"},
-    "an item of nodes": {"node", "meta"},
-    "a node": {"name", "map", "pointset", "nav_frame", "parent_frame", "pose", "properties", "verts", "edges"},
-    "an edge": {"node", "edge_id", "action_type"},  # the type is that of the action
-    "properties": {"xy_goal_tolerance"},
+_TAKEN = {"nodes", "node", "transformation", "meta", "metric_map", "map", "name", "pointset", "edge_id", "action_type"}
+_TAKEN |= {
+    "nav_frame",
+    "parent_frame",
+    "pose",
+    "properties",
+    "verts",
+    "edges",
+    "xy_goal_tolerance",
+    _PLANNING,
+    _RUNTIME,
 }
 """The keys that are read, or only name what is: all others with something in them are noted as not carried over."""
 _DRIVES = {"move_base", "NavigateToPose", "navigate_to_pose"}
@@ -60,8 +67,7 @@ def read_tmap2(root: Entry, robot: Mapping[str, str]) -> Graph:
         node = item.need("node", "an item of nodes")
         name = node.need("name", "a node").string("name")
         judged.note(node, "a node")
-        if (properties := node.get("properties", name)) is not None:
-            judged.note(properties, "properties")
+        judged.note(node.get("properties", name), "properties")
         if not judged.allows(node, name):
             forbidden.add(name)
             continue
@@ -103,10 +109,10 @@ class _Judge:
         self._robot = robot
         self.left = Inventory()
 
-    def note(self, entry: Entry, what: str) -> None:
+    def note(self, entry: Entry | None, what: str) -> None:
         """Note the keys of an entry that are not read and have something in them."""
-        for key, value in entry.mapping(what).items():
-            usual = key in _TAKEN[what] or key in {_PLANNING, _RUNTIME} or value.content in _EMPTY
+        for key, value in () if entry is None else entry.mapping(what).items():
+            usual = key in _TAKEN or value.content in _EMPTY
             if not (usual or (key == "action" and value.content in _DRIVES)):
                 shown = f" {value.content!r}" if isinstance(value.content, str) else ""
                 self.left.leave(f"{key}{shown}", f"line {value.line}")
@@ -119,12 +125,9 @@ class _Judge:
                 continue
             text = given.string(f"{key} of {what}")
             try:
-                allowed = allows(text, self._robot)
-            except ValueError:
-                given.fail(
-                    f"{key} of {what}: conditions such as robot_short, joined by &, | and ~, were expected, not "
-                    f"{text[:80]!r}"
-                )
+                allowed = self._holds(text)
+            except FormatError as error:
+                given.fail(f"{key} of {what}, {text[:80]!r}, is no formula of conditions such as robot_short: {error}")
             if allowed is False:
                 self.left.leave(f"what {key} {text!r} forbids", f"line {given.line}")
                 return False
@@ -136,6 +139,15 @@ class _Judge:
             if allowed is None:
                 self.left.leave(f"{key} {text!r}", f"line {given.line}")
         return True
+
+    def _holds(self, text: str) -> bool | None:
+        """Return whether a restriction holds for the robot; None where that is not known. Capitals do not count."""
+        formula = parse(text)
+        values: dict[str, bool | None] = {"True": True, "False": False}
+        for name in formula.names - values.keys():
+            kind, _, value = name.partition("_")
+            values[name] = value.lower() == self._robot[kind].lower() if kind in self._robot else None
+        return formula.evaluate(values)
 
 
 class _Transformation:

@@ -131,6 +131,32 @@ def test_what_is_wrong_is_told_with_its_line(tmp_path, old, new, message):
     assert message in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("condition", "holds"),
+    [
+        ("True", True),
+        ("False", False),
+        ("robot_SHORT", True),
+        ("robot_tall", False),
+        ("~robot_tall & (robot_short | task_mow)", True),
+        ("task_mow", None),
+        ("task_mow & robot_tall", False),
+        ("task_mow | robot_short", True),
+        ("~task_mow", None),
+        ("robot_very_short", False),
+        ("obstacleFree_1", None),
+    ],
+)
+def test_what_is_known_of_the_robot_decides_where_it_can(tmp_path, condition, holds):
+    content, robot = restricted(condition), {"robot": "short"}
+    if holds is None:
+        with pytest.raises(FormatError, match="cannot be judged"):
+            load(tmp_path, content, robot=robot)
+    else:
+        graph = load(tmp_path, content, robot=robot) if holds else told(tmp_path, content, robot=robot)[0]
+        assert (("A", "B") in {(edge.source, edge.target) for edge in graph.edges}) is holds
+
+
 @pytest.mark.parametrize(("robot", "ways"), [("short", ["A B", "B A", "B C", "C A"]), ("tall", ["B A", "B C", "C A"])])
 def test_ways_are_those_of_the_robot(tmp_path, robot, ways):
     content = restricted("robot_short | robot_small")
@@ -156,7 +182,14 @@ def test_a_place_that_is_forbidden_is_left_out_with_all_its_ways(tmp_path):
     [
         (restricted("robot_short"), ":5: restrictions_planning of A to B, 'robot_short', cannot be judged: say what"),
         (restricted(node="robot_short"), "restrictions_planning of C, 'robot_short', cannot be judged"),
-        (restricted("['short']"), ":5: restrictions_planning of A to B: conditions such as robot_short, joined by"),
+        (
+            restricted("['short']"),
+            ":5: restrictions_planning of A to B, \"['short']\", is no formula of conditions such",
+        ),
+        (
+            restricted("robot_short &"),
+            ":5: restrictions_planning of A to B, 'robot_short &', is no formula of conditions",
+        ),
     ],
 )
 def test_a_restriction_that_cannot_be_judged_is_refused(tmp_path, content, message):

@@ -30,6 +30,7 @@ class PlacesTable(Table, frozen=True):
 
     Attributes:
         building: The file of several floors, in place of the graph and the other files of a map.
+        robot: What the robot is, by which the restrictions of a tmap2 are judged.
         navigator: A function or class that makes the navigator, ``module:name``; in a team's file it may be a table
             with one for each agent.
     """
@@ -40,6 +41,7 @@ class PlacesTable(Table, frozen=True):
     labels: str | None = None
     names: str | dict[str, int] | None = None
     reach: Annotated[float, Meta(gt=0)] | None = None
+    robot: dict[str, str] | None = None
     margin: Annotated[float, Meta(ge=0)] | None = None
     max_age: Seconds | None = None
     tolerance: Annotated[float, Meta(ge=0)] | None = None
@@ -95,12 +97,12 @@ def _floor(table: PlacesTable, folder: Path) -> Map | Floors:
         given = [key for key in ("graph", "grid", "labels", "names", "reach") if getattr(table, key) is not None]
         if given:
             raise ConfigError(f"a building's file names the files of its floors: leave {', '.join(given)} out")
-        return load_floors(path(table.building))
+        return load_floors(path(table.building), robot=table.robot)
     if table.graph is None:
         raise ConfigError("the required key 'graph' is missing; or give 'building', a file of several floors")
     grid, labels = (None if given is None else path(given) for given in (table.grid, table.labels))
     names = path(table.names) if isinstance(table.names, str) else table.names
-    return load_map(path(table.graph), grid=grid, labels=labels, names=names, reach=table.reach)
+    return load_map(path(table.graph), grid=grid, labels=labels, names=names, reach=table.reach, robot=table.robot)
 
 
 def _navigator(given: str | dict[str, str] | None, share: Share | None) -> str | None:

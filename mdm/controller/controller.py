@@ -32,6 +32,7 @@ from mdm.controller.held import Held, check_counts, check_information, opened
 from mdm.controller.step import KEPT, Past, Step
 from mdm.errors import ConfigError, ModelError, PolicyError
 from mdm.loading import model_of, policy_of
+from mdm.models.availability import refuse
 from mdm.models.digest import digest, of_parts, parts, plain, short
 from mdm.options import ControllerOptions, OnImpossible, check_options
 from mdm.policies import mismatch
@@ -58,6 +59,8 @@ _KEPT_UPDATES = 1_000
 """Updates that are kept at most: a belief may go on for hours while nothing is decided."""
 _KEPT_NUMBERS = 1_000_000
 """Numbers of beliefs that are kept at most, to the same end."""
+_SUPPORT = 1e-10
+"""Smaller probabilities are rounding errors: their states are not thought possible."""
 
 
 class Controller:
@@ -105,6 +108,7 @@ class Controller:
         "_past",
         "_rewards",
         "_table",
+        "_unchecked",
         "epoch",
         "information",
         "last_action",
@@ -169,6 +173,8 @@ class Controller:
         # Looked up once, for every decision.
         self._choose = self.policy.action
         self._num_actions = self.policy.num_actions
+        limited = self.model is not None and self.model.available is not None and agent is None
+        self._unchecked = 0 if limited else self._num_actions  # actions below it are taken without a further look
         space = self.symbols.observation_space
         self._num_observations = 0 if space is None else len(space)
         self._sizes = () if space is None else space.shape
@@ -394,7 +400,7 @@ class Controller:
                 from mdm.runtime.supervision import describe  # noqa: PLC0415 - a controller needs no runtime
 
                 raise PolicyError(f"the policy {type(self.policy).__name__} has raised {describe(error)}") from error
-        if action.__class__ is not int or not -1 < action < self._num_actions:
+        if action.__class__ is not int or not -1 < action < self._unchecked:
             action = self._checked(action)
         epoch = self.epoch
         self.epoch = epoch + 1
@@ -661,6 +667,15 @@ class Controller:
             self.information.update(self.last_action, None)
 
     def _checked(self, action: Any) -> int:
+        """Return the index of an action; refuse one that is none, or is not available in a state that may be so."""
+        index = self._index(action)
+        if not self._unchecked and self.model is not None:
+            seen = self.takes == "state"
+            for state in [self._seen()] if seen else np.flatnonzero(np.asarray(self.belief) > _SUPPORT).tolist():
+                refuse(self.model, state, index)
+        return index
+
+    def _index(self, action: Any) -> int:
         if isinstance(action, str) and self.symbols.action_space is not None:
             return self.symbols.action_space.index(action)
         if isinstance(action, int | np.integer) and not isinstance(action, bool):

@@ -105,6 +105,7 @@ def replaced(flat: MDP, transitions: Sequence[Matrix], observations: Sequence[Ma
         "states": flat.state_space,
         "actions": flat.action_space,
         "initial_belief": flat.initial_belief,
+        "available": flat.available,
         "sparse": flat.is_sparse,
     }
     if flat.pomdp is None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from mdm.errors import FormatError, ModelError, ModelWarning
 from mdm.formats.archive import npz
-from mdm.formats.recognition import PARTS, SETS, beginning, format_of, holds_policy, root
+from mdm.formats.recognition import PARTS, SETS, beginning, format_of, is_policy, root
 from mdm.formats.source import Source, suffixes
 from mdm.models import MDP
 from mdm.models.validation import collect_problems
@@ -101,6 +101,8 @@ def save_model(model: MDP | POMDP, path: str | Path) -> None:
             f"{suffix} files cannot mark an observation as a false negative: write a .npz, or "
             f"model.with_false_negatives(None)"
         )
+    if model.available is not None and suffix != ".npz":
+        raise ModelError(f"{suffix} files cannot say which actions are available in which states: write a .npz")
     write: Callable[[MDP, str | Path], None] = format_of(_BY_SUFFIX[suffix]).write
     write(model, path)
 
@@ -121,10 +123,9 @@ def _form(path: Path) -> str:
     by_suffix = _BY_SUFFIX.get(suffix)
     if npz.is_archive(path):
         return "archive.model"
-    text = beginning(path)
-    if by_suffix != _SETS and holds_policy(text):
+    if is_policy(path):
         raise FormatError("the file holds a policy; a model was expected", file=path)
-    if text.startswith("<"):
+    if beginning(path).startswith("<"):
         return _BY_ROOT.get(root(Source(path).text), by_suffix or "openmarkov.reader")
     if by_suffix is not None:
         return by_suffix

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError
 from mdm.formats.archive import npz, policy as policy_archive
-from mdm.formats.recognition import JOINT, PLANES, beginning, format_of, holds_policy
+from mdm.formats.recognition import JOINT, PLANES, format_of, is_policy
 from mdm.formats.source import Source, suffixes
 from mdm.formats.target import check_place
 from mdm.policies import (
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PolicyKind", "check_policy_file", "load_policy", "load_rewards", "save_policy"]
 
-_Form: TypeAlias = Literal["array", "sarsop", "zmdp", "joint", "graph", "alpha", "value function", "q-table"]
+_Form: TypeAlias = Literal["array", "sarsop", "zmdp", "joint", "graph", "alpha", "value function", "vectors", "q-table"]
 PolicyKind: TypeAlias = Literal["table", "stochastic", "q"]
 _TABLES: dict[str, type] = {"table": DeterministicPolicy, "stochastic": StochasticPolicy, "q": QTable}
 _BY_SUFFIX: dict[str, _Form] = {".pg": "graph", ".alpha": "alpha", ".vf": "value function"}
@@ -39,8 +39,6 @@ _BY_FORM = {
     "sarsop": "sarsop.policy",
     "zmdp": "zmdp",
     "joint": "madp.joint_policy",
-    "alpha": "cassandra.alpha",
-    "value function": "madp.value_function",
 }
 """The modules that read these forms."""
 
@@ -101,7 +99,7 @@ def load_policy(
     source = Source(path)
     if suffixes(path) == ".toml":
         source.fail("this is a TOML file of ensembles; a policy was expected")
-    if holds_policy(beginning(path)) is False:
+    if kind is None and not is_policy(path):
         source.fail("the file holds a model; a policy was expected")
     form = _form(source, kind)
     if kind is not None and form not in {"array", "q-table"}:
@@ -112,7 +110,8 @@ def load_policy(
         raise FormatError(str(error), file=path) from None
     wrong = None if model is None else mismatch(policy, model)
     if wrong is not None:
-        source.fail(wrong)
+        hint = "; each line begins with an index, as of an action before its alpha vector: if these are values of "
+        source.fail(wrong + (f"{hint}actions, say kind='q'" if form == "vectors" else ""))
     return policy
 
 
@@ -149,6 +148,8 @@ def save_policy(policy: Policy, path: str | Path, model: MDP | None = None) -> N
         ModelError: If the suffix's format cannot hold this policy, or the policy does not fit the model.
         FormatError: If the file cannot be written.
     """
+    if model is None and isinstance(policy, AlphaVectors) and policy.named:
+        raise ModelError("the policy's file names its actions, and the model alone knows their indices: give the model")
     wrong = None if model is None else mismatch(policy, model)
     if wrong is not None:
         raise ModelError(wrong)
@@ -206,6 +207,8 @@ def _form(source: Source, kind: PolicyKind | None) -> _Form:
     table = len(lines) > 2 and all(len(line) == len(lines[0]) for line in lines)
     if len(lines[0]) == 1:
         return "alpha"
+    if format_of("madp.q_table").are_vectors(lines):
+        return "vectors"
     return "value function" if len(lines[0]) == 2 and not table else "q-table"
 
 
@@ -218,16 +221,18 @@ def _read(source: Source, form: _Form, model: MDP | None, kind: PolicyKind | Non
             array = format_of("mdm1").read(path)
             policy = format_of("mdm1").table(source, array, model, kind, seed)
         case "q-table":
-            tables = format_of("madp.q_table")
-            if kind is None:
-                tables.refuse_vectors(source, model)
-            policy = format_of("mdm1").table(source, tables.read(path), model, kind or "q", seed)
+            policy = format_of("mdm1").table(source, format_of("madp.q_table").read(path), model, kind or "q", seed)
         case "sarsop" | "zmdp" | "joint":
             policy = format_of(_BY_FORM[form]).read(path, model)
         case "graph":
             space = None if model is None else model.observation_space
             sizes = {"num_actions": num_actions, "num_observations": None if space is None else len(space)}
             policy = format_of("cassandra.policy_graph").read(path, **sizes)
-        case "alpha" | "value function":
-            policy = format_of(_BY_FORM[form]).read(path, num_actions=num_actions)
+        case "alpha":
+            policy = format_of("cassandra.alpha").read(path, actions=None if model is None else model.action_space)
+        case "vectors":
+            rows = format_of("madp.q_table").read(path)
+            policy = AlphaVectors(rows[:, 1:], rows[:, 0].astype(int), num_actions)
+        case "value function":
+            policy = format_of("madp.value_function").read(path, num_actions=num_actions)
     return policy

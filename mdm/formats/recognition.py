@@ -8,7 +8,10 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-__all__ = ["JOINT", "PARTS", "PLANES", "SETS", "beginning", "format_of", "holds_policy", "root"]
+from mdm.errors import FormatError
+from mdm.formats.source import suffixes
+
+__all__ = ["JOINT", "PARTS", "PLANES", "SETS", "beginning", "format_of", "holds_policy", "is_policy", "root"]
 
 PLANES = re.compile(r"^[^#\n]*\bpolicyType\s*=>", re.MULTILINE)
 """Occurs in ZMDP's policies only."""
@@ -18,6 +21,18 @@ SETS = frozenset({".base", ".toi-dpomdp"})
 """Suffixes by which a set of files is read, that are a model together."""
 PARTS = frozenset({".rewards", ".interactionstates", ".interactionreward"})
 """Suffixes of files that belong to a set and are not models alone."""
+_MODELS = frozenset({".pomdp", ".mdp", ".dpomdp", ".pgmx", ".pomdpx", *SETS, *PARTS})
+_POLICIES = frozenset({".vf", ".policy", ".policyx", ".alpha", ".pg"})
+_OTHERS = {
+    "a model of SPUDD or Symbolic Perseus": re.compile(r"\(\s*variables\b"),
+    "a model in PPDDL": re.compile(r"\(\s*define\b"),
+    "a model in RDDL": re.compile(r"(domain|non-fluents|instance)\s+\w+\s*\{"),
+    "a model of PRISM": re.compile(r"(p?o?mdp|dtmc|ctmc)\s+(\w[^:]*\s)?(module|const|formula|observables|global)\b"),
+    "JSON": re.compile(r"\{"),
+    "a map of ROS": re.compile(r"image\s*:"),
+}
+"""Other content that a text's beginning tells, after comments."""
+_SECTION = re.compile(r"^\s*(agents|discount|states|actions|observations)\b\s*:", re.MULTILINE)
 _STATEMENT = re.compile(r"(agents|discount|values|states|actions|observations|start)\b[^\n:]*:")
 _NUMBER = re.compile(r"[-+]?\.?\d")
 _COMMENTS = re.compile(r"(?:\s+|#[^\n]*)+")
@@ -66,3 +81,31 @@ def holds_policy(text: str) -> bool | None:
     if _NUMBER.match(text):
         return True
     return False if _STATEMENT.match(text) else None
+
+
+def is_policy(path: str | Path) -> bool:
+    """Return whether a text holds a policy, as all who read a model or a policy tell it; else it holds a model.
+
+    Content counts more than the suffix. What cannot be read is left to the reader that the suffix names.
+
+    Raises:
+        FormatError: If it is neither.
+    """
+    suffix, text = suffixes(path), beginning(path)
+    known = False if suffix in SETS else holds_policy(text)
+    if known is not None:
+        return known
+    comments = _COMMENTS.match(text)
+    start = text[comments.end() :] if comments else text
+    readers = "models and policies are read in the formats that docs/formats.md lists"
+    for what, begins in _OTHERS.items():
+        if begins.match(start):
+            raise FormatError(f"this is {what}, which is not read: {readers}", file=Path(path))
+    if suffix in _MODELS | _POLICIES or not start or start.startswith("<"):
+        return suffix in _POLICIES
+    if not _SECTION.search(text):
+        shown = start.partition("\n")[0][:40]
+        raise FormatError(
+            f"this is no model and no policy of a known form, it begins with {shown!r}: {readers}", file=Path(path)
+        )
+    return False

@@ -34,6 +34,8 @@ _TOLD = ("entered", "left", "at_goal", "arrived", "reached", "next")
 _SLACK = 1e-9
 _SHOWN = 200
 """Cells of a stray colour that a problem names."""
+_FEW = 4
+"""Pieces of a place whose middles a problem names."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,7 @@ def check(floor: Map | Floors, *, radius: float = RADIUS, margin: float = MARGIN
       wide leads from goal to goal; or it joins a place with itself. Places touch by a passage that is wide enough, and
       there is no way.
     * Not all places can be reached from each other.
+    * A place is in two pieces or more in which a robot fits: one cannot drive from the one to the other within it.
     * A colour of the image of labels is no place's, and has fewer cells than any place, and than 1 % of all.
     * The name of a place stands for something else in formulas, so that `Places` would refuse it.
     * Of several floors: a robot does not fit where a lift stops, or no way on the floor leads there.
@@ -124,6 +127,7 @@ def examine(
     yield from shallow.values()
     if grid is not None:
         yield from _cramped([node for node in graph.nodes if node.name in labels.names], grid, radius)
+        yield from _pieces(labels, grid, radius)
         yield from _ways(labels, graph, grid, radius)
     for edge in graph.edges:
         if edge.source == edge.target:
@@ -257,6 +261,20 @@ def _shallow(labels: Labels, grid: Grid | None, inside: NDArray[np.float64], mar
                 f"having come there only at {margin:g} m"
             )
             yield Problem("rooms", text, (name,), cells)
+
+
+def _pieces(labels: Labels, grid: Grid, radius: float) -> Iterator[Problem]:
+    """Yield a problem for each place whose free cells do not hang together; pieces in which no robot fits count not."""
+    driven, least = drivable(grid, radius), (2 * radius / grid.frame.resolution) ** 2
+    for name in labels.names:
+        own = labels.cells(name)
+        numbers, _ = scipy.ndimage.label(own & grid.free, structure=np.ones((3, 3)))
+        sizes = np.bincount(numbers.ravel())
+        pieces = [_inmost(numbers == piece) for piece in np.unique(numbers[driven & own]) if sizes[piece] >= least]
+        if len(pieces) > 1:
+            where = ", ".join("({:.2f}, {:.2f})".format(*grid.frame.centre(*cell)) for cell in pieces[:_FEW])
+            text = f"{name!r} is in {len(pieces)} pieces, around {where}: no path leads from one to another within it"
+            yield Problem("rooms", text, (name,), pieces)
 
 
 def _ways(labels: Labels, graph: Graph, grid: Grid, radius: float) -> Iterator[Problem]:

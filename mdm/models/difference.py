@@ -57,6 +57,10 @@ def _spaces(then: MDP, now: MDP) -> Iterator[tuple[str, str, str]]:
 def _entries(then: MDP, now: MDP) -> Iterator[str]:
     """Yield the first entry of each matrix that differs."""
     states, actions = now.state_space.names, now.action_space.names
+    every = np.ones(now.rewards.shape, dtype=bool)
+    was, is_now = (every if model.available is None else model.available for model in (then, now))
+    for row, column in np.argwhere(was != is_now):
+        yield f"whether {actions[column]!r} is available in {states[row]!r} is another thing"
     for action, name in enumerate(actions):
         found = _first(then.transition_matrix(action), now.transition_matrix(action))
         if found is not None:

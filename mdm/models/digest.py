@@ -105,6 +105,8 @@ def parts(model: MDP) -> dict[str, str]:
                 matrix for action in group for matrix in _observation_matrices(model.pomdp, action)
             )
     told["reward function"] = short([model.rewards])
+    if model.available is not None:
+        told["available actions"] = short([model.available])
     return told
 
 
@@ -114,6 +116,8 @@ def short(values: Iterable[Any]) -> str:
 
 
 def _flat(model: MDP) -> Iterable[Any]:
+    if model.available is not None:
+        yield model.available
     yield model.rewards
     yield model.initial_belief
     for action in range(len(model.action_space)):

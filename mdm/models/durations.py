@@ -10,7 +10,7 @@ Decision Processes*, 1994, section 11.3, has the values). It is for solving alon
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -155,20 +155,17 @@ def in_time(model: MDP, durations: Durations) -> MDP:
         over += "_"
     names = [*model.state_space.names, over]
     start = np.append(model.initial_belief, 0.0)
+    common: dict[str, Any] = {"discount": discount, "states": names, "actions": model.action_space}
+    common["initial_belief"] = start
+    made: MDP
     if (pomdp := model.pomdp) is None:
-        return MDP(
-            transitions, rewards, discount=discount, states=names, actions=model.action_space, initial_belief=start
-        )
-    return POMDP(
-        transitions,
-        [_blind_at_last(pomdp.observation_matrix(action)) for action in actions],
-        rewards,
-        discount=discount,
-        states=names,
-        actions=model.action_space,
-        observation_names=pomdp.observation_space,
-        initial_belief=start,
-    )
+        made = MDP(transitions, rewards, **common)
+    else:
+        observations = [_blind_at_last(pomdp.observation_matrix(action)) for action in actions]
+        made = POMDP(transitions, observations, rewards, observation_names=pomdp.observation_space, **common)
+    if model.available is not None:
+        made.available = np.vstack([model.available, np.ones(len(model.action_space), dtype=bool)])
+    return made
 
 
 def _scaled(matrix: Matrix, shares: Vector) -> Matrix:

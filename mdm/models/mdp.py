@@ -10,6 +10,7 @@ import numpy as np
 
 from mdm.checks import is_number
 from mdm.errors import ModelError
+from mdm.models.availability import availability, standing_in
 from mdm.models.matrices import (
     Matrix,
     MatrixSize,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from mdm.models.availability import Available, Mask
     from mdm.models.factored.two_slice import TwoSliceNetwork
     from mdm.models.pomdp import POMDP
 
@@ -58,10 +60,12 @@ class MDP:
         actions: The same; a `Space` with one factor per agent makes a team.
         initial_belief: The distribution of the first state (S numbers); uniform by default.
         outcome_rewards: The rewards of single outcomes, if ``rewards`` is their expectation.
+        available: Which actions are available in which states: an S x A array of booleans, or a function of the names
+            of a state and an action; by default all. The transitions and rewards of others count for nothing.
         sparse: Force CSR or dense matrices; None chooses by size and density.
 
     Raises:
-        ModelError: If shapes do not fit or numbers are not probabilities.
+        ModelError: If shapes do not fit, numbers are not probabilities, or a state has no available action.
 
     Example::
 
@@ -73,6 +77,8 @@ class MDP:
     """
 
     kind: Literal["MDP", "POMDP"] = "MDP"
+    available: Mask | None = None
+    """For each state and action whether it is available, S x A, read-only; None where all are."""
     observation_space: Space | None = None
     """The observations; None in an MDP."""
     sparse: bool | None = None
@@ -99,9 +105,10 @@ class MDP:
         actions: Space | Iterable[str] | int | None = None,
         initial_belief: npt.ArrayLike | None = None,
         outcome_rewards: OutcomeRewards | None = None,
+        available: Available | None = None,
         sparse: bool | None = None,
     ) -> None:
-        self._set_dynamics(transitions, rewards, discount, states, actions, initial_belief, sparse)
+        self._set_dynamics(transitions, rewards, discount, states, actions, initial_belief, available, sparse)
         self._set_rewards(rewards, outcome_rewards)
 
     def _set_dynamics(
@@ -112,6 +119,7 @@ class MDP:
         states: Space | Iterable[str] | int | None,
         actions: Space | Iterable[str] | int | None,
         initial_belief: npt.ArrayLike | None,
+        available: Available | None,
         sparse: bool | None,
     ) -> None:
         shape = reward_numbers(rewards, len(transitions)).shape
@@ -124,8 +132,9 @@ class MDP:
                 f"{len(self.state_space)} and {len(self.action_space)}"
             )
         self.discount = checked_discount(discount)
+        self.available = availability(available, self.state_space, self.action_space)
         self._transitions = stochastic_matrices(
-            transitions,
+            transitions if self.available is None else standing_in(transitions, self.available),
             what="T",
             actions=self.action_space,
             rows=self.state_space,
@@ -140,6 +149,8 @@ class MDP:
 
     def _set_rewards(self, rewards: npt.ArrayLike, outcome_rewards: OutcomeRewards | None) -> None:
         given = reward_numbers(rewards, len(self.action_space))
+        if self.available is not None:
+            given = standing_in(given, self.available)
         self.outcome_rewards = outcome_rewards if given.ndim == 2 else RewardArray(given)
         """The rewards of single outcomes, if there are any; else None."""
         expected = given if given.ndim == 2 else expected_rewards(given, self._transitions, self._chances)

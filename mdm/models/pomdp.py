@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from mdm.errors import ModelError
+from mdm.models.availability import check_known
 from mdm.models.events import (
     DenseEvents,
     EventObservations,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from mdm.models.availability import Available
     from mdm.models.rewards import OutcomeRewards
     from mdm.models.space import Space, Symbol
 
@@ -55,7 +57,7 @@ class POMDP(MDP):
         observation_names: Names of the observations, their number, or a `Space` with a factor per agent.
         event_observations: Whether ``observations`` are those of events, P(o | s, a, s').
 
-    The other arguments are those of `MDP`.
+    The other arguments are those of `MDP`. What has just been observed has to tell which actions are available.
 
     Raises:
         ModelError: If shapes do not fit or numbers are not probabilities.
@@ -96,9 +98,10 @@ class POMDP(MDP):
         initial_belief: npt.ArrayLike | None = None,
         event_observations: bool = False,
         outcome_rewards: OutcomeRewards | None = None,
+        available: Available | None = None,
         sparse: bool | None = None,
     ) -> None:
-        self._set_dynamics(transitions, rewards, discount, states, actions, initial_belief, sparse)
+        self._set_dynamics(transitions, rewards, discount, states, actions, initial_belief, available, sparse)
         self._resolvents = {}
         self._events: EventObservations | None = None
         self._observations: tuple[Matrix, ...] = ()
@@ -124,6 +127,7 @@ class POMDP(MDP):
                 f"O is over {count} observations, but {len(self.observation_space)} names of observations are given"
             )
         self._set_rewards(rewards, outcome_rewards)
+        check_known(self)
 
     @property
     def pomdp(self) -> POMDP:
@@ -241,7 +245,9 @@ class POMDP(MDP):
             raise ModelError(
                 f"the model's only observation {name!r} cannot be its false negative: no event is detected"
             )
-        return self._with_resolvents(index, {})
+        other = self._with_resolvents(index, {})
+        check_known(other)
+        return other
 
     def _with_resolvents(self, false_negative: int | None, resolvents: dict[tuple[int, float], Resolvent]) -> Self:
         other = copy.copy(self)

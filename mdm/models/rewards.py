@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from mdm.errors import ModelError
+from mdm.models.availability import HINT
 from mdm.models.matrices import Checked, Matrix, Vector, is_compressed, numbers
 
 if TYPE_CHECKING:
@@ -110,5 +111,5 @@ def check_finite(expected: Vector, states: Space, actions: Space) -> None:
         state, action = (int(place[0]) for place in np.nonzero(~np.isfinite(expected)))
         raise ModelError(
             f"the reward of action {actions.names[action]!r} in state {states.names[state]!r} is "
-            f"{expected[state, action]}, not a finite number"
+            f"{expected[state, action]}, not a finite number" + (f": {HINT}" if expected[state, action] < 0 else "")
         )

@@ -57,6 +57,14 @@ class AlphaVectors(BeliefPolicy):
     kind: ClassVar[str] = "alpha"
     form = "alpha vectors"
     by_support = True
+    named: tuple[str, ...] = ()
+    """The actions as a file names them that was read without the model, which alone knows their indices."""
+
+    def mismatch(self, model: MDP) -> str | None:
+        """Return why the policy does not fit a model, as a sentence; None if it fits."""
+        if self.named:
+            return f"its file names actions ({', '.join(self.named)}): load it with the model, load_policy(path, model)"
+        return super().mismatch(model)
 
     def __init__(self, vectors: npt.ArrayLike, actions: Sequence[int], num_actions: int | None = None) -> None:
         matrix = numbers(vectors, "the array of alpha vectors")

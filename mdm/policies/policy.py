@@ -328,9 +328,25 @@ def mismatch(policy: Any, model: MDP) -> str | None:
     told = getattr(policy, "mismatch", None)
     if told is not None:
         text: str | None = told(model)
-        return text
+        return text or (None if model.available is None else _unavailable(policy, model, model.available))
     if policy.num_actions != len(model.action_space):
         return f"the policy is for {policy.num_actions} actions, but the model has {len(model.action_space)}"
+    return None
+
+
+def _unavailable(policy: Any, model: MDP, available: npt.NDArray[np.bool_]) -> str | None:
+    """Return which action a policy chooses where it is not available, as a sentence; None where it chooses none.
+
+    What a policy over beliefs chooses is looked at where it is chosen.
+    """
+    if policy.input == "observation":
+        return "a plan over observations does not know which actions are available: take a policy over beliefs"
+    if policy.input == "state" and hasattr(policy, "weights"):
+        for stage in range(policy.horizon or 1):
+            wrong = np.argwhere((policy.weights(stage).T > 0) & ~available)
+            for state, action in wrong.tolist():
+                name, where = model.action_space.names[action], model.state_space.names[state]
+                return f"the policy chooses {name!r} in state {where!r}, where that action is not available"
     return None
 
 

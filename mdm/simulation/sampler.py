@@ -13,6 +13,7 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models import MDP, Durations
+from mdm.models.availability import refuse
 from mdm.models.dynamics import Dynamics, Indices, Rows, stacked
 from mdm.models.matrices import ROUNDING
 
@@ -69,6 +70,7 @@ class Sampler:
         """Draw the state that follows."""
         row = self._transitions.get((action, state))
         if row is None:
+            refuse(self._model, state, action)
             row = self._transitions[action, state] = _row(self._model.transition_matrix(action), state)
         return self._draw(row)
 
@@ -123,6 +125,7 @@ class BatchSampler:
         """The index that stands for no observation."""
         self._first = Draws(stacked([model.initial_belief[None, :]]))
         self._transitions = Draws(dynamics.transitions)
+        self._model = model
         self._by_transition = dynamics.by_transition
         self._observations = Draws(dynamics.observations) if observed and dynamics.num_observations else None
 
@@ -142,6 +145,9 @@ class BatchSampler:
         Returns:
             The next states and the observations; ``nothing`` for an event without one.
         """
+        if self._model.available is not None:
+            for at in np.flatnonzero(~self._model.available[states, actions]):
+                refuse(self._model, int(states[at]), int(actions[at]))
         entries = self._transitions(actions, states, numbers[0])
         after = self._transitions.columns[entries]
         draws = self._observations

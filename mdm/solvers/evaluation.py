@@ -18,6 +18,7 @@ import numpy as np
 from mdm.errors import ModelError
 from mdm.models import POMDP, in_time
 from mdm.models.matrices import csr, is_compressed
+from mdm.policies import mismatch
 
 if TYPE_CHECKING:
     from mdm.models import MDP, Durations
@@ -80,7 +81,7 @@ def state_values(
         ModelError: If the policy is of other sizes, or, with a discount of 1, goes on for ever; or if the durations do
             not fit the model.
     """
-    wrong = policy.mismatch(model)
+    wrong = mismatch(policy, model)
     if wrong is not None:
         raise ModelError(wrong)
     count = len(model.state_space)

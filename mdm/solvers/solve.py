@@ -12,6 +12,8 @@ from mdm.checks import check_flag, check_seed, is_whole
 from mdm.errors import ConfigError
 from mdm.loading import model_of
 from mdm.models import in_time
+from mdm.policies import AlphaVectors, MaskedAlphaVectors
+from mdm.solvers.availability import dear, limited
 from mdm.solvers.solution import Limits
 
 if TYPE_CHECKING:
@@ -63,6 +65,8 @@ def policy_class(solver: str, model: MDP, *, horizon: int | None, durations: Dur
     """
     kinds: tuple[type, type, type] = vars(_function(solver))["policies"]
     policy, to_horizon, mixed = kinds
+    if model.available is not None and policy is AlphaVectors:
+        return MaskedAlphaVectors
     if horizon is not None:
         return to_horizon
     return mixed if model.observed and durations is None else policy
@@ -117,10 +121,10 @@ def solve(
         raise ConfigError(f"{name} solves {kind}s, not {model.kind}s: take {others}", key="solver")
     _check_options(name, options)
     limits = Limits(gap=gap, time=time, iterations=iterations, memory=memory, progress=progress)
-    if durations is None:
-        return _function(name)(model, limits=limits, **options)
-    solution = _function(name)(in_time(model, durations), limits=limits, **options)
-    return msgspec.structs.replace(solution, policy=solution.policy.for_first_states(len(model.state_space)))
+    solved = dear(model if durations is None else in_time(model, durations), name, options)
+    solution = _function(name)(solved, limits=limits, **options)
+    policy = solution.policy if durations is None else solution.policy.for_first_states(len(model.state_space))
+    return msgspec.structs.replace(solution, policy=limited(policy, model, durations))
 
 
 def _check_options(solver: str, options: dict[str, Any]) -> None:

@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.files.currency import stale
-from mdm.cli.files.document import Document, is_policy, load
+from mdm.cli.files.document import Document, is_policy
 from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError
 from mdm.errors import ConfigError, FormatError, ModelError
 from mdm.formats import load_model, load_policy
 from mdm.formats.source import suffixes
-from mdm.models import MDP
 from mdm.models.diagnosis import diagnose
 from mdm.models.validation import Problem, collect_problems
 
@@ -97,7 +96,7 @@ def _examine(arguments: argparse.Namespace) -> Findings:
     try:
         if is_toml:
             return _examine_ensembles(file, imports=arguments.imports)
-        if _holds_policy(file):
+        if is_policy(file):
             if arguments.normalize:
                 raise UsageError("--normalize is for models; this file holds a policy")
             against = None if model is None else load_model(model)
@@ -137,16 +136,6 @@ def _stale_policies(file: str, system: System) -> list[str]:
         if isinstance(policy, str) and model is not None:
             notes.append(stale(model, ensemble.controller.policy, tables[name]["model"], policy))
     return [note for note in notes if note is not None]
-
-
-def _holds_policy(file: str) -> bool:
-    known = is_policy(file)
-    if known is None:
-        try:
-            return not isinstance(load(file).content, MDP)
-        except FormatError:
-            return False  # `_examine_model` reports its problems, all at once
-    return known
 
 
 def _examine_model(file: str, normalize: bool) -> tuple[str | None, list[str], list[str]]:

@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mdm.cli.files.document import Document, is_policy, load
+from mdm.cli.files.document import Document, is_policy
 from mdm.cli.usage import UsageError
 from mdm.formats import load_model, load_policy, save_model, save_policy
+from mdm.formats.source import suffixes
 from mdm.formats.target import check_place
-from mdm.models import MDP
 from mdm.models.matrices import is_compressed
 
 if TYPE_CHECKING:
     import argparse
+
+    from mdm.models import MDP
 
 
 __all__ = ["run"]
@@ -25,12 +27,9 @@ __all__ = ["run"]
 def run(arguments: argparse.Namespace) -> int:
     """Convert the file; return the exit status."""
     check_place(arguments.target, arguments.source, arguments.model)
-    known = is_policy(arguments.source)
-    document = load(arguments.source) if known is None else None
-    content = None if document is None else document.content
-    if document is not None and document.holds_ensembles:
+    if suffixes(arguments.source) == ".toml":
         raise UsageError("a TOML file holds ensembles, which have no other format")
-    if known or (content is not None and not isinstance(content, MDP)):
+    if is_policy(arguments.source):
         if arguments.discount is not None or arguments.normalize:
             raise UsageError("--discount and --normalize are for models; this file holds a policy")
         model = None if arguments.model is None else load_model(arguments.model)

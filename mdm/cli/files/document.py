@@ -7,17 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from mdm.errors import FormatError
 from mdm.formats import load_durations, load_model, load_policy
 from mdm.formats.archive.npz import is_archive, kind
-from mdm.formats.models import MODEL_SUFFIXES
-from mdm.formats.recognition import SETS, beginning, holds_policy
-from mdm.formats.source import Source, suffixes
+from mdm.formats.recognition import is_policy as text_is_policy
+from mdm.formats.source import suffixes
 from mdm.models import MDP, Durations
 
 __all__ = ["Document", "describe_model", "describe_policy", "is_policy", "load"]
-
-_POLICIES = frozenset({".vf", ".policy", ".policyx", ".alpha", ".pg"})
 
 
 class Document:
@@ -60,7 +56,7 @@ def load(path: str, *, imports: bool = False) -> Document:
 
     Raises:
         ConfigError: If it is a TOML file with problems; lists all of them.
-        FormatError: If it is a malformed model or policy.
+        FormatError: If it is a malformed model or policy, or neither.
     """
     if suffixes(path) == ".toml":
         from mdm.cli.robots.ensembles import Ensembles, load_ensembles  # noqa: PLC0415 - a model needs no actors
@@ -68,33 +64,18 @@ def load(path: str, *, imports: bool = False) -> Document:
         return Ensembles(load_ensembles(path, imports=imports))
     if is_archive(Path(path)) and kind(Path(path)) == "durations":
         return Document(load_durations(path))
-    known = is_policy(path)
-    if known is not None:
-        return Document(load_policy(path) if known else load_model(path))
-    try:
-        return Document(load_model(path))
-    except FormatError as error:
-        if ":" in Source(path).text:  # every model has a colon, and no policy of unknown form
-            raise
-        try:
-            return Document(load_policy(path))
-        except FormatError:
-            raise error from None
+    return Document(load_policy(path) if is_policy(path) else load_model(path))
 
 
-def is_policy(path: str) -> bool | None:
-    """Return True for a policy, False for a model or durations, None if neither beginning nor name decides.
+def is_policy(path: str) -> bool:
+    """Return True for a policy, False for a model or durations.
 
     Raises:
-        FormatError: If the file is a damaged archive.
+        FormatError: If the file is a damaged archive, or neither.
     """
     if is_archive(Path(path)):
         return kind(Path(path)) not in ("model", "durations")
-    suffix = suffixes(path)
-    known = False if suffix in SETS else holds_policy(beginning(path))
-    if known is None and (suffix in MODEL_SUFFIXES or suffix in _POLICIES):
-        return suffix in _POLICIES
-    return known
+    return text_is_policy(path)
 
 
 def describe_policy(policy: Any) -> dict[str, Any]:
@@ -126,6 +107,7 @@ def describe_model(model: MDP) -> dict[str, Any]:
         "factored": network is not None,
         # A factored model would have to be flattened to know this.
         "sparse": None if network is not None else model.is_sparse,
+        "unavailable_actions": None if model.available is None else int((~model.available).sum()),
         "action_names": [list(factor.names) for factor in model.action_space.factors],
         "observation_names": [] if observations is None else [list(factor.names) for factor in observations.factors],
     }

@@ -84,6 +84,7 @@ def _add_draft(verbs: Any, line: str) -> argparse.ArgumentParser:
         metavar="GRAPH",
         help="the original's TopologicalMap (XML), LCAS's tmap2 (YAML), or Nav2's route graph (GeoJSON)",
     )
+    _add_kinds(parser)
     parser.add_argument(
         "-o", "--output", metavar="LABELS.png", required=True, help="the image of labels (needs mdm[maps])"
     )
@@ -145,7 +146,7 @@ def _add_model(verbs: Any, line: str) -> argparse.ArgumentParser:
         ),
         epilog="example: mdm map model map.yaml labels.png graph.xml --latch half=Hall/Kitchen -o patrol.npz",
     )
-    _add_floor(parser)
+    _add_floor(parser, "; or a FILE.toml to write, of a robot that does this, which mdm run takes")
     parser.add_argument("-o", "--output", metavar="MODEL", required=True, help="the model: .pomdpx, .pgmx or .npz")
     parser.add_argument("--reward", metavar="PLACE=VALUE", action="append", default=[], type=_reward, dest="rewards")
     parser.add_argument(
@@ -185,9 +186,6 @@ def _add_model(verbs: Any, line: str) -> argparse.ArgumentParser:
         "--stages", metavar="N", type=count, help=f"the more, the less durations vary: Erlang's stages ({STAGES})"
     )
     parser.add_argument("--radius", metavar="M", type=_metres, help=f"the radius of the robot, in metres ({RADIUS})")
-    parser.add_argument(
-        "--robot", metavar="FILE.toml", help="write the file of a robot that does this, which mdm run takes"
-    )
     return parser
 
 
@@ -221,7 +219,7 @@ def _latch(text: str) -> tuple[str, str]:
     return name, places
 
 
-def _add_floor(parser: argparse.ArgumentParser) -> None:
+def _add_floor(parser: argparse.ArgumentParser, robot: str = "") -> None:
     """Add the arguments for the files of a floor; a graph without labels comes as the labels."""
     parser.add_argument(
         "map",
@@ -246,8 +244,32 @@ def _add_floor(parser: argparse.ArgumentParser) -> None:
         help="predicate_labels.yaml, the colours of places; by default those under their goals",
     )
     parser.add_argument(
-        "--reach", metavar="M", type=_metres, help="how far from its goal a place without zone reaches, in metres"
+        "--reach",
+        metavar="M",
+        type=_metres,
+        help="how far from its goal a place without zone reaches over free cells, in metres",
     )
+    _add_kinds(parser, robot)
+
+
+def _add_kinds(parser: argparse.ArgumentParser, more: str = "") -> None:
+    """Add the argument for what the robot is; where there is more, also for the file that is written of it."""
+    parser.add_argument(
+        "--robot",
+        metavar="KIND=VALUE|FILE.toml" if more else "KIND=VALUE",
+        action="append",
+        default=[],
+        type=str if more else _kind,
+        dest="kinds",
+        help=f"what the robot is, such as robot=short, by which the restrictions of a tmap2 are judged{more}",
+    )
+
+
+def _kind(text: str) -> str:
+    kind, _, value = text.partition("=")
+    if not kind or not value:
+        raise argparse.ArgumentTypeError(f"KIND=VALUE, such as robot=short, was expected, not {text!r}")
+    return text
 
 
 def _add_robot(parser: argparse.ArgumentParser) -> None:

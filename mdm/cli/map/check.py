@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.map.drawing import keep, problem_picture
-from mdm.cli.map.floor import load, settle
+from mdm.cli.map.floor import kinds, load, settle
 from mdm.cli.report import as_json
 from mdm.errors import Error
 from mdm.maps.check import MARGIN, RADIUS, Problem, examine, examine_lifts, missing
@@ -71,7 +71,7 @@ def _check_floors(
     arguments: argparse.Namespace, radius: float, margin: float
 ) -> tuple[dict[str, Parts], Sequence[str], list[Problem]]:
     """Return the floors of a building, the names of all places, and the problems of all floors and lifts."""
-    building = load_building(arguments.map)
+    building = load_building(arguments.map, robot=kinds(arguments))
     problems = [
         problem.on(name)
         for name, parts in building.floors.items()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.map.drawing import check_output
-from mdm.cli.map.floor import check_one_floor, inputs
+from mdm.cli.map.floor import check_one_floor, inputs, kinds
 from mdm.cli.report import as_json
 from mdm.maps import draft, load_graph, load_grid, save_labels
 from mdm.maps.paths import passages, route_sentence, undivided, widest
@@ -22,7 +22,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Draft the labels; return the exit status."""
     check_one_floor(arguments)
     check_output(arguments.output, *inputs(arguments))
-    graph, grid = load_graph(arguments.graph), load_grid(arguments.map)
+    graph, grid = load_graph(arguments.graph, robot=kinds(arguments)), load_grid(arguments.map)
     labels = draft(grid, graph)
     facts = _facts(labels, grid, graph)
     save_labels(labels, arguments.output)

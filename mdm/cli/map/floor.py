@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from mdm.maps.files.load import Parts
 
-__all__ = ["check_one_floor", "inputs", "load", "settle"]
+__all__ = ["check_one_floor", "inputs", "kinds", "load", "settle"]
 
 
 def settle(arguments: argparse.Namespace, *, graph_needed: bool = True) -> bool:
@@ -48,8 +48,18 @@ def check_one_floor(arguments: argparse.Namespace) -> None:
 def load(arguments: argparse.Namespace) -> Parts:
     """Load the files of a floor."""
     return load_parts(
-        arguments.graph, grid=arguments.map, labels=arguments.labels, names=arguments.names, reach=arguments.reach
+        arguments.graph,
+        grid=arguments.map,
+        labels=arguments.labels,
+        names=arguments.names,
+        reach=arguments.reach,
+        robot=kinds(arguments),
     )
+
+
+def kinds(arguments: argparse.Namespace) -> dict[str, str]:
+    """Return what the robot is, by kinds."""
+    return {kind: value for kind, _, value in (each.partition("=") for each in arguments.kinds) if value}
 
 
 def inputs(arguments: argparse.Namespace) -> list[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdm.cli.map import DISCOUNT, RADIUS, STAGES, SUCCESS, robot
-from mdm.cli.map.floor import inputs, load, settle
+from mdm.cli.map.floor import inputs, kinds, load, settle
 from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError, finite
 from mdm.config.functions import find_function
@@ -38,6 +38,7 @@ _SPEED = 0.5
 def run(arguments: argparse.Namespace) -> int:
     """Make the model; return the exit status."""
     is_building = settle(arguments)
+    arguments.robot = next((each for each in arguments.kinds if "=" not in each), None)  # the file to write
     _check_usage(arguments)
     robot.check(arguments)
     floor, files = _load_floors(arguments) if is_building else _load_floor(arguments)
@@ -73,7 +74,7 @@ def _load_floor(arguments: argparse.Namespace) -> tuple[Map, list[str]]:
 
 def _load_floors(arguments: argparse.Namespace) -> tuple[Floors, list[str]]:
     """Return the floors of a building, and the files that are read; by default the robot begins where those say."""
-    building = load_building(arguments.map)
+    building = load_building(arguments.map, robot=kinds(arguments))
     if arguments.start is None:
         arguments.start = building.start
     return building.whole(), [*map(str, building.files)]

@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mdm.cli.map.floor import kinds
 from mdm.cli.usage import UsageError
 
 if TYPE_CHECKING:
@@ -64,6 +65,10 @@ def text(
     lines += [f"{key} = {path(given)}" for key in ("labels", "names") if (given := getattr(arguments, key)) is not None]
     if arguments.reach is not None:
         lines.append(f"reach = {arguments.reach!r}")
+    if robot := kinds(arguments):
+        lines.append(
+            f"robot = {{ {', '.join(f'{_quoted(kind)} = {_quoted(value)}' for kind, value in robot.items())} }}"
+        )
     if tour:
         lines.append(f"tour = [{', '.join(map(_quoted, tour))}]")
     lines += ['navigator = "robot:Wheels"', ""]

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.map.drawing import building_picture, check_output, floor_picture, grid_picture, keep
-from mdm.cli.map.floor import inputs, load, settle
+from mdm.cli.map.floor import inputs, kinds, load, settle
 from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError
 from mdm.maps import load_grid
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _show_building(arguments: argparse.Namespace) -> int:
     """Show the floors of a building; return the exit status."""
-    building = load_building(arguments.map)
+    building = load_building(arguments.map, robot=kinds(arguments))
     if arguments.output is not None:
         check_output(arguments.output, *map(str, building.files))
     floors = {name: _facts(parts, 2 * (arguments.radius or 0.0)) for name, parts in building.floors.items()}

@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mdm.errors import Error
+from mdm.formats.inventory import Inventory
 from mdm.formats.markup import stream
 from mdm.formats.source import Source
 
 if TYPE_CHECKING:
     from mdm.formats.markup import Element
 
-__all__ = ["Launch", "Node", "read_launch", "roots"]
+__all__ = ["Launch", "Node", "name_of", "read_launch", "roots"]
 
 _SUBSTITUTION = re.compile(r"\$\(\s*(\w+)\s*([^)]*)\)")
 _MOST_INCLUDES = 1000
@@ -67,11 +68,21 @@ class Launch:
     nodes: list[Node] = field(default_factory=list)
     parameters: dict[str, str] = field(default_factory=dict)
     files: list[tuple[str, Path]] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    notes: Inventory = field(default_factory=Inventory)
 
 
 class _Unknown(Exception):
     """A substitution that cannot be known here."""
+
+
+def name_of(package: Path) -> str:
+    """Return the name of a package: that of its ``package.xml``, else that of its folder."""
+    file = package / "package.xml"
+    if file.is_file():
+        for element in stream(Source(file), {"name"}):
+            if element.tag == "name" and element.text.strip():
+                return element.text.strip()
+    return package.name
 
 
 def roots(package: Path) -> list[Path]:
@@ -107,7 +118,7 @@ def read_launch(path: Path, package: Path) -> Launch:
 
 class _Reader:
     def __init__(self, package: Path) -> None:
-        self.package = package
+        self.package, self.name = package, name_of(package)
         self.launch = Launch()
         self._within: list[Path] = []
         self._included = 0
@@ -166,7 +177,7 @@ class _Reader:
     def _matters(self, element: Element) -> bool:
         """Whether an element may be of those that make layers."""
         package = element.attributes.get("pkg", "")
-        return element.tag == "node" and (package == self.package.name or package.startswith("mdm"))
+        return element.tag == "node" and (package == self.name or package.startswith("mdm"))
 
     def _argument(self, element: Element, known: dict[str, str], given: dict[str, str]) -> None:
         name = element.attribute("name")
@@ -265,7 +276,7 @@ class _Reader:
         def substituted(match: re.Match[str]) -> str:
             kind, rest = match[1], match[2].strip()
             if kind == "find":
-                if rest != self.package.name:
+                if rest != self.name:
                     raise _Unknown(f"the package {rest!r} is another one")
                 return str(self.package)
             if kind == "arg":
@@ -286,4 +297,4 @@ class _Reader:
         return made
 
     def _note(self, element: Element, text: str) -> None:
-        self.launch.notes.append(f"{text}, of {element.source.path}:{element.line}")
+        self.launch.notes.leave(text, f"{element.source.path}:{element.line}")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from mdm.cli.files import check
 from mdm.cli.projects.folder import making
-from mdm.cli.ros1.launch import Launch, Node, read_launch, roots
+from mdm.cli.ros1.launch import Launch, Node, name_of, read_launch, roots
 from mdm.cli.ros1.program import Action, Control, Declaration, Program, Text, programs, read_program
 from mdm.errors import Error, ModelWarning
 from mdm.formats import load_model
@@ -36,13 +36,13 @@ def run(arguments: argparse.Namespace) -> int:
         raise Error(f"{arguments.package}: there is no such folder; name that of a package")
     chosen = _launch(package, None if arguments.launch is None else Path(arguments.launch))
     imported = _Package(package, read_launch(chosen, package))
-    target = Path(arguments.output or f"{package.name}")
+    target = Path(arguments.output or imported.name)
     with making(target) as made:
-        (made / f"{package.name}.toml").write_text(imported.text(made), encoding="utf-8")
-    file = target / f"{package.name}.toml"
+        (made / f"{imported.name}.toml").write_text(imported.text(made), encoding="utf-8")
+    file = target / f"{imported.name}.toml"
     print(f"{file}: {imported.summary()}")
     check.run(Namespace(file=str(file), imports=False, json=False, model=None, normalize=False))
-    return 0
+    return 0 if imported.ensembles else 1
 
 
 def _launch(package: Path, given: Path | None) -> Path:
@@ -56,7 +56,7 @@ def _launch(package: Path, given: Path | None) -> Path:
     starting = [
         path
         for path in roots(package)
-        if any(node.package == package.name and node.type in makers for node in read_launch(path, package).nodes)
+        if any(node.package == name_of(package) and node.type in makers for node in read_launch(path, package).nodes)
     ]
     if not starting:
         raise Error(
@@ -84,28 +84,30 @@ class _Package:
     """What a package makes, and its text."""
 
     def __init__(self, folder: Path, launch: Launch) -> None:
-        self.folder, self.launch = folder, launch
-        self.notes = list(launch.notes)
+        self.folder, self.launch, self.name = folder, launch, name_of(folder)
+        self.notes = launch.notes
         self._sources = programs(folder)
         self.nodes: list[tuple[Node, Program]] = []
         for node in launch.nodes:
-            if node.package != folder.name:
+            if node.package != self.name:
                 continue
             if node.type not in self._sources:
-                self.notes.append(f"node {node.name!r}: there are no sources of {node.type!r}, of {node.place}")
+                self.notes.leave(f"node {node.name!r}", node.place, f"there are no sources of {node.type!r}")
                 continue
             program = read_program(self._sources[node.type], folder)
             self.nodes.append((node, program))
-            self.notes += program.notes
+            self.notes.add(program.notes)
         self.declarations = self._declarations()
         self.ensembles = self._ensembles()
         self._copied: dict[Path, str] = {}
 
     def summary(self) -> str:
         """Return what was found, in a line."""
+        notes = len(self.notes.lines())
         return (
             f"{len(self.ensembles)} {'ensemble' if len(self.ensembles) == 1 else 'ensembles'}, "
-            f"{len(self.declarations)} predicates and events; {len(self.notes)} notes on what was not taken over"
+            f"{len(self.declarations)} predicates and events; {notes} {'note' if notes == 1 else 'notes'} on what was "
+            f"not taken over"
         )
 
     def _declarations(self) -> dict[str, Declaration]:
@@ -113,7 +115,7 @@ class _Package:
         for _, program in self.nodes:
             for each in program.declarations:
                 if each.name in found and each.place != found[each.name].place:
-                    self.notes.append(f"a second {each.name!r}, of {each.place}, was left out")
+                    self.notes.leave(f"a second {each.name!r}", each.place)
                 found.setdefault(each.name, each)
         return found
 
@@ -132,17 +134,26 @@ class _Package:
                 if program.actions and node.topic("action") == ensemble.node.topic("action"):
                     ensemble.actions += program.actions
                     ensemble.acting = node
+        self._note_unjoined(found)
         return found
+
+    def _note_unjoined(self, ensembles: list[_Ensemble]) -> None:
+        """Note factors and actions of layers whose topics lead to no controller."""
+        taken = [place for each in ensembles for _, place in (*each.states, *each.observations)]
+        taken += [action.place for each in ensembles for action in each.actions]
+        for _, program in self.nodes:
+            rows = [("addStateFactor", ", ".join(names), place) for names, place in program.states]
+            rows += [("addObservationFactor", ", ".join(names), place) for names, place in program.observations]
+            rows += [("addAction", action.name, action.place) for action in program.actions]
+            for call, what, place in rows:
+                if place not in taken:
+                    self.notes.leave(f"{call} ({what})", place, "no controller is joined to its layer")
 
     def _name(self, node: Node, taken: set[str]) -> str:
         last = node.namespace.rpartition("/")[2]
         own = re.sub(r"_?(control(ler)?|mdp|pomdp)(_layer)?$", "", node.name)
         name = next(
-            (
-                word
-                for word in (last, own, self.folder.name)
-                if re.fullmatch(r"[A-Za-z]\w*", word) and word not in taken
-            ),
+            (word for word in (last, own, self.name) if re.fullmatch(r"[A-Za-z]\w*", word) and word not in taken),
             node.name,
         )
         while name in taken:
@@ -153,8 +164,9 @@ class _Package:
 
     def text(self, made: Path) -> str:
         """Return the TOML file, and copy what it needs to a folder."""
-        lines = [f"# Imported from the package {self.folder.name} of the original MDM for ROS."]
-        lines += [f"# not taken over: {self._told(note)}" for note in self.notes]
+        ensembles = [line for ensemble in self.ensembles for line in ("", *self._ensemble(ensemble, made))]
+        lines = [f"# Imported from the package {self.name} of the original MDM for ROS."]
+        lines += [f"# not taken over: {self._told(note)}" for note in self.notes.lines()]
         lines += ["", 'tasks = ["robot:live"]  # tells what is sensed, and poses where there is a map', ""]
         lines += self._places(made)
         events = [each for each in self.declarations.values() if each.event]
@@ -166,9 +178,7 @@ class _Package:
         lines += [f"{_key(name)} = {{}}  # told by another program" for name in sorted(used - known)]
         lines += ["", "[events]", *map(self._event, events)]
         lines += [f"{_key(name)} = {{}}  # raised by another program" for name in sorted(seen - known)]
-        for ensemble in self.ensembles:
-            lines += ["", *self._ensemble(ensemble, made)]
-        return "\n".join(lines) + "\n"
+        return "\n".join([*lines, *ensembles]) + "\n"
 
     def _told(self, text: str) -> str:
         return text.replace(f"{self.folder}/", "").replace("\n", " ")
@@ -284,25 +294,39 @@ class _Package:
             self._was(f"{control.kind} of node {node.name!r}", control.place),
             f"[ensembles.{_key(ensemble.name)}]",
         ]
-        files = [
-            self._file(node, given, f"a file of {control.kind}") for given in control.arguments if given is not None
-        ]
+        files = self._files(node, control)
         model = next((path for path in files if path.suffix in _MODELS), None)
-        policy = next((path for path in files if path is not model), None)
-        if policy is None:
+        policies = [path for path in files if path is not model]
+        if not policies and control.is_known:
             raise Error(
                 f"{node.place}: {control.kind} names no policy; the file of a value function or policy was expected"
             )
-        if "POMDP" in control.kind and model is None:
+        if "POMDP" in control.kind and model is None and control.is_known:
             raise Error(f"{node.place}: {control.kind} needs a problem file, with one of {', '.join(sorted(_MODELS))}")
         if model is not None:
             lines.append(f"model = {self._copy(model, made)}")
-        lines.append(f"policy = {self._copy(policy, made)}")
+        lines += [f"policy = {self._copy(path, made)}" for path in policies[:1]]
+        if not control.is_known:  # such as the Q-table that a learner keeps
+            more = f"  # was: another file of {control.kind}"
+            lines += [f"# policy = {self._copy(path, made)}{more}" for path in policies[1:]]
         lines += self._options(ensemble)
         loaded = None if model is None else _loaded(model)
         lines += self._factors("states", ensemble, loaded)
         lines += self._factors("observations", ensemble, loaded)
         return [*lines, *self._bindings(ensemble, loaded)]
+
+    def _files(self, node: Node, control: Control) -> list[Path]:
+        """Return the files that a controller is given; of one that is not known, those that are there."""
+        files = []
+        for given in control.arguments:
+            if given is not None:
+                try:
+                    files.append(self._file(node, given, f"a file of {control.kind}"))
+                except Error as error:
+                    if control.is_known:
+                        raise
+                    self.notes.leave(f"a file of {control.kind}", node.place, str(error))
+        return files
 
     def _parameters(self, ensemble: _Ensemble) -> dict[str, str]:
         """Return the parameters that its layers find: of their namespaces, from the outermost, and their own."""
@@ -323,7 +347,8 @@ class _Package:
     def _options(self, ensemble: _Ensemble) -> list[str]:
         given, place = self._parameters(ensemble), ensemble.node.place
         lines = []
-        if "Timed" in ensemble.control.kind:
+        known = ensemble.control.is_known
+        if "Timed" in ensemble.control.kind or (not known and "decision_period" in given):
             period = _number(given.get("decision_period"))
             if not period or period < 0:
                 raise Error(f"{place}: {ensemble.control.kind} needs a parameter decision_period, in seconds")

@@ -1,7 +1,8 @@
 """Programs of the original's layers: the literal calls in C++ by which they are made.
 
-This is no compiler. Calls of a few names are found with their arguments, and texts are followed through one variable or
-``argv``; all other code stays with the robot, and is told with its place.
+Every call of an ``add…`` and every layer or controller that is made is taken or noted. This is no compiler. Calls of a
+few names are found with their arguments, and texts are followed through one variable or ``argv``; all other code stays
+with the robot, and is told with its place.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ from bisect import bisect_right
 from dataclasses import dataclass, field
 from itertools import accumulate
 from pathlib import Path
+
+from mdm.formats.inventory import Inventory
 
 __all__ = ["Action", "Control", "Declaration", "Program", "Routine", "Text", "programs", "read_program"]
 
@@ -22,6 +25,10 @@ _STRING = re.compile(r'"((?:[^"\\\n]|\\.)*)"')
 _PLAIN = re.compile(r"[A-Za-z0-9_.:/]+")
 _VARIABLES = 5
 _CONNECTIVES = {"And": "and", "Or": "or", "Implies": "implies", "Xor": "xor"}
+_KNOWN = {f"Controller{drive}{kind}" for drive in ("Event", "Timed") for kind in ("MDP", "POMDP")}
+_CONTROLLER = r"(?:Controller|[A-Z]\w*(?:Controller|Learn)|ControlLayer|Dec(?:PO)?MDP)\w*"
+_MADE = r"(new\s+|make_shared\s*<\s*)?\b(?:\w+\s*::\s*)*({})\b(?:\s*>)?\s*([A-Za-z_]\w*)?\s*([;({{{{])"
+_ADDED = {"addStateFactor", "addObservationFactor", "addAction", "addPredicate", "addEvent"}
 _SOURCES = {".cpp", ".cc", ".cxx", ".h", ".hpp"}
 
 
@@ -62,7 +69,7 @@ class Control:
     """A controller.
 
     Args:
-        kind: The class, such as ``ControllerEventMDP``.
+        kind: The class, such as ``ControllerEventMDP``, or one that is not known, such as a learner.
         arguments: Of each the parts that make its text, see `Text`; None for what cannot be known.
         place: ``file:line``.
     """
@@ -70,6 +77,11 @@ class Control:
     kind: str
     arguments: list[Text | None]
     place: str
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it does what an ensemble does."""
+        return self.kind in _KNOWN
 
 
 @dataclass
@@ -117,7 +129,7 @@ class Program:
     actions: list[Action] = field(default_factory=list)
     declarations: list[Declaration] = field(default_factory=list)
     map: Text | None = None
-    notes: list[str] = field(default_factory=list)
+    notes: Inventory = field(default_factory=Inventory)
 
 
 def programs(package: Path) -> dict[str, list[Path]]:
@@ -229,6 +241,7 @@ class _Reader:
     def __init__(self, text: _Text, path: Path) -> None:
         self.text, self.code = text, text.code
         self.program = Program(path)
+        self._read: set[int] = set()
         made = rf"\b(StateLayer|ObservationLayer|\w*ActionLayer|PredicateManager)\s+({_NAME})\s*[;({{]"
         self._layers = {name: kind for kind, name in re.findall(made, self.code)}
         self._clients = dict(
@@ -239,12 +252,27 @@ class _Reader:
         self._controls()
         self._actions()
         self._predicates()
+        self._others()
+
+    def _others(self) -> None:
+        """Note the calls and layers that are not read."""
+        for match in re.finditer(r"\b(add[A-Z]\w*)\s*\(", self.code):
+            if match.start() not in self._read:
+                why = "its layer is not known" if match[1] in _ADDED else "this call is not known"
+                self.program.notes.leave(f"{match[1]} (…)", self.text.place(match.start()), why)
+        for match in re.finditer(_MADE.format(r"[A-Z]\w*(?:Layer|Manager)"), self.code):
+            known = match[2] in {"StateLayer", "ObservationLayer", "PredicateManager"} or match[2].endswith(
+                "ActionLayer"
+            )
+            if (match[1] or match[3]) and not known and match.start(2) not in self._read:
+                self.program.notes.leave(match[2], self.text.place(match.start(2)), "this layer is not known")
 
     def _calls(self, name: str) -> list[tuple[str, list[str], int]]:
         """Return the calls of a method: on what, with which arguments, and where."""
         found = []
-        for match in re.finditer(rf"\b({_NAME})\s*(?:\.|->)\s*{name}\s*\(", self.code):
+        for match in re.finditer(rf"\b({_NAME})\s*(?:\(\s*\)\s*)?(?:\.|->)\s*({name})\s*\(", self.code):
             end = _closed(self.code, match.end() - 1)
+            self._read.add(match.start(2))
             found.append((match[1], _split(self.code[match.end() : end]), match.start()))
         return found
 
@@ -286,14 +314,20 @@ class _Reader:
             if names and len(names) == len(added):
                 into.append((names, place))
             else:
-                self.program.notes.append(f"{call} ({', '.join(arguments)}), of {place}: its names are not literal")
+                self.program.notes.leave(f"{call} ({', '.join(arguments)})", place, "its names are not literal")
 
     def _controls(self) -> None:
-        for match in re.finditer(rf"\b(Controller(?:Event|Timed)(?:MDP|POMDP))\s+{_NAME}\s*([({{])", self.code):
-            pair = "()" if match[2] == "(" else "{}"
-            end = _closed(self.code, match.end() - 1, pair)
-            arguments = [self._value(each) for each in _split(self.code[match.end() : end])]
-            self.program.controls.append(Control(match[1], arguments, self.text.place(match.start())))
+        for match in re.finditer(_MADE.format(_CONTROLLER), self.code):
+            self._read.add(match.start(2))
+            if not match[1] and not match[3]:
+                continue  # its class, or a function
+            end = _closed(self.code, match.end() - 1, "()" if match[4] == "(" else "{}")
+            given = "" if match[4] == ";" else self.code[match.end() : end]
+            control = Control(match[2], [self._value(each) for each in _split(given)], self.text.place(match.start(2)))
+            self.program.controls.append(control)
+            if not control.is_known:
+                why = "this controller is not known; what is beside it is taken"
+                self.program.notes.leave(control.kind, control.place, why)
 
     def _actions(self) -> None:
         navigators = {name for name, kind in self._layers.items() if "Topological" in kind}
@@ -314,7 +348,7 @@ class _Reader:
                 rf"&?\s*((?:{_NAME}\s*::\s*)*{_NAME})", re.sub(r"^.*?bind\s*(?:<[^>]*>)?\s*\(", "", callback)
             )
             if target is None:
-                self.program.notes.append(f"addAction ({', '.join(arguments)}), of {place}: it names no function")
+                self.program.notes.leave(f"addAction ({', '.join(arguments)})", place, "it names no function")
                 name = first or f"action{len(self.program.actions)}"  # actions count by their order
                 self.program.actions.append(Action(name, place, routine=Routine(name, place)))
                 continue
@@ -348,7 +382,7 @@ class _Reader:
                 variable = (arguments[0] if arguments else "").strip("*& ")
                 declared = self._declaration(variable, classes, event=event)
                 if declared is None:
-                    self.program.notes.append(f"{call} ({', '.join(arguments)}), of {place}: what it adds is not known")
+                    self.program.notes.leave(f"{call} ({', '.join(arguments)})", place, "what it adds is not known")
                 else:
                     self.program.declarations.append(declared)
 

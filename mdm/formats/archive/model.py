@@ -17,6 +17,7 @@ from mdm.errors import FormatError, ModelError, ModelWarning
 from mdm.formats.archive import npz
 from mdm.formats.archive.npz import Names, names_of, space_of
 from mdm.models import MDP, POMDP, Durations, FactoredMDP, FactoredPOMDP
+from mdm.models.availability import availability
 from mdm.models.events import DenseEvents, TransitionEvents
 from mdm.models.factored.two_slice import Node, Potential, Role, Table, Tree, TwoSliceNetwork
 from mdm.models.matrices import ROUNDING, Checked, Matrix, Vector, csr, is_compressed
@@ -80,6 +81,8 @@ def write(model: MDP, path: str | Path) -> None:
     else:
         actions = range(len(model.action_space))
         arrays |= {"initial": model.initial_belief, "rewards": model.rewards}
+        if model.available is not None:
+            arrays["available"] = model.available.astype(np.uint8)
         header.transitions = _pack("T", [model.transition_matrix(a) for a in actions], arrays)
         if (pomdp := model.pomdp) is not None:
             events = pomdp.events
@@ -128,7 +131,10 @@ def _model(header: _Header, arrays: Mapping[str, Any], sparse: bool | None) -> M
             return FactoredMDP(network, discount=header.discount, sparse=sparse)
         return FactoredPOMDP(network, discount=header.discount, sparse=sparse)
     model = _flat(header, arrays, states, actions, observations)
-    return model if sparse is None or model.is_sparse == sparse else _converted(model, sparse)
+    model = model if sparse is None or model.is_sparse == sparse else _converted(model, sparse)
+    if "available" in arrays:  # whose rows stand in already
+        model.available = availability(arrays["available"] == 1, states, actions)
+    return model
 
 
 def _flat(

@@ -1,7 +1,7 @@
 """Cassandra's ``.alpha`` format: a block per alpha vector.
 
 A block is a line with the action's index, a line with a number per state, and a blank line. Values are rewards or
-negated costs: greater is better.
+negated costs: greater is better. Robots' projects also write the action's name, and comments behind ``#``.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mdm.errors import ModelError
 from mdm.formats.source import LARGEST, Source, number as number_of
 from mdm.formats.target import write_text
 from mdm.policies import AlphaVectors
@@ -21,21 +22,26 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from mdm.models import Space
+
 __all__ = ["action_index", "blocks", "lines", "numbers", "read", "read_in_order", "write"]
 
 
-def read(path: str | Path, *, num_actions: int | None = None) -> AlphaVectors:
+def read(path: str | Path, *, actions: Space | None = None) -> AlphaVectors:
     """Read alpha vectors.
 
     Args:
         path: The file.
-        num_actions: The model's number of actions, if known.
+        actions: The model's actions, if known; without them names count in the order of the file.
 
     Raises:
         FormatError: If the file is malformed, with the line and what was expected.
     """
-    vectors, actions = read_in_order(path, num_actions=num_actions)
-    return AlphaVectors(vectors, actions, num_actions)
+    vectors, indices, named = _read(path, actions, None if actions is None else len(actions))
+    policy = AlphaVectors(vectors, indices, None if actions is None else len(actions))
+    if actions is None:
+        policy.named = named
+    return policy
 
 
 def read_in_order(
@@ -46,14 +52,30 @@ def read_in_order(
     Raises:
         FormatError: As `read` does.
     """
+    return _read(path, None, num_actions)[:2]
+
+
+def _read(
+    path: str | Path, space: Space | None, num_actions: int | None
+) -> tuple[list[npt.NDArray[np.float64]], list[int], tuple[str, ...]]:
     source = Source(path)
+    named: dict[str, int] = {}
 
     def action(line: int, words: list[str]) -> int:
-        if len(words) != 1 or not words[0].isdecimal():
-            source.fail(f"an action's index was expected, not {' '.join(words)[:40]!r}", line=line)
-        return action_index(source, line, words[0], num_actions)
+        if len(words) == 1 and words[0].isdecimal():
+            return action_index(source, line, words[0], num_actions)
+        name = " ".join(words)
+        if number_of(words[0]) is not None:
+            source.fail(f"an action's index or name was expected, not {name[:40]!r}", line=line)
+        if space is None:
+            return named.setdefault(name, len(named))
+        try:
+            return space.index(name)
+        except ModelError as error:
+            source.fail(str(error), line=line)
 
-    return blocks(source, action)
+    vectors, indices = blocks(source, action)
+    return vectors, indices, tuple(named)
 
 
 def write(policy: AlphaVectors, path: str | Path) -> None:
@@ -80,7 +102,8 @@ def blocks(
     Raises:
         FormatError: If the text is malformed, with the line and what was expected.
     """
-    texts = [(number, line.split()) for number, line in enumerate(source.text.split("\n"), 1) if line.strip()]
+    lines = enumerate(source.text.split("\n"), 1)
+    texts = [(number, words) for number, line in lines if (words := line.partition("#")[0].split())]
     actions: list[int] = []
     vectors: list[npt.NDArray[np.float64]] = []
     for (number, head), (vector_number, words) in zip_longest(texts[::2], texts[1::2], fillvalue=(0, [])):

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from mdm.errors import FormatError, ModelError
 from mdm.formats.cassandra.parameters import Places, Probabilities, Rewards
 from mdm.formats.source import number
+from mdm.models.availability import HINT
 from mdm.models.matrices import csr_identity
 from mdm.models.validation import report
 
@@ -42,6 +43,8 @@ _DIALECTS = {
     "is not read: take the line out, and say what is wanted by rewards (R)",
     "prio": "'prio' gives states a priority, for parity objectives, in a dialect that is not read: take the line out, "
     "and say what is wanted by rewards (R)",
+    "partitionSizes": "'partitionSizes:' divides states or observations among agents, in a dialect that is not read: "
+    "take it out, with its lines",
 }
 _NUMBERED = {"atom", "prio"}
 """Words that a number follows, before the colon."""
@@ -278,7 +281,8 @@ class Statements:
             )
         for offset, value in enumerate(values):
             if not math.isfinite(value) or (kind != "R" and value < 0):
-                self.fail(at + offset, f"{found[offset]} is not a {'reward' if kind == 'R' else 'probability'}")
+                hint = f": {HINT}" if kind == "R" and math.isinf(value) else ""
+                self.fail(at + offset, f"{found[offset]} is not a {'reward' if kind == 'R' else 'probability'}{hint}")
         return (np.array(values).reshape(shape) if shape else values[0]), at + count
 
     def _store(self, kind: str, fields: list[Field], value: Any) -> None:

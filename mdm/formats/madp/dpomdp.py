@@ -103,8 +103,8 @@ class _Reader:
                 self._fail(number_, f"'agents:' or another section was expected, not {line.split()[0]!r}")
             word, colon, _ = line.partition(":")
             wrong = foreign(word.strip(), _SECTIONS) if colon else None
-            if wrong is not None:
-                self._fail(number_, wrong)
+            if wrong is not None or colon:
+                self._fail(number_, wrong or f"there is no section {word.strip()!r}: {', '.join(_SECTIONS)} are read")
             if line and key is not None:
                 self._sections[key].append((number_, line))
 

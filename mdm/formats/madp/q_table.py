@@ -1,4 +1,4 @@
-"""MADP's Q-tables: a line per state with a number per action."""
+"""MADP's Q-tables, a line per state with a number per action; and alpha vectors in lines, which look like one."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ from mdm.formats.target import write_text
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from mdm.models import MDP
     from mdm.policies import QTable
 
-__all__ = ["read", "refuse_vectors", "write"]
+__all__ = ["are_vectors", "read", "write"]
 
 
 def read(path: str | Path) -> npt.NDArray[np.float64]:
@@ -39,24 +38,16 @@ def read(path: str | Path) -> npt.NDArray[np.float64]:
     return np.array(rows)
 
 
-def refuse_vectors(source: Source, model: MDP | None) -> None:
-    """Refuse lines of an action's index and the numbers of an alpha vector, which look like a Q-table.
+def are_vectors(rows: list[list[str]]) -> bool:
+    """Whether lines of numbers are alpha vectors, each behind its action's index, and no table.
 
-    Raises:
-        FormatError: If they do not have the model's shape, or there is none, and all begin with an index and go on with
-            numbers that are none.
+    They are if each line begins with an index, not always the same, and most have numbers beside it that are none.
     """
-    rows = [line.split() for line in source.text.split("\n") if line.strip()]
-    if model is not None and (len(rows), len(rows[0])) == (len(model.state_space), len(model.action_space)):
-        return
-    first = {row[0] for row in rows}
-    indices = all(word.isdecimal() for word in first) and len(first) > 1
-    if indices and all(len(row) > 2 and any("." in word for word in row[1:]) for row in rows):
-        source.fail(
-            "every line begins with an index, as of an action before its alpha vector: in an .alpha file the vector "
-            "has a line of its own (if these are values of actions, say kind='q')",
-            line=1,
-        )
+    first = {row[0] for row in rows if row}
+    if len(first) < 2 or not all(word.isdecimal() for word in first):
+        return False
+    broken = [any("." in word for word in row[1:]) for row in rows if row]
+    return all(len(row) > 2 for row in rows if row) and 2 * sum(broken) > len(broken)
 
 
 def write(table: QTable, path: str | Path) -> None:

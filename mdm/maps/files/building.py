@@ -23,7 +23,7 @@ from mdm.maps.files.occupancy import image_of
 from mdm.maps.map import Floors, Lift, Map, joined
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
     from os import PathLike
 
     from mdm.maps.files.load import Parts
@@ -94,17 +94,21 @@ class BuildingParts:
         return Floors(maps, self.lifts, self.start)
 
 
-def load_floors(path: str | PathLike[str]) -> Floors:
+def load_floors(path: str | PathLike[str], *, robot: Mapping[str, str] | None = None) -> Floors:
     """Load several floors and the lifts between them from a building's file, such as ``building.toml``.
+
+    Args:
+        path: The file.
+        robot: What the robot is, as `load_map` takes it.
 
     Raises:
         FormatError: If the file, or one that it names, is missing or malformed, or a lift stops nowhere.
         MapError: If the files of a floor do not fit each other, or Pillow or PyYAML is missing where one is needed.
     """
-    return load_building(path).whole()
+    return load_building(path, robot=robot).whole()
 
 
-def load_building(path: str | PathLike[str]) -> BuildingParts:
+def load_building(path: str | PathLike[str], *, robot: Mapping[str, str] | None = None) -> BuildingParts:
     """Load the parts of a building, whether or not those of a floor fit each other.
 
     Raises:
@@ -116,7 +120,7 @@ def load_building(path: str | PathLike[str]) -> BuildingParts:
     if not document.floors:
         raise file.error("there are no floors: name one or more", "floors")
     tables = {name: file.table(table, _FloorTable, "floors", name) for name, table in document.floors.items()}
-    floors = {name: file.floor(name, table) for name, table in tables.items()}
+    floors = {name: file.floor(name, table, robot) for name, table in tables.items()}
     graphs = {name: parts.graph for name, parts in floors.items()}
     lifts: list[Lift] = []
     with file.telling("floors"):
@@ -164,7 +168,7 @@ class _File:
             raise self.error(f"{where} has no key {named[1]!r}, which is needed", *path)
         raise self.error(f"{'.'.join((*path, *inner))}: {text.replace(' | null', '')}", *path, *inner)
 
-    def floor(self, name: str, table: _FloorTable) -> Parts:
+    def floor(self, name: str, table: _FloorTable, robot: Mapping[str, str] | None) -> Parts:
         """Load the files of a floor."""
 
         def path(key: str, given: str) -> Path:
@@ -177,7 +181,7 @@ class _File:
         labels = None if table.labels is None else path("labels", table.labels)
         names = path("names", table.names) if isinstance(table.names, str) else table.names
         with self.telling("floors", name):
-            return load_parts(graph, grid=grid, labels=labels, names=names, reach=table.reach)
+            return load_parts(graph, grid=grid, labels=labels, names=names, reach=table.reach, robot=robot)
 
     def telling(self, *path: str) -> _Telling:
         """Return a context that tells an error about a map with the line of a key."""

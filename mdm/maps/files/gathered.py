@@ -28,6 +28,11 @@ class Gathered:
         self._nodes: dict[str, Node] = {}
         self._edges: dict[tuple[str, str], tuple[Edge, Fail]] = {}
 
+    @property
+    def names(self) -> list[str]:
+        """The places so far."""
+        return list(self._nodes)
+
     def add_node(self, node: Node, fail: Fail) -> None:
         """Add a place."""
         _check_name(node.name, "a place", fail)

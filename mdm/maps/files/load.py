@@ -6,6 +6,7 @@ Which colour of an image is which place's, a file tells, or the goals that lie i
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from mdm.maps.files.topological_map import read_topological_map
 from mdm.maps.files.yaml_tree import read_yaml
 from mdm.maps.graph import Graph
 from mdm.maps.map import Map
+from mdm.maps.paths import Paths
 from mdm.maps.raster import Frame, Grid, Labels
 
 if TYPE_CHECKING:
@@ -52,6 +54,8 @@ _FAR = 1_000_000.0
 """Metres that no place reaches."""
 
 GivenPath: TypeAlias = str | PathLike[str]
+_WAYPOINTS = re.compile(r"node:\s*\n?\s*\S+\s*\n\s*waypoint:")
+_TMAP2_IN_JSON = re.compile(r'"nodes"\s*:\s*\[')
 _OPAQUE = 0xFF << 24
 _SIDE = 0.05
 _MOST = 4_000_000
@@ -66,6 +70,7 @@ def load_map(
     labels: GivenPath | None = None,
     names: Mapping[str, int] | GivenPath | None = None,
     reach: float | None = None,
+    robot: Mapping[str, str] | None = None,
 ) -> Map:
     """Load a map.
 
@@ -79,14 +84,15 @@ def load_map(
         labels: The image of labels, which has a colour for each place: PNG, BMP, PGM or PPM.
         names: The number of each place's colour, or its file: `predicate_labels.yaml`. Without, a place has the colour
             that is under its goal.
-        reach: How far from its goal a place without zone reaches, in metres.
+        reach: How far from its goal a place without zone reaches, in metres; over free cells, where there is a grid.
+        robot: What the robot is, by which restrictions of a tmap2 are judged, such as ``{"robot": "short"}``.
 
     Raises:
         FormatError: If a file is missing or malformed, or the image has another size than the map.
         MapError: If the files do not fit each other, such as a goal that lies outside the map; or if Pillow or PyYAML
             is missing where one of them is needed (`pip install 'markov-decision-making[maps]'`).
     """
-    parts = load_parts(graph, grid=grid, labels=labels, names=names, reach=reach)
+    parts = load_parts(graph, grid=grid, labels=labels, names=names, reach=reach, robot=robot)
     if parts.problems:
         raise MapError(parts.problems[0].text)
     return Map(parts.labels, parts.graph, parts.grid)
@@ -118,6 +124,7 @@ def load_parts(
     labels: GivenPath | None = None,
     names: Mapping[str, int] | GivenPath | None = None,
     reach: float | None = None,
+    robot: Mapping[str, str] | None = None,
 ) -> Parts:
     """Load a map, as `load_map` does, whether or not its labels and its graph fit each other.
 
@@ -127,12 +134,12 @@ def load_parts(
     """
     if reach is not None and not 0 < reach <= _FAR:
         raise MapError(f"places that reach {reach:g} m from their goals: give metres above 0, at most {_FAR:,.0f}")
-    graph = graph if isinstance(graph, Graph) else load_graph(graph)
+    graph = graph if isinstance(graph, Graph) else load_graph(graph, robot=robot)
     grid = grid if grid is None or isinstance(grid, Grid) else load_grid(Path(grid))
     if labels is None:
         if names is not None:
             raise MapError("names are for the colours of an image of labels, and there is none")
-        made = labels_of(graph, grid.frame if grid else frame_of(graph, reach), reach)
+        made = labels_of(graph, grid.frame if grid else frame_of(graph, reach), reach, grid)
         return Parts(made, graph, grid, None, ())
     if grid is None:
         raise MapError(f"{Path(labels)}: where an image of labels lies is told by a map: give the grid, too")
@@ -147,23 +154,37 @@ def load_parts(
     return Parts(Labels.from_colours(grid.frame, colours, chosen), graph, grid, colours, tuple(problems))
 
 
-def load_graph(path: GivenPath) -> Graph:
+def load_graph(path: GivenPath, *, robot: Mapping[str, str] | None = None) -> Graph:
     """Load a graph, whose format is told by its content.
+
+    Args:
+        path: The file.
+        robot: What the robot is, see `load_map`.
 
     Raises:
         FormatError: If the file is missing or malformed.
-        MapError: If it is YAML, and PyYAML is not installed.
+        MapError: If it is YAML, or a tmap2 in JSON, and PyYAML is not installed.
     """
     source = Source(Path(path))
-    if source.text.lstrip().startswith("<"):
+    text = source.text.lstrip()
+    if text.startswith("<"):
         return read_topological_map(source)
-    if source.text.lstrip().startswith("{"):
+    if _WAYPOINTS.match(text):
+        source.fail(
+            "this is a text of nodes, waypoints and edges, as STRANDS's older .tmap files are, which is not read: "
+            "export the map as a tmap2 in YAML"
+        )
+    if text.startswith("{") and not _TMAP2_IN_JSON.search(text):
         return read_route_graph(source)
     root = read_yaml(source)
+    if isinstance(root.content, list):
+        root.fail(
+            "this is a list of nodes, as STRANDS's older maps in YAML are, which is not read: convert it to a tmap2"
+        )
     if root.get("nodes", "the graph") is None:
         what = "; this is a map" if root.get("image", "the graph") else ""
         source.fail(f"a graph was expected: a TopologicalMap, a tmap2 with nodes, or a route graph in GeoJSON{what}")
-    return read_tmap2(root)
+    return read_tmap2(root, {} if robot is None else robot)
 
 
 def read_label_image(path: GivenPath, frame: Frame) -> NDArray[np.uint32]:
@@ -275,12 +296,12 @@ def frame_of(graph: Graph, reach: float | None) -> Frame:
     return Frame(math.ceil(height / side), math.ceil(width / side), side, float(low[0]), float(low[1]))
 
 
-def labels_of(graph: Graph, frame: Frame, reach: float | None) -> Labels:
+def labels_of(graph: Graph, frame: Frame, reach: float | None, grid: Grid | None = None) -> Labels:
     """Return the labels of a graph's zones.
 
     A cell belongs to a place if its centre lies in the zone; where zones overlap, to that of the nearer goal, with one
     warning. Of a place without zone is what lies in no zone, up to `reach` metres from its goal, and nearer to it than
-    to the goals of others without zone.
+    to the goals of others without zone: where there is a grid, by ways over its free cells.
 
     Raises:
         MapError: If a place has no zone, and `reach` is None; or if a place has no cell.
@@ -296,6 +317,9 @@ def labels_of(graph: Graph, frame: Frame, reach: float | None) -> Labels:
         if node.zone is None:
             held = np.array([True, *(each.zone is None for each in graph.nodes)])[place]
             inside = held & (distance <= (reach or 0.0))  # a circle, not its outline
+            if grid is not None:
+                distance = _by_free_cells(grid, window, node, inside)
+                inside &= distance <= (reach or 0.0)
         else:
             for other, count in zip(*np.unique(place[inside & (place > 0)], return_counts=True), strict=True):
                 overlaps[graph.nodes[other - 1].name, node.name] = int(count)
@@ -351,6 +375,20 @@ def _distances(frame: Frame, window: tuple[slice, slice], node: Node) -> NDArray
     across = np.arange(window[1].start, window[1].stop)[None, :] - column
     distances: NDArray[np.float64] = np.hypot(down, across) * frame.resolution
     return distances
+
+
+def _by_free_cells(
+    grid: Grid, window: tuple[slice, slice], node: Node, within: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Return the metres from the goal of a place to the cells of a window, by free ones among some; else infinite."""
+    goal = grid.frame.cell(node.goal.x, node.goal.y)
+    if goal is None:
+        return np.full(within.shape, np.inf)
+    cell = goal[0] - window[0].start, goal[1] - window[1].start
+    open_cells = grid.free[window] & within
+    open_cells[cell] = True
+    rows, columns = within.shape
+    return Paths(Frame(rows, columns, grid.frame.resolution), open_cells).distances([cell])[0]
 
 
 def _told(overlaps: dict[tuple[str, str], int], frame: Frame) -> str:

@@ -5,7 +5,7 @@ number; likewise a way, whose label is else `to` and the name of its target. Goa
 
 A route's nodes need not be places. Those that have the same `zone` in their metadata are one place of that name, whose
 goal is the node in their middle. Nodes on one point are one place too, with the name of the first. Ways within a place
-are left out.
+are left out. Costs, operations and what else a route server would heed are named as not carried over.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import msgspec
 
 from mdm.checks import is_number
 from mdm.errors import MapWarning
+from mdm.formats.inventory import Inventory
 from mdm.maps.files.gathered import Gathered
 from mdm.maps.graph import Edge, Graph, Node, Pose
 
@@ -31,6 +32,12 @@ __all__ = ["read_route_graph"]
 
 _TOLD = 5
 """Pairs of nodes on one point that are told."""
+_TAKEN = {
+    "": {"type", "features", "name", "date_generated"},
+    "properties": {"id", "frame", "startid", "endid", "metadata"},
+    "metadata": {"name", "zone", "id"},
+}
+"""The keys that are read, or only name what is, of a collection, and of a feature."""
 _SHOWN = 80
 """Letters of a value that an error shows."""
 
@@ -80,7 +87,24 @@ def read_route_graph(source: Source) -> Graph:
                 gathered.add_edge(edge, fail)
         elif kind != "Point":
             fail(f"a Point, a LineString or a MultiLineString was expected, not a {kind}")
-    return gathered.graph(source.fail)
+    graph = gathered.graph(source.fail)
+    _note(source)
+    return graph
+
+
+def _note(source: Source) -> None:
+    """Warn of what is in a route graph and not carried over."""
+    left, collection = Inventory(), msgspec.json.decode(source.text)
+    for key in sorted(collection.keys() - _TAKEN[""]):
+        left.leave(key, "the collection")
+    for feature in collection["features"]:
+        properties = feature["properties"]
+        for kind, given in (("properties", properties), ("metadata", properties.get("metadata") or {})):
+            for key, value in given.items():
+                if key not in _TAKEN[kind] and value not in (None, {}, []):
+                    what = f"{key} {_short(value)}" if key == "operations" else key
+                    left.leave(what, f"id {properties['id']}")
+    left.warn(source.path, MapWarning)
 
 
 def _add_places(source: Source, features: list[_Feature], gathered: Gathered) -> dict[int, str]:

@@ -2,6 +2,9 @@
 
 A node's zone, `verts`, is relative to its position and not turned with it. The actions of edges say how to drive, and
 are the same for many: an edge's label is `to` and the name of its target.
+
+Restrictions of nodes and edges are formulas of conditions, a kind with a value such as ``robot_short``: they hold where
+the robot may go. A kind of which nothing is told, such as ``obstacleFree``, is unknown. What is forbidden is left out.
 """
 
 from __future__ import annotations
@@ -9,29 +12,65 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from mdm.errors import FormatError, MapWarning
+from mdm.formats.inventory import Inventory
+from mdm.logic import parse
 from mdm.maps.files.gathered import Gathered
 from mdm.maps.graph import Edge, Graph, Node, Pose
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from mdm.maps.files.yaml_tree import Entry
 
 __all__ = ["read_tmap2"]
 
 _TILT = 0.01
 """How much of a turn, as the sine of half its angle, may be about another axis than the vertical one."""
+_PLANNING, _RUNTIME = "restrictions_planning", "restrictions_runtime"
+_TAKEN = {"nodes", "node", "transformation", "meta", "metric_map", "map", "name", "pointset", "edge_id", "action_type"}
+_TAKEN |= {
+    "nav_frame",
+    "parent_frame",
+    "pose",
+    "properties",
+    "verts",
+    "edges",
+    "xy_goal_tolerance",
+    _PLANNING,
+    _RUNTIME,
+}
+"""The keys that are read, or only name what is: all others with something in them are noted as not carried over."""
+_DRIVES = {"move_base", "NavigateToPose", "navigate_to_pose"}
+"""Actions of edges that drive to a pose, as every way of a graph is driven."""
+_EMPTY: tuple[object, ...] = ("", "null", "~", [], {})
 
 
-def read_tmap2(root: Entry) -> Graph:
+def read_tmap2(root: Entry, robot: Mapping[str, str]) -> Graph:
     """Read a topological map.
 
+    Args:
+        root: The text.
+        robot: What the robot is, by which restrictions are judged.
+
     Raises:
-        FormatError: If it is malformed, an edge leads nowhere, or a node lies in an unknown frame.
+        FormatError: If it is malformed, an edge leads nowhere, a node lies in an unknown frame, or a restriction of
+            planning cannot be judged.
     """
     transformation = _Transformation(root.get("transformation", "the map"))
-    gathered = Gathered()
+    gathered, judged = Gathered(), _Judge(robot)
+    judged.note(root, "the map")
+    forbidden = set()
+    edges: list[tuple[Edge, Entry]] = []
     for item in root.need("nodes", "the map").list("nodes"):
+        judged.note(item, "an item of nodes")
         node = item.need("node", "an item of nodes")
         name = node.need("name", "a node").string("name")
+        judged.note(node, "a node")
+        judged.note(node.get("properties", name), "properties")
+        if not judged.allows(node, name):
+            forbidden.add(name)
+            continue
         pose = node.need("pose", name)
         place = transformation.of(node, name)
         x, y = place.point(*_position(pose.need("position", name), name))
@@ -49,9 +88,66 @@ def read_tmap2(root: Entry) -> Graph:
             node.fail,
         )
         for edge in _list(node, "edges", name):
+            judged.note(edge, "an edge")
             target = edge.need("node", f"an edge of {name}").string("the node of an edge")
-            gathered.add_edge(Edge(name, target, f"to {target}"), edge.fail)
-    return gathered.graph(root.source.fail)
+            if judged.allows(edge, f"{name} to {target}"):
+                edges.append((Edge(name, target, f"to {target}"), edge))
+    if not gathered.names and forbidden:
+        root.source.fail(f"all places are forbidden to this robot by {_PLANNING} or {_RUNTIME}")
+    for each, edge in edges:
+        if each.target not in forbidden:
+            gathered.add_edge(each, edge.fail)
+    graph = gathered.graph(root.source.fail)
+    judged.left.warn(root.source.path, MapWarning)
+    return graph
+
+
+class _Judge:
+    """Judges the restrictions of nodes and edges, and notes what is left out or not carried over."""
+
+    def __init__(self, robot: Mapping[str, str]) -> None:
+        self._robot = robot
+        self.left = Inventory()
+
+    def note(self, entry: Entry | None, what: str) -> None:
+        """Note the keys of an entry that are not read and have something in them."""
+        for key, value in () if entry is None else entry.mapping(what).items():
+            usual = key in _TAKEN or value.content in _EMPTY
+            if not (usual or (key == "action" and value.content in _DRIVES)):
+                shown = f" {value.content!r}" if isinstance(value.content, str) else ""
+                self.left.leave(f"{key}{shown}", f"line {value.line}")
+
+    def allows(self, entry: Entry, what: str) -> bool:
+        """Whether the robot may go there; what is known only while it drives is noted."""
+        for key in (_PLANNING, _RUNTIME):
+            given = entry.get(key, what)
+            if given is None or given.content in _EMPTY:
+                continue
+            text = given.string(f"{key} of {what}")
+            try:
+                allowed = self._holds(text)
+            except FormatError as error:
+                given.fail(f"{key} of {what}, {text[:80]!r}, is no formula of conditions such as robot_short: {error}")
+            if allowed is False:
+                self.left.leave(f"what {key} {text!r} forbids", f"line {given.line}")
+                return False
+            if allowed is None and key == _PLANNING:
+                given.fail(
+                    f"{key} of {what}, {text!r}, cannot be judged: say what the robot is, for each KIND_VALUE in it by "
+                    f"--robot KIND=VALUE, or robot={{KIND: VALUE}} in Python and in [places]"
+                )
+            if allowed is None:
+                self.left.leave(f"{key} {text!r}", f"line {given.line}")
+        return True
+
+    def _holds(self, text: str) -> bool | None:
+        """Return whether a restriction holds for the robot; None where that is not known. Capitals do not count."""
+        formula = parse(text)
+        values: dict[str, bool | None] = {"True": True, "False": False}
+        for name in formula.names - values.keys():
+            kind, _, value = name.partition("_")
+            values[name] = value.lower() == self._robot[kind].lower() if kind in self._robot else None
+        return formula.evaluate(values)
 
 
 class _Transformation:

@@ -216,6 +216,8 @@ class TreeSearch(Kind):
         for name, limit in limits.items():
             if limit is not None and not limit > 0:
                 raise ConfigError(f"{name} is a number above 0, not {limit}", key=name)
+        if model.available is not None:
+            raise ConfigError("a search does not know which actions are available: take a policy of mdm.solve")
         self.input = "state" if model.pomdp is None else "belief"
         self.num_states = len(model.state_space)
         self.num_actions = len(model.action_space)

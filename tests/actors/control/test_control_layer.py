@@ -11,7 +11,7 @@ import mdm
 from mdm import BeliefTracker, ConfigError, Ensemble, FixedRate, ObservationFactor, StateFactor
 from mdm.messages import Control, Observation, State, Tick
 from mdm.models import MDP, POMDP
-from mdm.policies import AlphaVectors, DeterministicPolicy, QTable, StagedPolicy, StochasticPolicy
+from mdm.policies import AlphaVectors, ConstantPolicy, DeterministicPolicy, QTable, StagedPolicy, StochasticPolicy
 from mdm.problems import tiger
 
 
@@ -466,3 +466,28 @@ def test_a_plan_needs_whole_observations_of_a_flat_model():
         "ensembles.robot.observations.ear",
     ]
     assert "give the factor 'idle' or 'hold'" in next(robot.problems()).message
+
+
+def test_an_action_that_is_not_available_is_a_fault_and_is_not_done():
+    """A policy over beliefs is asked for its actions alone: what it chooses is looked at when it chooses it."""
+    model = POMDP(
+        [[[0, 1], [0, 1]]] * 2,
+        [[[1, 0], [0, 1]]] * 2,
+        np.zeros((2, 2)),
+        discount=0.9,
+        available=[[True, True], [True, False]],
+        states=["hall", "door"],
+        actions=["wait", "walk"],
+        initial_belief=[1, 0],
+    )
+    done = []
+    actions = {"wait": lambda: done.append("wait"), "walk": lambda: done.append("walk")}
+    options = {"policy": ConstantPolicy(1, 2, 2), "model": model, "actions": actions, "safe_action": "wait"}
+    decisions, faults, robot = decided([see(1)], **options)
+    assert [decision.action_name for decision in decisions] == ["walk"]
+    assert faults == [("policy", "robot/control")]
+    assert done == ["walk", "wait", "wait"]  # goes safe, and is so at the end
+    with pytest.raises(
+        mdm.ModelError, match="the action 'walk' is not available in state 'door'; available are 'wait'"
+    ):
+        robot.control.controller.decide()

@@ -35,3 +35,45 @@ def test_archives_of_models_and_policies_are_told_apart(mdm, tmp_path):
     save_policy(load_policy(POLICIES / "tiger.vf"), tmp_path / "policy.npz")
     assert json.loads(mdm("info", tmp_path / "model.npz", "--json")[1][0])["kind"] == "POMDP"
     assert json.loads(mdm("info", tmp_path / "policy.npz", "--json")[1][0])["kind"] == "policy"
+
+
+LINES = "2 1.5 2.5 0\n0 3.25 4 0\n1 0 0.5 0\n0 3 4.5 5\n"
+NAMED = "# a comment\nlisten\n-1 1\nopen-left\n0 1\n"
+SPUDD = "(variables (huc yes no))\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "told"),
+    [
+        ("lines.policy", LINES, "alpha vectors"),
+        ("named.alpha", NAMED, "alpha vectors"),
+        ("coffee.spudd", SPUDD, "this is a model of SPUDD or Symbolic Perseus"),
+        ("tree.policy", '{"nodes": []}', "this is JSON"),
+        ("tree.txt", "x1 -> left", "this is no model and no policy of a known form"),
+    ],
+)
+def test_every_verb_tells_a_file_alike(mdm, tmp_path, name, text, told):
+    path, model = tmp_path / name, tmp_path / "model.pomdp"
+    path.write_text(text)
+    states, actions = (3, "3") if name == "lines.policy" else (2, "listen open-left open-right")
+    model.write_text(
+        f"discount: 0.9\nvalues: reward\nstates: {states}\nactions: {actions}\nobservations: 2\n"
+        "T: *\nuniform\nO: *\nuniform\nR: 0 : * : * : * 1\n"
+    )
+    read = told == "alpha vectors"
+    for verb in (
+        ("info", path),
+        ("check", path),
+        ("evaluate", model, path, "--episodes", "3"),
+        ("simulate", model, path, "--episodes", "3"),
+        ("compare", model, path, "--episodes", "3"),
+    ):
+        status, output, errors = mdm(*verb)
+        assert (status == 0) is read, (verb, errors)
+        assert told in "\n".join(output) + errors or verb[0] in {"simulate", "compare"}, verb
+    for verb in (("info", path), ("solve", path), ("show", path), ("evaluate", path, path)):
+        status, _, errors = mdm(*verb)
+        if not read:
+            assert (status, told in errors) == (1, True), verb
+        elif verb[0] != "info":
+            assert (status, "holds a policy" in errors) == (1, True), verb

@@ -287,13 +287,14 @@ def test_the_map_of_the_original(mdm, corpus, original, tmp_path):
     assert [line for line in output if not line.startswith(" ")] == [
         "colours",
         "goals",
+        "rooms",
         "note: the colour 0 is no place's: the background, of 5,148 cells",
         "note: the colour 14145495 is no place's: the background, of 28,456 cells",
         "note: the colour 14211288 is no place's: the background, of 64,131 cells",
-        "6 places, 8 problems",
+        "6 places, 9 problems",
     ]
-    assert len(list((tmp_path / "pictures").iterdir())) == 8
-    assert mdm("map", "check", *original, "--radius", "0.15")[1][-1] == "6 places, 7 problems"
+    assert len(list((tmp_path / "pictures").iterdir())) == 9
+    assert mdm("map", "check", *original, "--radius", "0.15")[1][-1] == "6 places, 8 problems"
 
 
 def test_the_floors_of_a_building_are_checked_and_what_joins_them(mdm, tmp_path):

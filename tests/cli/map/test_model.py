@@ -387,3 +387,63 @@ def test_the_floors_of_a_building_make_one_model(mdm, tmp_path):
     (tour,) = (line.split(maxsplit=1)[1].split(", ") for line in output if line.startswith("tour"))
     floors = [place.partition(".")[0] for place in tour[:-1]]
     assert sum(one != other for one, other in zip(floors, floors[1:] + floors[:1], strict=True)) == 2
+
+
+RESTRICTED = """nodes:
+{}
+- node:
+    name: C
+    pose: {{orientation: {{w: 1, x: 0, y: 0, z: 0}}, position: {{x: 2.0, y: 3.5}}}}
+"""
+NODE = """- node:
+    name: {name}
+    pose: {{orientation: {{w: 1, x: 0, y: 0, z: 0}}, position: {{x: 0.0, y: {y}}}}}
+    edges:
+    - {{node: {other}, action: move_base}}
+    - {{node: C, action: move_base, restrictions_planning: robot_short}}"""
+
+
+@pytest.fixture
+def restricted(tmp_path):
+    """A graph whose ways to C are for short robots."""
+    path = tmp_path / "restricted.tmap2"
+    path.write_text(
+        RESTRICTED.format(
+            "\n".join(NODE.format(name=a, other=b, y=y) for a, b, y in (("A", "B", 3.0), ("B", "A", 5.0)))
+        )
+    )
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "labels"), [("robot=short", ["to B", "to C", "to A"]), ("robot=tall", ["to B", "to A"])]
+)
+def test_the_ways_of_the_model_are_those_of_the_robot(mdm, floor, restricted, tmp_path, kind, labels):
+    arguments = ["map", "model", floor[0], restricted, "--reach", "3", "-o", tmp_path / "model.npz"]
+    status, _, errors = mdm(*arguments)
+    assert (status, "cannot be judged: say what the robot is" in errors) == (1, True)
+    robot = tmp_path / "robot.toml"
+    assert mdm(*arguments, "--robot", kind, "--robot", robot)[0] == 0
+    assert load_model(tmp_path / "model.npz").action_space.names == tuple(labels)
+    name, _, value = kind.partition("=")
+    assert f'robot = {{ "{name}" = "{value}" }}' in robot.read_text()
+    (tmp_path / "robot.py").write_text(
+        "async def localise(system):\n    pass\n\n\nclass Wheels:\n    async def go(self, goal):\n        pass\n"
+    )
+    assert mdm("solve", tmp_path / "model.npz", "-o", tmp_path / "model.policy")[0] == 0
+    assert mdm("check", robot)[0] == 0  # which reads the graph by what the file says of the robot
+
+
+@pytest.mark.parametrize("verb", ["check", "show", "draft"])
+def test_verbs_of_maps_take_what_the_robot_is(mdm, floor, restricted, tmp_path, verb):
+    more = ["-o", tmp_path / "labels.png"] if verb == "draft" else ["--reach", "3"]
+    for kind, told in (
+        ((), "cannot be judged"),
+        (("--robot", "short"), "KIND=VALUE, such as robot=short, was expected"),
+    ):
+        status, _, errors = mdm("map", verb, floor[0], restricted, *more, *kind)
+        assert status == (2 if kind else 1)
+        assert told in errors
+    _, _, errors = mdm("map", verb, floor[0], restricted, *more, "--robot", "robot=short")
+    assert "cannot be judged" not in errors
+    assert "mdm map" not in errors

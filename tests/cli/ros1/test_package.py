@@ -209,3 +209,80 @@ def test_of_several_launch_files_one_is_named(folder, capsys):
     assert main(["import-ros1", "rounds", "-o", "made"]) == 1
     assert "launch/robot.launch, launch/second.launch; name one with --launch" in capsys.readouterr().err
     assert main(["import-ros1", "rounds", "-o", "made", "--launch", "second.launch"]) == 0
+
+
+LEARNER = {
+    "package.xml": "<package><name>learner</name><version>0.1.0</version></package>",
+    "states.cpp": """StateLayer sl; sl.addStateFactor ( StateDep().add("Near").add("Far") );
+sl.addClock ( "x" );
+SpeechLayer speech ( 3 );""",
+    "acts.cpp": """Wrapper al; al.getActionLayer().addAction ( boost::bind ( &A::go, &a ), "Go" );
+al->addAction ( &put );
+addAction ( &late );""",
+    "learn.cpp": "int main ( int c, char** argv ) {\nstring policy = argv[1]; string q = argv[2];\n{made}\n}",
+    "policy": "[2](1,0)",
+    "q_values": "[2,2]((0,5),(1,0))",
+    "all.launch": """<launch>
+        <node pkg="learner" name="state_layer" type="states"/>
+        <node pkg="learner" name="control_layer" type="learn"
+            args="$(find learner)/policy $(find learner)/q_values $(find learner)/new"/>
+        <node pkg="learner" name="action_layer" type="acts"/>
+    </launch>""",
+}  # fmt: skip
+
+
+def learner(folder, made="QLearningMDP ql ( ALPHA, EVENT, 2, 2, policy, q, argv[3] );"):
+    """Write a package with a learning controller, in a folder of another name."""
+    return packages.write(folder / "checkout", {name: text.replace("{made}", made) for name, text in LEARNER.items()})
+
+
+@pytest.mark.parametrize(
+    ("made", "kind"),
+    [
+        ("QLearningMDP ql ( ALPHA, EVENT, 2, 2, policy, q, argv[3] );", "QLearningMDP"),
+        ("auto ql = new mdm::SarsaLearner ( policy, q );", "SarsaLearner"),
+        ("ptr = boost::make_shared<DecPOMDPController> ( policy, q );", "DecPOMDPController"),
+        ("ControllerEventMDP* c = new ControllerEventMDP ( policy, 2, 2 );", None),
+    ],
+)
+def test_what_is_beside_a_controller_that_is_not_known_is_taken(folder, capsys, made, kind):
+    assert main(["import-ros1", str(learner(folder, made))]) == 0
+    assert found(capsys) == []
+    text = (folder / "learner" / "learner.toml").read_text()
+    table = tomllib.loads(text)["ensembles"]["learner"]
+    assert table == {
+        "policy": "policy",
+        "states": {"state0": ["Near", "Far"]},
+        "actions": {"Go": "robot:go", "put": "robot:put"},
+    }
+    notes = [line.removeprefix("# not taken over: ") for line in text.splitlines() if line.startswith("# not")]
+    if kind is not None:
+        assert f"{kind}, of learn.cpp:3: this controller is not known; what is beside it is taken" in notes
+        assert f'# policy = "q_values"  # was: another file of {kind}' in text
+        assert (folder / "learner" / "q_values").read_text() == LEARNER["q_values"]
+    assert "addClock (…), of states.cpp:2: this call is not known" in notes
+    assert "addAction (…), of acts.cpp:3: its layer is not known" in notes
+    assert "SpeechLayer, of states.cpp:3: this layer is not known" in notes
+    assert any(note.startswith("a file of QLearningMDP, of all.launch:3:") for note in notes) is ("argv[3]" in made)
+
+
+def test_layers_that_lead_to_no_controller_are_noted(folder, capsys):
+    package = learner(folder, "nothing ();")
+    assert main(["import-ros1", str(package), "-o", "made", "--launch", "all.launch"]) == 1
+    assert "0 ensembles" in capsys.readouterr().out
+    text = (folder / "made" / "learner.toml").read_text()
+    for call, place in (("addStateFactor (Near, Far)", "states.cpp:1"), ("addAction (Go)", "acts.cpp:1")):
+        assert f"# not taken over: {call}, of {place}: no controller is joined to its layer" in text
+
+
+@pytest.mark.foreign("small inputs after public reports")
+def test_a_reported_package_with_a_learner(folder, corpus, capsys):
+    assert main(["import-ros1", str(corpus / "reported" / "learner"), "--launch", "all.launch"]) == 0
+    assert found(capsys) == []
+    text = (folder / "learner" / "learner.toml").read_text()
+    table = tomllib.loads(text)["ensembles"]["learner"]
+    assert table["policy"] == "policy"
+    assert table["states"] == {"state0": ["Near", "Far"], "state1": ["Held"]}
+    assert [*table["actions"]] == ["Go", "Grasp", "Put"]
+    assert "QLearningMDP, of src/learn.cpp:1: this controller is not known" in text
+    assert '# policy = "q_values"' in text

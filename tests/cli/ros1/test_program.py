@@ -52,13 +52,13 @@ def test_a_formula_that_is_not_literal_is_the_robot_s(tmp_path):
 def test_state_factors(tmp_path, code):
     program = read(tmp_path, f"StateLayer sl;\n{code}")
     assert [names for names, _ in program.states] == [["A", "B"]]
-    assert program.notes == []
+    assert program.notes.lines() == []
 
 
 def test_names_that_are_made_are_told(tmp_path):
     program = read(tmp_path, "\n\nsl.addStateFactor ( StateDep().add ( prefix + name ) );")
     assert program.states == []
-    (note,) = program.notes
+    (note,) = program.notes.lines()
     assert note.endswith("program.cpp:3: its names are not literal")
 
 
@@ -98,10 +98,10 @@ def test_an_action_that_is_not_read_keeps_its_place(tmp_path):
         tmp_path, "ActionLayer al;\nal.addAction ( &go );\nal.addAction ( [] () {} );\nal.addAction ( &stop );"
     )
     assert [action.name for action in program.actions] == ["go", "action1", "stop"]
-    assert len(program.notes) == 1
+    assert len(program.notes.lines()) == 1
 
 
 @given(st.text(st.sampled_from('ab(){}",;/*\\\n '), max_size=60))
 def test_no_text_breaks_it(tmp_path_factory, text):
     program = read(tmp_path_factory.mktemp("code"), f"{text}\npm.addPredicate ( x ); al.addAction ( {text}")
-    assert isinstance(program.notes, list)
+    assert isinstance(program.notes.lines(), list)

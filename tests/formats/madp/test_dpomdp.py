@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import re
 
 import numpy as np
 import pytest
@@ -136,3 +137,41 @@ def test_a_row_that_was_never_given_is_told_at_its_block(tmp_path):
     with pytest.raises(FormatError, match="T of action .*the row of 'never' sums to 0") as caught:
         load_model(written(tmp_path, rest, "x.dpomdp"))
     assert caught.value.line == 14
+
+
+DIALECT = """agents: sensor bot
+discount: 1
+values: reward
+states: a b
+start:
+uniform
+actions:
+wait go
+wait go
+observations:
+none some
+none some
+{section}:
+2
+2
+T: * : * : * : 0.5
+O: * : * : * : 0.25
+R: * : * : * : * : 1
+"""
+
+
+@pytest.mark.parametrize(
+    ("section", "words"),
+    [
+        (
+            "partitionSizes",
+            "13: 'partitionSizes:' divides states or observations among agents, in a dialect that is not",
+        ),
+        ("features", "13: there is no section 'features': agents, discount, values, states"),
+        ("observation", "13: there is no section 'observation'; did you mean 'observations'?"),
+    ],
+)
+def test_sections_of_dialects_are_named_with_their_line(tmp_path, section, words):
+    (tmp_path / "x.dpomdp").write_text(DIALECT.format(section=section))
+    with pytest.raises(FormatError, match=re.escape(words)):
+        load(tmp_path / "x.dpomdp")

@@ -61,11 +61,39 @@ def test_what_is_written_is_read(tmp_path_factory, seed, count):
     np.testing.assert_array_equal(q_table.read(path), table.values)
 
 
-def test_lines_of_alpha_vectors_are_no_table(tmp_path):
-    text = "0 1.5 2.5\n2 3.25 4\n1 0 0.5\n"
-    path = written(tmp_path, text, "out_revised.policy")
+LINES = "2 1.5 2.5 0\n0 3.25 4 0\n1 0 0.5 0\n2 3 4 5\n"
+
+
+def test_alpha_vectors_in_lines_are_no_table(tmp_path):
+    """Whatever the model: their content tells them, so that all verbs agree."""
+    path = written(tmp_path, LINES, "out.policy")
+    policy = policies.load_policy(path)
+    assert (policy.form, policy.num_states, policy.num_actions) == ("alpha vectors", 3, 3)
+    assert policy.actions == [0, 1, 2, 2]
+    assert policy.vectors.tolist() == [[3.25, 4, 0], [0, 0.5, 0], [1.5, 2.5, 0], [3, 4, 5]]
+    fitting = MDP([np.eye(3)] * 3, np.zeros((3, 3)), discount=0.9)
+    assert policies.load_policy(path, fitting).form == "alpha vectors"
+    square = MDP([np.eye(4)] * 4, np.zeros((4, 4)), discount=0.9)
     with refused(FormatError):
-        policies.load_policy(path)
-    assert policies.load_policy(path, kind="q").values.shape == (3, 3)
-    model = MDP([np.eye(3)] * 3, np.zeros((3, 3)), discount=0.9)
-    assert policies.load_policy(path, model).values[1].tolist() == [2, 3.25, 4]  # the model's shape decides
+        policies.load_policy(path, square)
+    assert policies.load_policy(path, square, kind="q").values[3].tolist() == [2, 3, 4, 5]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0 1.5 2\n0 2.5 3\n",
+        "0 1 2\n1 2 3\n",
+        "0 1.5 2\n1.0 2.5 3\n",
+        "0 1.5\n1 2.5\n2 3.5\n",
+        "1 2 3\n0 1 2\n5 4 1.5\n",
+    ],
+)
+def test_other_lines_of_numbers_are_a_table(tmp_path, text):
+    assert policies.load_policy(written(tmp_path, text, "q.txt")).form == "values of actions per state"
+
+
+@pytest.mark.foreign("small inputs after public reports")
+def test_reported_vectors_in_lines(corpus):
+    policy = policies.load_policy(corpus / "reported" / "lines.policy")
+    assert (policy.form, policy.num_states, policy.actions) == ("alpha vectors", 4, [0, 0, 1, 1, 2])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import heapq
+import itertools
 import math
 import warnings
 
@@ -11,7 +13,7 @@ from hypothesis import assume, given, strategies as st
 from sentences import refused
 
 from mdm.errors import MapError, MapWarning
-from mdm.maps import Frame, Graph, Node, Pose
+from mdm.maps import Frame, Graph, Grid, Node, Pose, load_map
 from mdm.maps.files.load import frame_of, labels_of
 
 COORDINATES = st.floats(-3, 8)
@@ -95,6 +97,55 @@ def test_a_place_without_zone_reaches_around_its_goal():
             assert labels.name(x, y) == want, (x, y)
     with refused(MapError):
         labels_of(some, frame, None)
+
+
+def test_a_place_without_zone_reaches_over_free_cells_alone():
+    """A wall with one door: what is behind it is as far as the way through the door, by an own search over cells."""
+    frame = Frame(20, 30, 0.25)
+    free = np.ones(frame.shape, dtype=bool)
+    free[:, 15] = False
+    free[:, 15][17:19] = True
+    some = graph(("a", (3.0, 3.0), None), ("b", (6.5, 3.0), None))
+    reach = 3.0
+    labels = labels_of(some, frame, reach, Grid(frame, free, ~free))
+    far = {
+        name: walked(free, frame.cell(node.goal.x, node.goal.y), 0.25)
+        for name, node in zip("ab", some.nodes, strict=True)
+    }
+    straight = labels_of(some, frame, reach)
+    for row, column in np.ndindex(frame.shape):
+        a, b = far["a"][row, column], far["b"][row, column]
+        near = min(a, b)
+        want = 0 if near > reach + 1e-9 or not free[row, column] else 1 if a <= b else 2
+        assert labels.raster[row, column] == want, (row, column)
+    assert labels.raster[8, 16] == 2
+    assert straight.raster[8, 16] == 1  # 1.5 m from a as the crow flies, and 2.25 m from b
+
+
+def walked(free, start, side):
+    """Return the metres from a cell over free ones, to the eight neighbours, diagonally only past two free cells."""
+    far = np.full(free.shape, np.inf)
+    far[start] = 0.0
+    queue = [(0.0, start)]
+    while queue:
+        done, (row, column) = heapq.heappop(queue)
+        for down, right in itertools.product((-1, 0, 1), repeat=2):
+            at = row + down, column + right
+            inside = 0 <= at[0] < free.shape[0] and 0 <= at[1] < free.shape[1]
+            if inside and free[at] and free[row, at[1]] and free[at[0], column]:
+                there = done + math.hypot(down, right) * side
+                if there < far[at] - 1e-9:
+                    far[at] = there
+                    heapq.heappush(queue, (there, at))
+    return far
+
+
+@pytest.mark.foreign("small inputs after public reports")
+@pytest.mark.filterwarnings("ignore:.*not carried over")
+def test_a_room_of_a_reported_map_is_its_own(corpus):
+    files = corpus / "reported"
+    floor = load_map(files / "s219.yaml", grid=files / "wall.yaml", reach=5.0)
+    assert floor.labels.name(4.5, 0.8) == "W6"
 
 
 def test_a_place_without_a_cell_is_refused():

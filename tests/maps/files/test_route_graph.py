@@ -24,7 +24,7 @@ def line(number, start, end, kind="MultiLineString", **more):
     return {"type": "Feature", "properties": properties, "geometry": {"type": kind, "coordinates": [[[0, 0], [1, 1]]]}}
 
 
-NODES = [point(1, 0.5, -1.5, frame="map"), point(2, 3, 4, metadata={"name": "kitchen", "class": {"a": 1}})]
+NODES = [point(1, 0.5, -1.5, frame="map"), point(2, 3, 4, metadata={"name": "kitchen", "class": {}})]
 
 
 def load(tmp_path, features, **more):
@@ -38,11 +38,31 @@ def test_names_come_from_metadata_and_else_from_numbers(tmp_path):
         *NODES,
         line(8, 2, 1, "LineString", metadata={"name": "back"}, overridable=True),
     ]
-    graph = load(tmp_path, features, crs={"name": "x"})
+    with pytest.warns(MapWarning) as caught:
+        graph = load(tmp_path, features, crs={"name": "x"})
+    (told,) = (str(each.message) for each in caught)
+    assert told.endswith("not carried over: crs, of the collection; cost, of id 9; overridable, of id 8")
     assert graph.names == ("1", "kitchen")
     assert graph.node("1").goal == Pose(0.5, -1.5, 0.0)
     assert graph.edges == (Edge("1", "kitchen", "to kitchen", 2.5), Edge("kitchen", "1", "back"))
     assert graph.target("kitchen", "to 1") is None  # ways have one direction
+
+
+def test_what_a_route_server_would_heed_is_named(tmp_path):
+    operations = {"door": {"type": "open_door", "trigger": "ON_ENTER"}}
+    nodes = [point(1, 0, 0, metadata={"name": "a", "class": {"speed": 1}}), point(2, 3, 4, level=None, extra=0)]
+    with pytest.warns(MapWarning, match="not carried over") as caught:
+        load(tmp_path, [*nodes, line(3, 1, 2, operations=operations), line(4, 2, 1, operations={})])
+    (told,) = (str(each.message) for each in caught)
+    assert told.partition("over: ")[2] == (
+        "class, of id 1; extra, of id 2; operations {'door': {'type': 'open_door', 'trigger': 'ON_ENTER'}}, of id 3"
+    )
+
+
+@pytest.mark.foreign("small inputs after public reports")
+def test_an_operation_of_a_reported_graph_is_named(corpus):
+    with pytest.warns(MapWarning, match=r"operations .*open_door.*, of id 11; cost, of id 14; overridable, of id 14"):
+        load_graph(corpus / "reported" / "g.geojson")
 
 
 def test_an_edge_that_is_given_twice_is_one(tmp_path):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import pytest
 
-from mdm.errors import FormatError
+from mdm.errors import FormatError, MapWarning
 from mdm.maps import Edge, load_graph
 
 NODE = """- meta: {{map: m, node: {name}, pointset: p}}
@@ -42,9 +43,29 @@ def text(frame="", w=1.0, z=0.0):
     )
 
 
-def load(tmp_path, content):
+def load(tmp_path, content, **options):
     (tmp_path / "graph.tmap2").write_text(content)
-    return load_graph(tmp_path / "graph.tmap2")
+    return load_graph(tmp_path / "graph.tmap2", **options)
+
+
+def told(tmp_path, content, **options):
+    """Return a graph, and what is said not to be carried over."""
+    with pytest.warns(MapWarning) as caught:
+        graph = load(tmp_path, content, **options)
+    (warning,) = caught
+    return graph, str(warning.message).partition("not carried over: ")[2]
+
+
+def restricted(planning="True", runtime="True", node="True"):
+    """Return three places in a row of which the last is restricted, and a way between the first two."""
+    third = NODE.format(
+        name="C", target="A", config="[]", x=9.0, w=1.0, z=0.0, frame=f"restrictions_planning: {node!r}"
+    )
+    way = f"node: B, restrictions_planning: {planning!r}, restrictions_runtime: {runtime!r}, config"
+    there = "    - {action: move_base, node: C}\n    name: B"
+    return (
+        text().replace("node: B, config", way).replace("    name: B", there).replace("metric_map", third + "metric_map")
+    )
 
 
 def test_zones_are_relative_to_the_position_and_labels_name_the_target(tmp_path):
@@ -108,3 +129,118 @@ def test_what_is_wrong_is_told_with_its_line(tmp_path, old, new, message):
     with pytest.raises(FormatError) as caught:
         load(tmp_path, text().replace(old, new))
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("condition", "holds"),
+    [
+        ("True", True),
+        ("False", False),
+        ("robot_SHORT", True),
+        ("robot_tall", False),
+        ("~robot_tall & (robot_short | task_mow)", True),
+        ("task_mow", None),
+        ("task_mow & robot_tall", False),
+        ("task_mow | robot_short", True),
+        ("~task_mow", None),
+        ("robot_very_short", False),
+        ("obstacleFree_1", None),
+    ],
+)
+def test_what_is_known_of_the_robot_decides_where_it_can(tmp_path, condition, holds):
+    content, robot = restricted(condition), {"robot": "short"}
+    if holds is None:
+        with pytest.raises(FormatError, match="cannot be judged"):
+            load(tmp_path, content, robot=robot)
+    else:
+        graph = load(tmp_path, content, robot=robot) if holds else told(tmp_path, content, robot=robot)[0]
+        assert (("A", "B") in {(edge.source, edge.target) for edge in graph.edges}) is holds
+
+
+@pytest.mark.parametrize(("robot", "ways"), [("short", ["A B", "B A", "B C", "C A"]), ("tall", ["B A", "B C", "C A"])])
+def test_ways_are_those_of_the_robot(tmp_path, robot, ways):
+    content = restricted("robot_short | robot_small")
+    if robot == "short":
+        graph = load(tmp_path, content, robot={"robot": robot})
+    else:
+        graph, what = told(tmp_path, content, robot={"robot": robot})
+        assert what == "what restrictions_planning 'robot_short | robot_small' forbids, of line 5"
+    assert [f"{edge.source} {edge.target}" for edge in graph.edges] == ways
+
+
+def test_a_place_that_is_forbidden_is_left_out_with_all_its_ways(tmp_path):
+    graph, what = told(tmp_path, restricted(node="~task_mow"), robot={"task": "Mow"})
+    assert graph.names == ("A", "B")
+    assert {edge.target for edge in graph.edges} == {"A", "B"}
+    assert what.startswith("what restrictions_planning '~task_mow' forbids")
+    with pytest.raises(FormatError, match="all places are forbidden to this robot"):
+        load(tmp_path, text("restrictions_planning: 'False'"))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (restricted("robot_short"), ":5: restrictions_planning of A to B, 'robot_short', cannot be judged: say what"),
+        (restricted(node="robot_short"), "restrictions_planning of C, 'robot_short', cannot be judged"),
+        (
+            restricted("['short']"),
+            ":5: restrictions_planning of A to B, \"['short']\", is no formula of conditions such",
+        ),
+        (
+            restricted("robot_short &"),
+            ":5: restrictions_planning of A to B, 'robot_short &', is no formula of conditions",
+        ),
+    ],
+)
+def test_a_restriction_that_cannot_be_judged_is_refused(tmp_path, content, message):
+    with pytest.raises(FormatError) as caught:
+        load(tmp_path, content)
+    assert message in str(caught.value)
+
+
+def test_a_restriction_of_the_drive_is_named_and_one_that_forbids_it_counts(tmp_path):
+    graph, what = told(tmp_path, restricted(runtime="obstacleFree_1"))
+    assert ("A", "B") in {(edge.source, edge.target) for edge in graph.edges}
+    assert what == "restrictions_runtime 'obstacleFree_1', of line 5"
+    graph, what = told(tmp_path, restricted(runtime="False"))
+    assert ("A", "B") not in {(edge.source, edge.target) for edge in graph.edges}
+    assert what == "what restrictions_runtime 'False' forbids, of line 5"
+
+
+def test_keys_with_something_in_them_that_are_not_read_are_named(tmp_path):
+    content = text().replace("action: move_base", "action: dock, fail_policy: fail, goal: {}")
+    content = content.replace("xy_goal_tolerance: 0.3", "xy_goal_tolerance: 0.3, yaw_goal_tolerance: 0.1")
+    _, what = told(tmp_path, content + "rosparams: {a: 1}\n")
+    assert what == (
+        "rosparams, of line 31; yaw_goal_tolerance '0.1', of line 11, line 25; action 'dock', of line 5, line 19; "
+        "fail_policy 'fail', of line 5, line 19"
+    )
+
+
+def test_a_map_in_json_is_read_as_the_same_in_yaml(tmp_path):
+    yaml = pytest.importorskip("yaml")
+    content = text(frame="parent_frame: topo_map") + ROTATED
+    in_json = json.dumps(yaml.safe_load(content))
+    (tmp_path / "json").mkdir()
+    assert load(tmp_path / "json", in_json) == load(tmp_path, content)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("node: \n\tWayPoint1\n\twaypoint:\n\t\t1.0,2.0,0.0,0.0,0.0,0.0,1.0\n\tedges:\n\t\tWayPoint2, move_base\n",
+         "this is a text of nodes, waypoints and edges, as STRANDS's older .tmap files"),
+        ("- meta: {map: m, node: A}\n  node: {name: A}\n", "this is a list of nodes, as STRANDS's older maps in YAML"),
+    ],
+)  # fmt: skip
+def test_older_maps_are_named(tmp_path, content, message):
+    with pytest.raises(FormatError) as caught:
+        load(tmp_path, content)
+    assert message in str(caught.value)
+
+
+@pytest.mark.foreign("small inputs after public reports")
+def test_a_way_that_a_reported_map_forbids_is_not_in_it(corpus):
+    with pytest.warns(MapWarning, match="what restrictions_planning 'False' forbids, of line 22, line 104"):
+        graph = load_graph(corpus / "reported" / "restr.yaml")
+    assert [f"{edge.source}{edge.target}" for edge in graph.edges] == ["AB", "BC", "BA", "CB"]

@@ -192,9 +192,9 @@ def without_detection(model, action, missed=None, *, tells_all=False):
     That is a false negative, and what events leave to no observation, unless an agent is told of each time step.
     """
     joints = [dense(model.joint_matrix(action, o)) for o in range(len(model.observation_space))]
-    steps = np.zeros(joints[0].shape) if missed is None else joints[missed]
     if tells_all:
-        return steps
+        return np.zeros(joints[0].shape)
+    steps = np.zeros(joints[0].shape) if missed is None else joints[missed]
     left = dense(model.transition_matrix(action)) - sum(joints)
     left = np.where(left > 1e-9, left, 0)
     return steps if left.sum(axis=1).max() <= 1e-5 else steps + left  # so little is taken for rounding

@@ -202,9 +202,9 @@ class Controller:
     def step_by_step(self) -> None:
         """Begin anew, as a controller that is told of each time step, also where nothing is observed.
 
-        So is one that decides at a fixed rate. Beliefs by events then count no unseen steps; see `POMDP.step_by_step`.
+        So is one that decides at a fixed rate. Beliefs then count no unseen steps; see `POMDP.step_by_step`.
         """
-        if self.model is None or not self.model.event_observations:
+        if self.model is None or not (self.model.event_observations or self.model.false_negative is not None):
             return
         self.model = self.model.step_by_step()
         self._made_of = self.policy, self.model, self.symbols, self.on_impossible, self._own_tracker

@@ -210,7 +210,7 @@ class _Cutter:
         if key not in self._moves:
             mask = _mask(self._model, symbol)
             observations = self._matrices.observations[action]
-            self._moves[key] = self._matrices.transitions[action] * (observations @ mask)
+            self._moves[key] = self._matrices.transitions[action] * _seen(observations, mask[None])[..., 0]
         return self._moves[key]
 
 
@@ -225,6 +225,13 @@ def _mask(model: POMDP, symbol: Observed) -> npt.NDArray[np.bool_]:
     else:
         result.ravel()[symbol] = True
     return result.ravel()
+
+
+def _seen(observations: Vector, masks: npt.NDArray[np.bool_]) -> Vector:
+    """Return the probability of each observed symbol: ... x K; of nothing 1, for it may be what events leave open."""
+    told: Vector = observations @ masks.T.astype(np.float64)
+    told[..., masks.all(axis=1) & (masks.shape[1] > 1)] = 1.0
+    return told
 
 
 def _arrays(model: POMDP, found: tuple[list[_Part], dict[tuple[int, Observed], int]]) -> Evidence:
@@ -257,7 +264,7 @@ def _arrays(model: POMDP, found: tuple[list[_Part], dict[tuple[int, Observed], i
 
 def moves(matrices: Matrices, masks: npt.NDArray[np.bool_]) -> Vector:
     """Return P(s', what was observed | s, a) for each observed symbol: ... x A x K x S x S'."""
-    told = matrices.observations @ masks.T.astype(np.float64)
+    told = _seen(matrices.observations, masks)
     if matrices.observations.ndim > matrices.transitions.ndim:  # of events
         return np.ascontiguousarray(matrices.transitions[..., None, :, :] * np.moveaxis(told, -1, -3))
     return matrices.transitions[..., None, :, :] * np.swapaxes(told, -1, -2)[..., None, :]

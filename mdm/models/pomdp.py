@@ -231,7 +231,8 @@ class POMDP(MDP):
 
         Any number of false negatives may precede a detected event. Trackers, solvers, simulations and evaluations
         account for them: after a false negative the action goes on, without a decision. So it does where events leave
-        something to no observation.
+        something to no observation. Who is told of each step (`step_by_step`) has no false negatives: there the symbol
+        is an observation like any other.
 
         Args:
             symbol: The observation, by name or index; None for no false negatives.
@@ -245,7 +246,7 @@ class POMDP(MDP):
             raise ModelError(
                 f"the model's only observation {name!r} cannot be its false negative: no event is detected"
             )
-        other = self._with_resolvents(index, {})
+        other = self._with_resolvents(None if self._tells_all else index, {})
         check_known(other)
         return other
 
@@ -257,10 +258,10 @@ class POMDP(MDP):
     def step_by_step(self) -> Self:
         """Return the same model for an agent that is told of each time step, and of those without an observation, too.
 
-        So is one that decides at a fixed rate. An event that is observed is then that of the last step, and no steps
-        without an observation precede it; a false negative that the model declares still may.
+        So is one that decides at a fixed rate. What is observed is then of the last step, and no unseen steps precede
+        it; the model's false negative is an observation like any other.
         """
-        other = self._with_resolvents(self._false_negative, {})
+        other = self._with_resolvents(None, {})
         other._tells_all = True  # noqa: SLF001 - a model of the same kind
         return other
 
@@ -298,7 +299,7 @@ class POMDP(MDP):
     @property
     def waiting(self) -> list[str]:
         """How its beliefs differ from those of a model with the same numbers: nothing, as a rule."""
-        kinds = {"step by step": self._tells_all, "discounted waits": self._discounts_waits}
+        kinds = {"step by step": self._tells_all and self.event_observations, "discounted waits": self._discounts_waits}
         return [name for name, holds in kinds.items() if holds]
 
     def _of_this_kind(self, other: POMDP) -> POMDP:

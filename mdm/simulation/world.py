@@ -106,8 +106,10 @@ class World(Actor):
         self._belief_at_start: Callable[[int], Vector] | None = None
         if given.observed and given.pomdp is not None and ensemble.controller.symbols.num_states is not None:
             self._belief_at_start = given.pomdp.belief_at_start
-        self._false_negative = None if ensemble.controller.takes == "state" else given.false_negative
         self._waits = not isinstance(ensemble.control.drive, FixedRate)
+        # Who decides at a fixed rate is told of each step, of one that nobody detected, too.
+        unseen = self._waits and ensemble.controller.takes != "state"
+        self._false_negative = given.false_negative if unseen else None
         self._period = 0.0 if not self._waits else 1.0 if period is None else period
         if durations is not None and (period is not None or not self._waits):
             raise ConfigError("durations are for ensembles that decide on events, and take the place of a period")

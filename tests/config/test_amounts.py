@@ -193,7 +193,7 @@ def test_a_discount_takes_the_place_of_the_models(tmp_path, discount):
 
 @pytest.mark.parametrize("missed", [0, 1])
 def test_what_is_seen_where_nothing_is_may_be_said_by_index(tmp_path, missed):
-    system = tiger(tmp_path, f"false_negative = {missed}")
+    system = tiger(tmp_path, f"drive = 'event'\nfalse_negative = {missed}")
     assert system.ensembles["tiger"].controller.model.false_negative == missed
 
 

@@ -79,10 +79,11 @@ def test_a_model_s_resolvents_sum_its_false_negatives(inverses, model, data):
     with warnings.catch_warnings(), pytest.MonkeyPatch.context() as patch:
         warnings.simplefilter("ignore", ModelWarning)
         patch.setattr("mdm.models.pomdp._INVERSES", inverses)
-        tells_all = data.draw(st.booleans())
-        missing = (model.step_by_step() if tells_all else model).with_false_negatives(missed)
+        missing = model.with_false_negatives(missed)
+        assert not missing.step_by_step().waits
+        assert not model.step_by_step().with_false_negatives(missed).waits
         for action in range(len(model.action_space)):
-            steps = without_detection(model, action, missed, tells_all=tells_all)
+            steps = without_detection(model, action, missed)
             weights = missing.resolvent(action).weights(model.initial_belief)
             for o in range(count):
                 if o != missed:

@@ -219,15 +219,13 @@ class ValueOfCommunication:
         """Check that the controller has values.
 
         Raises:
-            ConfigError: If its policy has no values, or its model has events or false negatives, after which time and
-                steps go apart.
+            ConfigError: If its policy has no values, or its model has events, after which time and steps go apart.
         """
         controller = knowledge.own.controller
         model = controller.model
-        if model is None or model.false_negative is not None or getattr(model, "event_observations", False):
+        if model is None or model.event_observations:
             raise ConfigError(
-                "the value of communication is a look-ahead of one step: it needs a model without event observations "
-                "and false negatives",
+                "the value of communication is a look-ahead of one step: it needs a model without event observations",
                 key="communication",
             )
         try:

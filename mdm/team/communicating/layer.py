@@ -531,5 +531,3 @@ def _check_options(ensemble: Ensemble, key: str) -> None:
             "'keep' or 'reset'",
             key=f"{key}.on_impossible",
         )
-    if getattr(controller.model, "false_negative", None) is not None:
-        raise ConfigError("a communicating team has no false negatives: leave it out", key=f"{key}.false_negative")

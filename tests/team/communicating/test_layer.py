@@ -404,7 +404,6 @@ def test_settings_that_mean_nothing_are_refused(options, said):
     [
         ({"deadline": 0.1}, "leave its deadline out"),
         ({"on_impossible": "safe_action", "safe_action": "listen"}, "on_impossible is 'predict', 'keep' or 'reset'"),
-        ({"false_negative": "hear-left hear-left"}, "has no false negatives"),
     ],
 )
 def test_options_that_mean_nothing_are_refused(options, said):

@@ -7,15 +7,17 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mdm.errors import Error
+from mdm.errors import Error, ModelError
 
 if TYPE_CHECKING:
+    from mdm.models.units import Unit
     from mdm.team.transport.access import Access
 
 __all__ = [
     "LATEST",
     "UsageError",
     "add_discount",
+    "add_discount_of",
     "add_durations",
     "add_false_negative",
     "add_import",
@@ -83,12 +85,32 @@ def _discount(text: str) -> float:
     return number
 
 
+def add_discount_of(parser: argparse.ArgumentParser) -> None:
+    """Add the option ``--discount-of``."""
+    parser.add_argument(
+        "--discount-of",
+        metavar="UNIT",
+        type=_unit,
+        help="what the discount is of: step, second (where durations say how long a step takes), or the seconds of a "
+        "step; by default as the model's file has it",
+    )
+
+
+def _unit(text: str) -> Unit:
+    from mdm.models.units import checked_unit  # noqa: PLC0415 - for those who give a unit
+
+    try:
+        return checked_unit(text if text in ("step", "second") else float(text))  # type: ignore[arg-type]
+    except (ModelError, ValueError):
+        raise argparse.ArgumentTypeError(f"step, second, or the seconds of a step was expected, not {text!r}") from None
+
+
 def add_durations(parser: argparse.ArgumentParser) -> None:
     """Add the option of how long actions take."""
     parser.add_argument(
         "--durations",
         metavar="FILE.npz",
-        help="how long actions take: values are those in real time, in which the model's discount is that of a second",
+        help="how long actions take, and what they earn by time: values are those in real time",
     )
 
 

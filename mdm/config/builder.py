@@ -198,6 +198,7 @@ class _Builder:
             emergency=emergency,
             starved_after=starved_after,
             monitors=builder.monitors,
+            durations=builder.durations,
         )
 
     def _places(

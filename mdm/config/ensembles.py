@@ -28,6 +28,7 @@ from mdm.errors import ConfigError
 from mdm.formats import load_model, load_policy, load_rewards
 from mdm.loading import policy_of, spared
 from mdm.logic import similar
+from mdm.models.durations import discounts_in_time
 from mdm.policies import DeterministicPolicy
 from mdm.runtime import Restart, Supervision
 
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
     from mdm.config.problems import Problems
     from mdm.config.share import Share
     from mdm.maps import Navigation
-    from mdm.models import MDP, POMDP
+    from mdm.models import MDP, POMDP, Durations
     from mdm.policies import Policy
     from mdm.solvers.online import TreeSearch
     from mdm.team import Placement
@@ -75,6 +76,7 @@ class Ensembles:
     Attributes:
         joint: The placements of the team's ensembles, by their names: of those that agents decide together.
         monitors: The drift monitors that the file asks for.
+        durations: How long actions take in the models of ensembles that say so, by their names.
     """
 
     def __init__(
@@ -104,6 +106,7 @@ class Ensembles:
         self._unowned = False
         self.joint: dict[str, Placement] = {}
         self.monitors: list[DriftMonitor] = []
+        self.durations: dict[str, Durations] = {}
         self._wired: dict[str, tuple[list[StateFactor], list[ObservationFactor]]] = {}
 
     def build(self, document: dict[str, Any]) -> dict[str, Ensemble]:
@@ -204,6 +207,8 @@ class Ensembles:
             )
             if table.drift is not None:
                 self._watch(ensemble, table.drift)
+            if table.durations is not None:
+                self._time(ensemble, table.durations)
             return ensemble
         return None
 
@@ -216,6 +221,18 @@ class Ensembles:
             if ensemble.name in self.joint:
                 raise ConfigError("drift is watched where one agent decides: a team's decisions tell no state", key=key)
             self.monitors.append(DriftMonitor(ensemble, odds=odds, name=f"{ensemble.name}-drift"))
+
+    def _time(self, ensemble: Ensemble, path: str) -> None:
+        """Take how long actions take in an ensemble's model."""
+        from mdm.formats import load_durations  # noqa: PLC0415 - few files name any
+
+        key, model = f"ensembles.{ensemble.name}.durations", ensemble.controller.model
+        with self._problems.collecting(key):
+            if model is None:
+                raise ConfigError("durations are those of a model: give the model, too", key=key)
+            durations = load_durations(self._resolve(path))
+            discounts_in_time(model, durations)
+            self.durations[ensemble.name] = durations
 
     def _parts(self, name: str, table: EnsembleTable, above: tuple[str, ...]) -> dict[str, Any] | None:
         """Return the parts of an ensemble; None if one has problems, which are noted."""

@@ -9,10 +9,11 @@ from mdm.runtime import Actor, ActorFailure
 from mdm.runtime.supervision import describe
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping
 
     from mdm.actors import Ensemble, PredicateManager
     from mdm.maps import Places
+    from mdm.models import Durations
     from mdm.team import Member
 
 __all__ = ["System"]
@@ -36,6 +37,7 @@ class System(Actor):
         starved_after: Seconds for which a turn that was cut short may go on while other input comes, where the runtime
             is given none of its own.
         monitors: Actors that start before the ensembles and watch them, such as drift monitors.
+        durations: By the names of ensembles, how long actions take in the models that their policies are for.
     """
 
     def __init__(
@@ -50,6 +52,7 @@ class System(Actor):
         emergency: Callable[[], object] | None = None,
         starved_after: float | None = None,
         monitors: Iterable[Actor] = (),
+        durations: Mapping[str, Durations] | None = None,
     ) -> None:
         super().__init__(name)
         self.predicates = predicates
@@ -59,6 +62,7 @@ class System(Actor):
         self.member = member
         self.emergency = emergency
         self.starved_after = starved_after
+        self.durations = {} if durations is None else dict(durations)
         self.add(predicates)
         if places is not None:
             self.add(places)

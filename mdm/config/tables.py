@@ -143,6 +143,7 @@ class EnsembleTable(Table, frozen=True):
         actions: What each action is bound to, by name or by index.
         model: A file; needed by policies over beliefs; gives names and rewards.
         discount: Replaces the model's, above 0 and at most 1.
+        durations: A file that says how long actions take in the model that the policy is for, of `save_durations`.
         policy_kind: The kind of a matrix in the policy's file; by default told by content and model.
         rewards: A file with R(s, a), where there is no model.
         initial_belief: A probability for each state, or the name of the state that is certain.
@@ -160,6 +161,7 @@ class EnsembleTable(Table, frozen=True):
     actions: dict[str, Any]
     model: str | None = None
     discount: float | None = None
+    durations: str | None = None
     policy_kind: Literal["table", "stochastic", "q"] | None = None
     seed: Annotated[int, Meta(ge=0)] | None = None
     rewards: str | None = None

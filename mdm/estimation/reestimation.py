@@ -128,6 +128,7 @@ def replaced(flat: MDP, transitions: Sequence[Matrix], observations: Sequence[Ma
 
 def _earning(old: MDP, new: MDP) -> MDP:
     """Return a new model with the expectations of the old one's rewards of outcomes."""
+    new = new.timed_as(old)
     if old.outcome_rewards is None:
         return new
     rewards = np.array(new.rewards)

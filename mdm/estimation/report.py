@@ -210,8 +210,9 @@ def statistics(
         kind: See `mdm.estimation.chains.chains_of`; chains have theirs.
         stops: See there; chains have theirs.
         step: The seconds that a time step of the model stands for, by which its rewards are paid. Rates then become the
-            rows of the re-estimated model, expm(Q * step), and each action takes so long; without it its probabilities
-            of staying are the old ones, and actions take as long as they were seen to.
+            rows of the re-estimated model, expm(Q * step), and each action takes so long; its discount is of such a
+            step, converted from that of the model in use where that is of a second. Without it its probabilities of
+            staying are the old ones, and actions take as long as they were seen to.
         policy: The action of each state, for the loss of value; by default the actions that were decided.
         level: The probability of the intervals.
         false_discoveries: The share of rows said to differ that agree, in expectation.
@@ -275,7 +276,11 @@ def _of_states(
     if step is not None:
         if not jumps:
             raise ModelError("a step in seconds is for rates, of an ensemble that decides when its state changes")
+        if isinstance(model.discount_of, float) and model.discount_of != step:
+            raise ModelError(f"a step of the model is {model.discount_of:g} s, not {step:g} s")
         new = _after(model, found, step, pool)
+        steps = step if model.discount_of == "second" else 1.0
+        new = new.with_discount(model.discount**steps, of=step)
     told = verdicts(rows, rate=rate)
     durations = _durations(model, chains, notes, pool) if step is None else Durations(step, MOST_STAGES)
     names = model.state_space
@@ -293,7 +298,7 @@ def _of_states(
         unvisited=_unvisited(model, {(row.action, row.state) for row in rows}),
         rates=tuple(_rates(each, model, step) for each in found),
         frequencies=(),
-        returns=returns_of(model, chains.chains),
+        returns=returns_of(model, chains.chains, in_time=model.discount_of == "second"),
         fit=None,
         impossible=(),
         notes=tuple(notes),
@@ -336,7 +341,7 @@ def _of_hidden(chains: Chains, model: MDP, *, level: float, rate: float, seed: i
         unvisited=_unvisited(model, {(row.action, row.state) for matrix, row in rows if matrix == "T"}),
         rates=(),
         frequencies=_frequencies(pomdp, frequencies(pomdp, evidence)),
-        returns=returns_of(model, chains.chains),
+        returns=returns_of(model, chains.chains, in_time=model.discount_of == "second"),
         fit=FitReport(fitted.before, fitted.log_likelihood, fitted.rounds),
         impossible=tuple(
             (model.action_space.names[action], _observed(pomdp, symbol), count)
@@ -389,8 +394,10 @@ def _losses(
     policy: Sequence[int] | None,
     notes: list[str],
 ) -> tuple[float | None, list[float | None]]:
-    if model.discount >= 1 or len(model.state_space) > _LARGEST_LOSS:
-        why = "with a discount of 1" if model.discount >= 1 else f"of more than {_LARGEST_LOSS} states"
+    timed = model.discount_of == "second"
+    if timed or model.discount >= 1 or len(model.state_space) > _LARGEST_LOSS:
+        why = "with a discount of a second" if timed else f"of more than {_LARGEST_LOSS} states"
+        why = "with a discount of 1" if model.discount >= 1 else why
         notes.append(f"{why} the loss of value is not computed: mdm evaluate NEW_MODEL POLICY tells it")
         return None, [None] * len(rows)
     values = Values(model, decided_policy(model, chains.chains) if policy is None else policy)

@@ -103,6 +103,9 @@ def save_model(model: MDP | POMDP, path: str | Path) -> None:
         )
     if model.available is not None and suffix != ".npz":
         raise ModelError(f"{suffix} files cannot say which actions are available in which states: write a .npz")
+    if model.discount_of == "second" and suffix != ".npz":
+        text = f"{suffix} files cannot say that a discount is of a second: it is read as of a step; .npz keeps it"
+        warnings.warn(text, ModelWarning, stacklevel=2)
     write: Callable[[MDP, str | Path], None] = format_of(_BY_SUFFIX[suffix]).write
     write(model, path)
 

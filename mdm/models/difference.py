@@ -8,6 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from mdm.models.matrices import is_compressed
+from mdm.models.units import in_words
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -37,6 +38,8 @@ def first_difference(then: MDP, now: MDP) -> str | None:
     for kind, was, is_now in _spaces(then, now):
         if was != is_now:
             return f"the {kind} were {was}, and are {is_now}"
+    if then.discount_of != now.discount_of:
+        return f"the discount was of {in_words(then.discount_of)}, and is of {in_words(now.discount_of)}"
     if then.discount != now.discount:
         return f"the discount was {then.discount:.12g}, and is {now.discount:.12g}"
     if then.network is not None or now.network is not None:

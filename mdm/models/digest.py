@@ -13,6 +13,7 @@ import numpy as np
 
 from mdm.models.factored import Tree
 from mdm.models.matrices import is_compressed
+from mdm.models.units import in_words
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -64,6 +65,7 @@ def digest(model: MDP) -> str:
     """Return the digest of a model."""
     spaces = [model.state_space, model.action_space]
     head: list[Any] = [model.kind, model.discount, model.false_negative]
+    head += [] if model.discount_of == "step" else [model.discount_of]
     if model.pomdp is not None:
         spaces.append(model.pomdp.observation_space)
         head += model.pomdp.waiting
@@ -78,7 +80,8 @@ def parts(model: MDP) -> dict[str, str]:
 
     There are at most some seventy, whatever the model: beyond 32 actions, one is of the matrices of all actions.
     """
-    told = {"discount": f"{model.discount!r}"}
+    unit = "" if model.discount_of == "step" else f" of {in_words(model.discount_of)}"
+    told = {"discount": f"{model.discount!r}{unit}"}
     spaces = {"states": model.state_space, "actions": model.action_space}
     if model.pomdp is not None:
         spaces["observations"] = model.pomdp.observation_space

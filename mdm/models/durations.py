@@ -5,26 +5,32 @@ the discount to the power of the seconds that have gone by since the start. `in_
 with the same values: each transition is taken with the share D(s, a) / max D, where D is the expectation of the
 discount to the power of tau, and what is left of its probability ends in a state of no reward (M. L. Puterman, *Markov
 Decision Processes*, 1994, section 11.3, has the values). It is for solving alone: beliefs move with the model itself.
+
+A reward that is paid by time, at a rate r(s, a), adds its expected discounted integral to that of an action: r(s, a)
+(1 - D(s, a)) / alpha, where the discount of a time t is exp(-alpha t) (ibid., section 11.3.1).
 """
 
 from __future__ import annotations
 
+import copy
 import math
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 
 from mdm.errors import ModelError
+from mdm.models.availability import standing_in
 from mdm.models.matrices import csr, numbers, read_only
 from mdm.models.mdp import MDP
 from mdm.models.pomdp import POMDP
+from mdm.models.units import in_words, ratio
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from mdm.models.matrices import Matrix, Vector
 
-__all__ = ["OVER", "Durations", "discounts_in_time", "in_time"]
+__all__ = ["OVER", "Durations", "discounts_in_time", "in_time", "paid_in_time"]
 
 OVER = "over"
 """The name of the state that takes up what time has discounted."""
@@ -38,29 +44,49 @@ class Durations:
     Args:
         means: The expected seconds: S x A numbers, A numbers for all states alike, or one for all.
         stages: The number of stages, from 1, in the same forms.
+        rates: The reward of each second, beside that of the model, which is paid once an action; in the same forms.
+        of: What means and rates count: ``"second"``, or ``"step"`` for steps of the model.
 
     Raises:
-        ModelError: If a mean is not positive or a number of stages is no whole number from 1.
+        ModelError: If a mean is not positive, a number of stages is no whole number from 1, or a rate is not finite.
 
     Example::
 
         drive = mdm.models.Durations([[12.0, 3.0], [8.0, 3.0]], stages=[4, 1])
     """
 
-    def __init__(self, means: npt.ArrayLike, stages: npt.ArrayLike = 1) -> None:
+    def __init__(
+        self,
+        means: npt.ArrayLike,
+        stages: npt.ArrayLike = 1,
+        rates: npt.ArrayLike = 0.0,
+        *,
+        of: Literal["step", "second"] = "second",
+    ) -> None:
+        if of not in ("step", "second"):
+            raise ModelError(f"durations are of 'second' or of 'step', not {of!r}")
+        self.of = of
+        """What means and rates count."""
         self.means: Vector = read_only(numbers(means, "the durations"))
-        """The expected seconds, as they were given."""
+        """The expected times, as they were given."""
         counts = numbers(stages, "the stages")
-        if self.means.ndim > 2 or counts.ndim > 2:
+        self.rates: Vector = read_only(numbers(rates, "the rates"))
+        """The reward of a unit of time, as it was given."""
+        given = {"stages": counts, "rates": self.rates}
+        if self.means.ndim > 2 or any(each.ndim > 2 for each in given.values()):
             raise ModelError("durations are S x A numbers, A numbers, or one")
-        if not self.means.size or not counts.size:
+        if not self.means.size or not all(each.size for each in given.values()):
             raise ModelError("there are none: durations are S x A numbers, A numbers, or one")
-        try:
-            np.broadcast_shapes(self.means.shape, counts.shape)
-        except ValueError:
-            raise ModelError(
-                f"the durations have the shape {self.means.shape}, their stages {counts.shape}: they do not go together"
-            ) from None
+        for name, each in given.items():
+            try:
+                np.broadcast_shapes(self.means.shape, each.shape)
+            except ValueError:
+                raise ModelError(
+                    f"the durations have the shape {self.means.shape}, their {name} {each.shape}: they do not go "
+                    f"together"
+                ) from None
+        if not np.isfinite(self.rates).all():
+            raise ModelError("a rate of rewards is not finite")
         wrong = ~(np.isfinite(self.means) & (self.means > 0))
         if wrong.any():
             raise ModelError(f"a duration is {self.means[wrong].flat[0]:g}: give seconds above 0")
@@ -77,25 +103,60 @@ class Durations:
         """
         shape = len(model.state_space), len(model.action_space)
         try:
-            return np.broadcast_to(self.means, shape), np.broadcast_to(self.stages, shape)
+            means, stages, _ = (np.broadcast_to(each, shape) for each in (self.means, self.stages, self.rates))
         except ValueError:
-            given = self.means.shape if np.ndim(self.stages) == 0 else (self.means.shape, self.stages.shape)
+            shapes = (self.means.shape, self.stages.shape, self.rates.shape)
+            given = shapes[: 1 + max((place for place in (1, 2) if shapes[place]), default=0)]
+            given = given[0] if len(given) == 1 else given
             raise ModelError(
                 f"the durations have the shape {given}; the model has {shape[0]} states and {shape[1]} actions"
             ) from None
+        return means, stages
 
     def discounts(self, model: MDP) -> Vector:
         """Return D(s, a), the expected discount of an action's whole duration, S x A.
 
-        A model's discount is that of a second.
+        Raises:
+            ModelError: If they are for other numbers of states or actions, or it is not known how long a step takes.
         """
         means, stages = self.table(model)
-        rate = -math.log(model.discount)
-        result: Vector = (1 + rate * means / stages) ** -stages
+        result: Vector = (1 + self.interest(model) * means / stages) ** -stages
+        return result if model.available is None else np.asarray(standing_in(result, model.available))
+
+    def interest(self, model: MDP) -> float:
+        """Return alpha, where exp(-alpha) is the model's discount of the durations' unit.
+
+        Raises:
+            ModelError: If it is not known how long a step of the model takes.
+        """
+        by_steps = self.of == "step" and model.discount_of != "second"
+        units = 1.0 if by_steps else ratio(model.discount_of, self.of)
+        if units is None:
+            raise ModelError(
+                f"the model's discount is of {in_words(model.discount_of)}, the durations count {self.of}s, and how "
+                f"long a step takes is not said: say what the discount is of (--discount-of second, or the seconds "
+                f"of a step; model.with_discount(…, of=…))"
+            )
+        return -math.log(model.discount) / units
+
+    def rewards(self, model: MDP) -> Vector:
+        """Return the expected discounted reward of each action while it lasts, S x A.
+
+        Raises:
+            ModelError: As of `discounts`.
+        """
+        if not self.rates.any():
+            return model.rewards
+        rates = np.broadcast_to(self.rates, model.rewards.shape)
+        if model.available is not None:
+            rates = standing_in(rates, model.available)
+        result: Vector = model.rewards + rates * (1 - self.discounts(model)) / self.interest(model)
         return result
 
     def __repr__(self) -> str:
-        return f"<Durations: {self.means.min():g} to {self.means.max():g} s>"
+        unit = "s" if self.of == "second" else "steps"
+        paid = ", with rewards by time" if self.rates.any() else ""
+        return f"<Durations: {self.means.min():g} to {self.means.max():g} {unit}{paid}>"
 
 
 def discounts_in_time(model: MDP, durations: Durations) -> Vector:
@@ -115,8 +176,22 @@ def discounts_in_time(model: MDP, durations: Durations) -> Vector:
     if not 0 < discounts.max() < 1:
         short = "an action is so short that its time costs nothing"
         what = short if discounts.max() else "each action is so long that nothing counts after it"
-        raise ModelError(f"at a discount of {model.discount:g} a second {what}: give the durations in seconds")
+        unit = in_words(model.discount_of)
+        raise ModelError(f"at a discount of {model.discount:g} {unit} {what}: give the durations in {durations.of}s")
     return discounts
+
+
+def paid_in_time(model: MDP, durations: Durations) -> MDP:
+    """Return a model that pays at each decision what its action is expected to earn by time, too.
+
+    Raises:
+        ModelError: As of `discounts_in_time`.
+    """
+    if not durations.rates.any():
+        return model
+    other = copy.copy(model.flatten())
+    vars(other).update(_rewards=read_only(durations.rewards(model)), outcome_rewards=None, stacked={})
+    return other
 
 
 @overload
@@ -130,10 +205,11 @@ def in_time(model: MDP, durations: Durations) -> MDP: ...
 def in_time(model: MDP, durations: Durations) -> MDP:
     """Return the Markov decision process whose values are those of a model with durations.
 
-    Rewards are paid when an action is decided. The result has a state more, the last, `OVER`, which nothing leaves.
+    Rewards are paid when an action is decided, and those by time while it lasts. The result has a state more, the
+    last, `OVER`, which nothing leaves.
 
     Args:
-        model: The model; its discount is that of a second.
+        model: The model; what its discount is of, the durations count, too, or it can be converted.
         durations: How long its actions take.
 
     Raises:
@@ -142,6 +218,7 @@ def in_time(model: MDP, durations: Durations) -> MDP:
     Example::
 
         forest = mdm.problems.forest()
+        forest = forest.with_discount(forest.discount, of="second")
         in_time = mdm.models.in_time(forest, mdm.models.Durations([[30.0, 2.0]] * 3))
         len(in_time.state_space), round(in_time.discount, 3)  # 4, 0.826
     """
@@ -149,7 +226,7 @@ def in_time(model: MDP, durations: Durations) -> MDP:
     discount = float(discounts.max())
     actions = range(len(model.action_space))
     transitions = [_scaled(model.transition_matrix(action), discounts[:, action] / discount) for action in actions]
-    rewards = np.vstack([model.rewards, np.zeros(len(model.action_space))])
+    rewards = np.vstack([durations.rewards(model), np.zeros(len(model.action_space))])
     over = OVER
     while over in model.state_space.names:
         over += "_"

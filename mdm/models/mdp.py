@@ -24,6 +24,7 @@ from mdm.models.matrices import (
 )
 from mdm.models.rewards import OutcomeRewards, RewardArray, check_finite, expected_rewards, reward_numbers
 from mdm.models.space import Space, Symbol
+from mdm.models.units import Unit, checked_unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -55,7 +56,7 @@ class MDP:
         transitions: P(s' | s, a): an A x S x S array, or one S x S matrix per action, dense or sparse.
         rewards: The immediate reward: R(s) (S numbers), R(s, a) (S x A) or R(a, s, s') (A x S x S). `reward` answers
             for single outcomes of the last form.
-        discount: In (0, 1].
+        discount: In (0, 1], of a step; see `with_discount` for one of a second.
         states: Names, a number, or a `Space`; by default numbers from 0.
         actions: The same; a `Space` with one factor per agent makes a team.
         initial_belief: The distribution of the first state (S numbers); uniform by default.
@@ -81,6 +82,8 @@ class MDP:
     """For each state and action whether it is available, S x A, read-only; None where all are."""
     observation_space: Space | None = None
     """The observations; None in an MDP."""
+    discount_of: Unit = "step"
+    """What the discount is of: ``"step"``, the seconds of a step, or ``"second"``, for actions that take time."""
     sparse: bool | None = None
     """Whether the matrices of a factored model are CSR or dense, where that is forced; else None."""
     network: TwoSliceNetwork | None = None
@@ -226,12 +229,26 @@ class MDP:
     def _observation_index(self, observation: Symbol) -> int:
         raise ModelError(f"an MDP has no observation {observation!r}")
 
-    def with_discount(self, discount: float) -> Self:
-        """Return the same model with another discount."""
+    def with_discount(self, discount: float, *, of: Unit | None = None) -> Self:
+        """Return the same model with another discount.
+
+        Args:
+            discount: In (0, 1].
+            of: What it is of: ``"step"``, the seconds of a step, or ``"second"``, for a model whose actions take the
+                time that `Durations` say. By default what it was.
+        """
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
         other.discount = checked_discount(discount)
+        if of is not None:
+            other.discount_of = checked_unit(of)
         return other
+
+    def timed_as(self, model: MDP) -> Self:
+        """Return the same model, with the discount of one that it was made of."""
+        if (self.discount, self.discount_of) == (model.discount, model.discount_of):
+            return self
+        return self.with_discount(model.discount, of=model.discount_of)
 
     @property
     def false_negative(self) -> int | None:
@@ -314,7 +331,7 @@ class MDP:
         """
         from mdm.models.factored.marginalisation import marginalize  # noqa: PLC0415 - it makes models of this kind
 
-        return marginalize(self, factor)
+        return marginalize(self, factor).timed_as(self)
 
     def __repr__(self) -> str:
         return f"<{self.kind}: {len(self.state_space)} states, {len(self.action_space)} actions>"

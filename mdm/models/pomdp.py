@@ -377,7 +377,7 @@ class POMDP(MDP):
 
         result = marginalize(self, factor)
         assert isinstance(result, POMDP)
-        return self._of_this_kind(result.with_false_negatives(self.false_negative))
+        return self._of_this_kind(result.with_false_negatives(self.false_negative).timed_as(self))
 
     def __repr__(self) -> str:
         text = f"{super().__repr__()[:-1]}, {len(self.observation_space)} observations"

@@ -8,6 +8,7 @@ import numpy as np
 
 from mdm.beliefs import BeliefTracker, Information, KnownState
 from mdm.errors import ConfigError, ModelError
+from mdm.models.units import Unit  # noqa: TC001 - field types are evaluated
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -142,6 +143,7 @@ class Kind:
     Attributes:
         form: A description in a few words.
         horizon: The number of decisions of its plan; None without an end.
+        discount_of: What the discount of its values is of, see `MDP.with_discount`.
     """
 
     form: ClassVar[str] = "a policy of another kind"
@@ -149,6 +151,7 @@ class Kind:
     num_actions: int
     num_states: int | None
     horizon: int | None = None
+    discount_of: Unit = "step"
 
     def value(self, x: Any, /) -> float:
         """Return the expected discounted return from a state or belief.

@@ -22,8 +22,9 @@ import numpy as np
 from mdm.checks import check_seed, is_whole
 from mdm.errors import ConfigError
 from mdm.loading import model_of, policy_of
-from mdm.models.durations import discounts_in_time
+from mdm.models.durations import discounts_in_time, paid_in_time
 from mdm.models.matrices import Vector
+from mdm.models.units import check_steps
 from mdm.policies import mismatch
 from mdm.simulation.episodes import EpisodeBatch, limits, one_by_one
 
@@ -117,14 +118,14 @@ def evaluate(
         episodes: The number of episodes; by default 10,000, or 1,000 if they run one at a time.
         steps: Decisions per episode.
         seed: The same seed gives the same result; by default it is random.
-        durations: How long actions take; the model's discount is then that of a second. Times are not drawn: what comes
-            after an action counts by the expectation of the discount. By default all take one time step.
+        durations: How long actions take, and what they earn by time. Times are not drawn: what comes after an action
+            counts by the expectation of the discount. By default all take one time step.
         progress: Called at each time step with how many episodes have ended, and of how many; where it returns True,
             the result is of those that are known by then, which may be none.
 
     Raises:
         ConfigError: If the policy does not fit the model, or episodes have no end.
-        ModelError: If the durations do not fit the model.
+        ModelError: If the durations do not fit the model, or its discount is of a second and there are none.
 
     Example::
 
@@ -136,7 +137,12 @@ def evaluate(
     policy = policy_of(policy, model)
     _check(model, policy, episodes, steps)
     check_seed(seed)
-    discounts = None if durations is None else discounts_in_time(model, durations)
+    discounts = None
+    if durations is None:
+        check_steps(model)
+    else:
+        discounts = discounts_in_time(model, durations)
+        model = paid_in_time(model, durations)
     ends = limits(model, policy, steps, None if discounts is None else float(discounts.max()))
     seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
     takes = getattr(policy, "input", "belief")

@@ -16,6 +16,7 @@ from mdm.models import MDP, Durations
 from mdm.models.availability import refuse
 from mdm.models.dynamics import Dynamics, Indices, Rows, stacked
 from mdm.models.matrices import ROUNDING
+from mdm.models.units import seconds_in
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -245,6 +246,8 @@ class Lengths:
         if not isinstance(durations, Durations):
             raise ModelError(f"durations are mdm.models.Durations(…), not {durations!r}")
         means, stages = durations.table(model)
+        if durations.of == "step":
+            means = means * (seconds_in(model.discount_of) or 1.0)
         self._means, self._stages = means.tolist(), stages.tolist()
         self._generator = np.random.default_rng(None if seed is None else [seed, 1])
 

@@ -12,6 +12,7 @@ from mdm.actors import Ensemble
 from mdm.checks import check_seed, is_whole
 from mdm.errors import ConfigError
 from mdm.loading import model_of, policy_of
+from mdm.models.units import check_steps
 from mdm.runtime import Runtime, run
 from mdm.simulation.batch import Evaluation
 from mdm.simulation.world import World
@@ -69,6 +70,7 @@ def simulate(
 
     Raises:
         ConfigError: If sizes do not fit, or episodes have no end.
+        ModelError: If the model's discount is of a second: each action takes a step here.
 
     Example::
 
@@ -81,6 +83,8 @@ def simulate(
     given = options.get("seed")
     check_seed(given)
     seed = int(np.random.SeedSequence().generate_state(1)[0]) if given is None else given
+    model = model_of(model)
+    check_steps(model)
     ensemble = simulated(model, policy, steps=steps, **options)
     count = ensemble.controller.horizon or 0
     returns: list[float] = []

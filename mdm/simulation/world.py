@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from mdm.actors import Ensemble, FixedRate
 from mdm.errors import ConfigError
 from mdm.messages import Action, Belief, Fault, Observation, State
+from mdm.models.units import seconds_in
 from mdm.recording.stimuli import TRUE_STATE
 from mdm.runtime import Actor
 from mdm.simulation.sampler import Lengths, Sampler
@@ -43,8 +47,9 @@ class World(Actor):
         seed: The seed of the samples.
         period: Seconds from an action to its outcome; 0 for the same turn. A fixed-rate ensemble sees outcomes at its
             ticks, whatever the period.
-        durations: How long actions take, in place of a period; the model's discount is then that of a second. An action
-            that another one replaces before it is over has no outcome, and the other one begins in the same state.
+        durations: How long actions take, and what they earn by time, in place of a period. A step of which nobody said
+            how long it takes is a second. An action that another one replaces before it is over has no outcome, and the
+            other one begins in the same state.
         steps: Decisions per episode; by default the ensemble's horizon. An episode also ends with the policy's plan.
         finished: Called with each episode's discounted return.
 
@@ -114,6 +119,14 @@ class World(Actor):
         if durations is not None and (period is not None or not self._waits):
             raise ConfigError("durations are for ensembles that decide on events, and take the place of a period")
         self._lengths = None if durations is None else Lengths(given, durations, seed)
+        self._second = seconds_in(given.discount_of) or 1.0
+        """Seconds of the unit that the discount is of."""
+        scale = 1.0 if durations is None or durations.of == "second" else self._second
+        self._rates: list[list[float]] | None = None
+        if durations is not None and durations.rates.any():
+            self._rates = np.broadcast_to(durations.rates / scale, given.rewards.shape).tolist()
+        self._since: tuple[float, int, int] | None = None
+        """When the action that goes on began in the present episode, in which state, and which it is."""
         self._sampler = Sampler(given, seed)
         self._finished = finished
         self._rewards: list[list[float]] = given.rewards.tolist()
@@ -171,21 +184,43 @@ class World(Actor):
     def _on_lasting_action(self, action: Action) -> None:
         if self._unfinished is not None:
             self._unfinished.cancel()
+            self._earn(self._seconds)
         self._pay(action.index)
         self._step += 1
-        state, last = self.state, self._step == self.steps or self.ensemble.controller.over
-        if last:
-            self._end_episode()
-        self._go_on(state, action.index, self._show_beginning if last else lambda: self._finish(action.index))
+        last = self._step == self.steps or self.ensemble.controller.over
+        self._go_on(action.index, self._show_beginning if last else lambda: self._finish(action.index), last=last)
 
-    def _go_on(self, state: int, action: int, then: Callable[[], object]) -> None:
+    def _go_on(self, action: int, then: Callable[[], object], *, last: bool = False) -> None:
         assert self._lengths is not None
-        self._unfinished = self.call_later(self._lengths.draw(state, action), then)
+        length = self._lengths.draw(self.state, action)
+        self._since = self._seconds, self.state, action
+        if last:  # nothing can replace it: what it earns is known
+            self._earn(self._seconds + length)
+            self._end_episode()
+        self._unfinished = self.call_later(length, then)
+
+    @property
+    def _seconds(self) -> float:
+        """Those since the episode began."""
+        return (self.runtime.now() - self._began) / 1e9
+
+    def _discount(self, seconds: float) -> float:
+        return float(self.model.discount ** (seconds / self._second))
 
     def _pay(self, action: int) -> None:
-        seconds = (self.runtime.now() - self._began) / 1e9
-        self._return += self.model.discount**seconds * self._rewards[self.state][action]
+        self._return += self._discount(self._seconds) * self._rewards[self.state][action]
         self.moves += 1
+
+    def _earn(self, until: float) -> None:
+        """Earn what is paid by time, for the action that has gone on until some second of the episode."""
+        if self._rates is None or self._since is None:
+            return
+        (began, state, action), self._since = self._since, None
+        interest = -math.log(self.model.discount) / self._second
+        weight = until - began
+        if interest:
+            weight = (self._discount(began) - self._discount(until)) / interest
+        self._return += self._rates[state][action] * weight
 
     def _show_beginning(self) -> None:
         self._began = self.runtime.now()
@@ -193,6 +228,7 @@ class World(Actor):
 
     def _finish(self, action: int) -> None:
         """Move on when an action is over; where nothing is observed of that, it goes on."""
+        self._earn(self._seconds)
         before = self.state
         self._be_in(self._sampler.next_state(before, action))
         observation: int | None = 0
@@ -202,7 +238,7 @@ class World(Actor):
             self._show(observation, changed=self.state != before)
         elif self.moves < self._step + _LONGEST:
             self._pay(action)
-            self._go_on(self.state, action, lambda: self._finish(action))
+            self._go_on(action, lambda: self._finish(action))
         else:
             self._tell_no_observation(action)
             self._end_episode()

@@ -18,6 +18,7 @@ import numpy as np
 from mdm.errors import ModelError
 from mdm.models import POMDP, in_time
 from mdm.models.matrices import csr, is_compressed
+from mdm.models.units import check_steps
 from mdm.policies import mismatch
 
 if TYPE_CHECKING:
@@ -45,11 +46,13 @@ def exact_values(
         model: The model.
         policy: The policy.
         steps: Decisions; by default there is no end.
-        durations: How long actions take; the model's discount is then that of a second.
+        durations: How long actions take, and what they earn by time.
 
     Raises:
         ModelError: If the values have no bound, or the durations do not fit the model.
     """
+    if durations is None:
+        check_steps(model)
     if getattr(policy, "input", None) == "state":
         return None if not hasattr(policy, "weights") else state_values(model, policy, steps=steps, durations=durations)
     if model.pomdp is None or not hasattr(policy, "joined"):
@@ -75,7 +78,7 @@ def state_values(
         model: The model; the states of a POMDP are taken as known.
         policy: The policy, by its ``weights``.
         steps: Decisions; by default those that it has stages for, or there is no end.
-        durations: How long actions take; the model's discount is then that of a second.
+        durations: How long actions take, and what they earn by time.
 
     Raises:
         ModelError: If the policy is of other sizes, or, with a discount of 1, goes on for ever; or if the durations do

@@ -12,6 +12,7 @@ from mdm.checks import check_flag, check_seed, is_whole
 from mdm.errors import ConfigError
 from mdm.loading import model_of
 from mdm.models import in_time
+from mdm.models.units import check_steps
 from mdm.policies import AlphaVectors, MaskedAlphaVectors
 from mdm.solvers.availability import dear, limited
 from mdm.solvers.solution import Limits
@@ -95,9 +96,9 @@ def solve(
     Args:
         model: The model, or the path of its file.
         solver: One of `SOLVERS`; by default what suits the model and the options.
-        durations: How long actions take; the model's discount is then that of a second, and its actions are decided
-            when the one before is over. By default all take one time step. Where a hidden state makes actions longer,
-            the bounds are of beliefs that discount long actions: those of `mdm.models.in_time`.
+        durations: How long actions take, and what they earn by time; an action is decided when the one before is over.
+            By default all take one time step. Where a hidden state makes actions longer, the bounds are of beliefs that
+            discount long actions: those of `mdm.models.in_time`.
         gap: Stop when the bounds at the initial belief are no further apart.
         time: Stop after so many seconds.
         iterations: Stop after so many sweeps, trials or rounds.
@@ -109,7 +110,8 @@ def solve(
     Raises:
         ConfigError: If there is no such solver or option, it is not for such models, or a limit is no number.
         FormatError: If the file holds no model.
-        ModelError: If the model has no solution, such as one with a discount of 1 that never ends.
+        ModelError: If the model has no solution, such as one with a discount of 1 that never ends; or if it is not
+            known how much an action's time is discounted (`MDP.with_discount`).
     """
     model = model_of(model)
     name = default_solver(model, options) if solver is None else solver
@@ -121,10 +123,14 @@ def solve(
         raise ConfigError(f"{name} solves {kind}s, not {model.kind}s: take {others}", key="solver")
     _check_options(name, options)
     limits = Limits(gap=gap, time=time, iterations=iterations, memory=memory, progress=progress)
+    if durations is None:
+        check_steps(model)
     solved = dear(model if durations is None else in_time(model, durations), name, options)
     solution = _function(name)(solved, limits=limits, **options)
-    policy = solution.policy if durations is None else solution.policy.for_first_states(len(model.state_space))
-    return msgspec.structs.replace(solution, policy=limited(policy, model, durations))
+    policy: Any = solution.policy if durations is None else solution.policy.for_first_states(len(model.state_space))
+    policy = limited(policy, model, durations)
+    policy.discount_of = model.discount_of
+    return msgspec.structs.replace(solution, policy=policy)
 
 
 def _check_options(solver: str, options: dict[str, Any]) -> None:

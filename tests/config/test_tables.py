@@ -135,6 +135,7 @@ OTHER_KEYS = {
     tables.EnsembleTable: {
         "agents": "the agents of a team that have it",
         "discount": "of rewards, in place of the model's",
+        "durations": "those of the policy's model, for who looks at the file",
         "drift": "what watches the ensemble's model, an actor of its own",
         "placement": "a table of its own",
         "policy_kind": "how the policy's file is read",

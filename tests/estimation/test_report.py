@@ -65,6 +65,28 @@ def test_jumps_have_rates_and_durations():
     assert report.model.transition("x", "a").tolist() == [0.5, 0.5, 0]  # what stays is not seen
 
 
+@pytest.mark.parametrize(
+    ("of", "step", "discount"),
+    [("step", 10.0, 0.9), (10.0, 10.0, 0.9), ("second", 10.0, 0.9**10), ("second", 2.0, 0.81)],
+)
+def test_a_discount_is_converted_into_one_of_the_step(of, step, discount):
+    told = visits([0, 1] * 6, times=[3 * time for time in range(12)])
+    report = statistics(told, model().with_discount(0.9, of=of), step=step)
+    assert (report.model.discount, report.model.discount_of) == (pytest.approx(discount), step)
+    assert report.durations.means == pytest.approx(step)
+    with pytest.raises(ModelError, match="a step of the model is 5 s, not 10 s"):
+        statistics(told, model().with_discount(0.9, of=5.0), step=10.0)
+
+
+def test_returns_by_a_discount_of_a_second_count_seconds():
+    told = visits([0, 1, 0], times=[0, 3, 6])
+    earns = model()
+    (found,) = statistics(told, earns.with_discount(0.9, of="second")).returns
+    rewards = [float(earns.rewards[each.state, each.action]) for each in told]
+    assert found == pytest.approx(sum(0.9 ** (3 * place) * reward for place, reward in enumerate(rewards)))
+    assert statistics(told, earns.with_discount(0.9, of="second")).value is None
+
+
 def test_a_step_in_seconds_makes_rates_probabilities():
     told = visits([0, 1, 2] * 200 + [0], times=np.cumsum([0] + [10.0, 2.0, 1.0] * 200))
     report = statistics(told, model(), step=1.0)

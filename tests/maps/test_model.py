@@ -81,7 +81,7 @@ def test_ways_take_as_long_as_their_paths():
     state = made.state_space.index("lab yes")
     action = made.action_space.index("to hall")
     assert table[state, action] == seconds[names.index("lab"), labels.index("to hall")]
-    solution = mdm.solve(made.with_discount(0.99), durations=durations(made, seconds))
+    solution = mdm.solve(made.with_discount(0.99, of="second"), durations=durations(made, seconds))
     assert solution.upper - solution.lower < 1e-2
 
 

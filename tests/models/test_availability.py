@@ -132,5 +132,5 @@ def test_an_archive_keeps_it_and_other_formats_refuse(tmp_path, kind, sparse):
 def test_it_goes_with_other_discounts_and_with_durations(kind):
     model = rooms(kind)
     assert model.with_discount(0.5).available.tolist() == [HALL, DOOR]
-    timed = in_time(model, Durations([[1.0, 2.0, 3.0]] * 2))
+    timed = in_time(model.with_discount(0.5, of="second"), Durations([[1.0, 2.0, 3.0]] * 2))
     assert timed.available.tolist() == [HALL, DOOR, [True] * 3]

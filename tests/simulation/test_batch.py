@@ -313,7 +313,7 @@ def test_beliefs_that_discount_long_waits_earn_the_bound():
 @given(SEEDS, st.sampled_from(["table", "controller"]), st.sampled_from([None, 3]))
 def test_actions_that_take_time_are_worth_what_is_exact(seed, kind, steps):
     random = np.random.default_rng(seed)
-    model = forest() if kind == "table" else tiger()
+    model = (forest() if kind == "table" else tiger()).with_discount(0.9, of="second")
     sizes = len(model.state_space), len(model.action_space)
     durations = Durations(random.uniform(1.0, 30.0, size=sizes), random.integers(1, 5, size=sizes))
     policy = DeterministicPolicy(random.integers(sizes[1], size=sizes[0]).tolist(), sizes[1])
@@ -334,7 +334,7 @@ def test_where_no_action_takes_longer_than_a_second_evaluation_is_the_same():
     rate = -math.log(0.95)
     alike = Durations((1 / 0.95 - 1) / rate)
     policy = solved(tiger(), gap=0.1).policy
-    timed = evaluate(tiger(), policy, episodes=500, seed=3, durations=alike)
+    timed = evaluate(tiger().with_discount(0.95, of="second"), policy, episodes=500, seed=3, durations=alike)
     assert timed.mean == pytest.approx(evaluate(tiger(), policy, episodes=500, seed=3).mean, abs=1e-4)
 
 
@@ -343,8 +343,16 @@ def test_where_no_action_takes_longer_than_a_second_evaluation_is_the_same():
     [
         (forest(), [1.0, 2.0], r"durations are mdm.models.Durations\(…\), not \[1.0, 2.0\]"),
         (forest(), Durations([1.0] * 5), "the model has 3 states and 2 actions"),
-        (forest(), Durations([1e-20, 1.0]), "an action is so short that its time costs nothing"),
-        (forest(), Durations(1e300, 9), "each action is so long that nothing counts after it"),
+        (
+            forest().with_discount(0.9, of=1.0),
+            Durations([1e-20, 1.0]),
+            "an action is so short that its time costs nothing",
+        ),
+        (
+            forest().with_discount(0.9, of="second"),
+            Durations(1e300, 9),
+            "each action is so long that nothing counts after it",
+        ),
         (forest().with_discount(1.0), Durations(1.0), "time costs nothing: leave the durations out"),
         (tiger().with_false_negatives(0), Durations(1.0), "none of which is a false negative"),
     ],
@@ -364,7 +372,7 @@ def test_durations_that_do_not_fit_are_refused(model, durations, words):
 @pytest.mark.parametrize("episodes", [100, 500])
 def test_hidden_states_that_take_longer_are_weighed_by_beliefs_in_time(episodes):
     """By the plain beliefs a policy may earn less than its bound; by those of the model in time it earns that."""
-    model, durations = tiger(), Durations([[0.1, 1.0, 1.0], [20.0, 1.0, 1.0]])
+    model, durations = tiger().with_discount(0.95, of="second"), Durations([[0.1, 1.0, 1.0], [20.0, 1.0, 1.0]])
     timed = in_time(model, durations)
     whole = solve(timed, gap=1e-2)
     cut = solve(model, durations=durations, gap=1e-2)

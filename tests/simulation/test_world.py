@@ -103,10 +103,14 @@ def lasting(seed, *, episodes, policy=None, model=None, durations=None, steps=40
     return np.array(returns[:episodes])
 
 
+@pytest.mark.parametrize("lump", [True, False])
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
-def test_returns_of_lasting_actions_are_those_that_were_solved_for(seed):
-    (model, _), rng = random_mdp(seed, states=4), np.random.default_rng(seed)
-    durations = Durations(rng.uniform(0.2, 3.0, size=(4, len(model.action_space))), rng.integers(1, 5, size=(4, 1)))
+def test_returns_of_lasting_actions_are_those_that_were_solved_for(seed, lump):
+    model, rng = random_mdp(seed, states=4)[0], np.random.default_rng(seed)
+    model = model.with_discount(model.discount, of="second")
+    sizes = 4, len(model.action_space)
+    rates = np.zeros(sizes) if lump else rng.normal(size=sizes)
+    durations = Durations(rng.uniform(0.2, 3.0, size=sizes), rng.integers(1, 5, size=(4, 1)), rates)
     solution = solve(model, durations=durations, gap=1e-9)
     returns = lasting(seed, episodes=500, policy=solution.policy, model=model, durations=durations)
     error = returns.std() / len(returns) ** 0.5
@@ -115,12 +119,35 @@ def test_returns_of_lasting_actions_are_those_that_were_solved_for(seed):
 
 @pytest.mark.parametrize("episodes", [150, pytest.param(400, marks=pytest.mark.slow)])
 def test_returns_of_lasting_actions_without_sight_lie_within_their_bounds(episodes):
-    model = problems.tiger(discount=0.9)
+    model = problems.tiger().with_discount(0.9, of="second")
     durations = Durations([[0.5, 4.0, 4.0]] * 2, [[1, 2, 2]] * 2)
     solution = solve(model, durations=durations, gap=1e-3)
     returns = lasting(1, episodes=episodes, policy=solution.policy, model=model, durations=durations, steps=60)
     error = returns.std() / len(returns) ** 0.5
     assert solution.lower - 4 * error < returns.mean() < solution.upper + 4 * error
+
+
+@pytest.mark.parametrize(("of", "unit"), [("step", "second"), (2.0, "second"), (2.0, "step")])
+def test_what_replaces_an_action_ends_what_that_earns(of, unit):
+    """Of 20 s, 5 go by before another action takes the place of the first."""
+    model = MDP([np.eye(2), np.eye(2)], np.zeros((2, 2)), discount=0.5, initial_belief=[1, 0]).with_discount(0.9, of=of)
+    scale = 2.0 if unit == "step" else 1.0
+    returns = []
+
+    async def main(runtime):
+        robot = Ensemble(
+            "robot", policy=DeterministicPolicy([0, 1]), model=model, actions=dict.fromkeys((0, 1), int), horizon=2
+        )
+        durations = Durations(20.0 / scale, 400, [[3.0 * scale, 0.0], [0.0, 0.0]], of=unit)
+        await runtime.start(World(robot, durations=durations, seed=1, finished=returns.append))
+        await runtime.start(robot)
+        await runtime.clock.sleep(5.0)
+        runtime.channel("robot/state", State, retain=True).publish(State(runtime.clock.now(), 1, (1,)))
+        await runtime.clock.sleep(1.0)
+
+    run_virtual(main)
+    interest = -np.log(0.9) / (1.0 if of == "step" else 2.0)
+    assert returns == pytest.approx([3.0 * (1 - np.exp(-5 * interest)) / interest])
 
 
 def test_an_action_that_is_replaced_before_it_is_over_has_no_outcome():

@@ -68,6 +68,7 @@ def test_plans_to_a_horizon_and_with_durations():
     model = random_mdp(3)
     plan = mdm.solve(model, solver="value-iteration", horizon=3).policy
     assert all(model.available[s, plan.action(s, stage=stage)] for s in range(6) for stage in range(3))
+    model = model.with_discount(model.discount, of="second")
     durations = Durations(np.random.default_rng(1).uniform(0.5, 3, size=(6, 4)))
     policy = mdm.solve(model, durations=durations, gap=1e-9).policy
     want = optimal(model, durations.discounts(model))
@@ -117,6 +118,7 @@ def test_upper_bounds_choose_available_actions(solver):
 
 def test_a_belief_in_time(tmp_path):
     model = random_mdp(1, POMDP)
+    model = model.with_discount(model.discount, of="second")
     solution = mdm.solve(model, durations=Durations([[1.0, 2.0, 0.5, 1.0]] * 6), gap=0.01, time=20)
     told = mdm.evaluate(model, solution.policy, durations=Durations([[1.0, 2.0, 0.5, 1.0]] * 6), episodes=500, seed=1)
     assert told.interval[1] > solution.lower - 0.01

@@ -95,5 +95,6 @@ def test_the_class_of_the_policy_is_known_before_it_is_made(name, horizon):
         assert type(made) is policy_class(name, model, horizon=horizon, durations=None)
     if horizon is None and kind == "POMDP":
         timed = mdm.models.Durations([[1.0] * len(SEEN.action_space)] * len(SEEN.state_space))
-        made = mdm.solve(SEEN, name, iterations=1, durations=timed).policy
+        seen = SEEN.with_discount(SEEN.discount, of="second")
+        made = mdm.solve(seen, name, iterations=1, durations=timed).policy
         assert type(made) is policy_class(name, SEEN, horizon=None, durations=timed)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from mdm.cli.usage import add_discount, add_import, complete
+from mdm.cli.usage import add_discount, add_discount_of, add_durations, add_import, complete
 
 
 def add_check(verbs: Any, line: str) -> None:
@@ -23,6 +23,7 @@ def add_check(verbs: Any, line: str) -> None:
     )
     parser.add_argument("file", metavar="FILE", help="a TOML file, a model or a policy")
     parser.add_argument("--model", metavar="M", help="the model that a policy is for, to check it against")
+    add_durations(parser)
     parser.add_argument(
         "--normalize", action="store_true", help="take distributions that do not sum to 1 for notes, not problems"
     )
@@ -48,6 +49,7 @@ def add_convert(verbs: Any, line: str) -> None:
         "target", metavar="OUT", help="the file to write, another than IN; one that is there is replaced"
     )
     add_discount(parser, "a discount in place of the model's")
+    add_discount_of(parser)
     parser.add_argument("--normalize", action="store_true", help="make distributions sum to 1 however far they are off")
     parser.add_argument("--model", metavar="M", help="the model that a policy is for, whose names .npz keeps")
     complete(parser, "convert", "mdm.cli.files.convert")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from mdm.cli.files.currency import stale
 from mdm.cli.files.document import Document, is_policy
+from mdm.cli.policies.inputs import load_durations_for
 from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError
 from mdm.errors import ConfigError, FormatError, ModelError
@@ -91,6 +92,8 @@ def _examine(arguments: argparse.Namespace) -> Findings:
     is_toml = suffixes(file) == ".toml"
     if arguments.imports and not is_toml:
         raise UsageError("--import is for TOML files")
+    if model is None and arguments.durations is not None:
+        raise UsageError("--durations are those of a policy's --model")
     if is_toml and (model is not None or arguments.normalize):
         raise UsageError("--model is for policies and --normalize for models; this is a TOML file")
     try:
@@ -99,10 +102,7 @@ def _examine(arguments: argparse.Namespace) -> Findings:
         if is_policy(file):
             if arguments.normalize:
                 raise UsageError("--normalize is for models; this file holds a policy")
-            against = None if model is None else load_model(model)
-            policy = load_policy(file, against)
-            old = None if against is None else stale(against, policy, model, file)
-            return Document(policy).kind, [], _policy_notes(policy) + ([] if old is None else [old])
+            return _examine_policy(file, model, arguments.durations)
     except ConfigError as error:
         return None, [str(problem) for problem in error.problems], []
     except FormatError as error:
@@ -110,6 +110,16 @@ def _examine(arguments: argparse.Namespace) -> Findings:
     if model is not None:
         raise UsageError("--model is for policies; this file holds a model itself")
     return _examine_model(file, arguments.normalize)
+
+
+def _examine_policy(file: str, model: str | None, durations: str | None) -> Findings:
+    against = None if model is None else load_model(model)
+    policy = load_policy(file, against)
+    notes = _policy_notes(policy)
+    if model is not None and against is not None:
+        old = stale(against, policy, model, file, load_durations_for(against, durations))
+        notes += [] if old is None else [old]
+    return Document(policy).kind, [], notes
 
 
 def _examine_ensembles(file: str, *, imports: bool) -> Findings:
@@ -134,7 +144,8 @@ def _stale_policies(file: str, system: System) -> list[str]:
     for name, ensemble in system.ensembles.items():
         policy, model = tables[name]["policy"], ensemble.controller.model
         if isinstance(policy, str) and model is not None:
-            notes.append(stale(model, ensemble.controller.policy, tables[name]["model"], policy))
+            durations = system.durations.get(name)
+            notes.append(stale(model, ensemble.controller.policy, tables[name]["model"], policy, durations))
     return [note for note in notes if note is not None]
 
 

@@ -42,8 +42,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.model is not None:
         raise UsageError("--model is for policies; this file holds a model itself")
     source = load_model(arguments.source, normalize=arguments.normalize)
-    if arguments.discount is not None:
-        source = source.with_discount(arguments.discount)
+    discount = source.discount if arguments.discount is None else arguments.discount
+    source = source.with_discount(discount, of=arguments.discount_of)
     save_model(source, arguments.target)
     print(f"{arguments.target}: {Document(source).kind}")
     if Path(arguments.target).is_file():

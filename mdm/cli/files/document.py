@@ -12,6 +12,7 @@ from mdm.formats.archive.npz import is_archive, kind
 from mdm.formats.recognition import is_policy as text_is_policy
 from mdm.formats.source import suffixes
 from mdm.models import MDP, Durations
+from mdm.models.units import in_words
 
 __all__ = ["Document", "describe_model", "describe_policy", "is_policy", "load"]
 
@@ -81,7 +82,8 @@ def is_policy(path: str) -> bool:
 def describe_policy(policy: Any) -> dict[str, Any]:
     """Return a policy's form and sizes."""
     form = getattr(policy, "form", type(policy).__name__)
-    return {"kind": "policy", "form": form, "input": policy.input, **policy.facts()}
+    unit = in_words(getattr(policy, "discount_of", "step"))
+    return {"kind": "policy", "form": form, "input": policy.input, **policy.facts(), "discount_of": unit}
 
 
 def describe_model(model: MDP) -> dict[str, Any]:
@@ -104,6 +106,7 @@ def describe_model(model: MDP) -> dict[str, Any]:
         if observations is None or model.false_negative is None
         else observations.names[model.false_negative],
         "discount": model.discount,
+        "discount_of": in_words(model.discount_of),
         "factored": network is not None,
         # A factored model would have to be flattened to know this.
         "sparse": None if network is not None else model.is_sparse,
@@ -116,12 +119,14 @@ def describe_model(model: MDP) -> dict[str, Any]:
 def _describe_durations(durations: Durations) -> dict[str, Any]:
     """Return of which states and actions the durations are, and how long they are."""
     means, stages = durations.means, durations.stages
-    shape = np.broadcast_shapes(means.shape, stages.shape)
+    shape = np.broadcast_shapes(means.shape, stages.shape, durations.rates.shape)
     sizes = [f"{size} {what}" for size, what in zip(reversed(shape), ("actions", "states"), strict=False)]
     return {
         "kind": "durations",
         "of": " and ".join(sizes) or "all states and actions",
-        "least_seconds": float(means.min()),
-        "most_seconds": float(means.max()),
+        f"least_{durations.of}s": float(means.min()),
+        f"most_{durations.of}s": float(means.max()),
         "stages": sorted({int(count) for count in stages.flat}),
+        f"least_reward_a_{durations.of}": float(durations.rates.min()),
+        f"most_reward_a_{durations.of}": float(durations.rates.max()),
     }

@@ -19,6 +19,7 @@ from mdm.maps import Floors, Map
 from mdm.maps.files.building import load_building
 from mdm.maps.graph import tour
 from mdm.maps.model import FloorFactor, arrivals, durations, latch, model, sightings, visits
+from mdm.models.units import in_words
 
 if TYPE_CHECKING:
     import argparse
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from mdm.maps import Graph
     from mdm.models import FactoredMDP, FactoredPOMDP
     from mdm.models.matrices import Vector
+    from mdm.models.units import Unit
 
 __all__ = ["run"]
 
@@ -140,7 +142,7 @@ def _made(
     seen = None
     if arguments.noise is not None:
         seen = sightings(floor, arguments.noise, radius=_given(arguments.radius, RADIUS))
-    return model(
+    made = model(
         floor.graph,
         factors=_factors(arguments, floor.graph, tour),
         success=success,
@@ -150,6 +152,8 @@ def _made(
         start=arguments.start,
         stay=arguments.stay,
     )
+    of: Unit = "step" if arguments.period is None else arguments.period
+    return made.with_discount(made.discount, of=of if arguments.durations is None else "second")
 
 
 def _tour(arguments: argparse.Namespace, floor: Map | Floors) -> tuple[str, ...]:
@@ -231,7 +235,7 @@ def _facts(
         "factors": {factor.name: len(factor) for factor in made.state_space.factors},
         "actions": list(made.action_space.factors[0].names),
         "discount": made.discount,
-        "discount_of": "a step" if arguments.durations is None else "a second",
+        "discount_of": in_words(made.discount_of),
         "ways": ways,
         "earns": bool(arguments.visits or arguments.rewards or arguments.latches or arguments.factors),
     }

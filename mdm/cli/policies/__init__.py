@@ -7,6 +7,7 @@ from typing import Any
 
 from mdm.cli.usage import (
     add_discount,
+    add_discount_of,
     add_durations,
     add_false_negative,
     add_file,
@@ -49,8 +50,8 @@ def add_evaluate(verbs: Any, line: str) -> None:
         ),
         epilog="example: mdm evaluate tiger.pomdp tiger.vf --seed 1",
     )
-    parser.add_argument("model", metavar="MODEL", help="a model")
-    parser.add_argument("policy", metavar="POLICY", help="a policy for it")
+    parser.add_argument("model", metavar="MODEL", help="a model, or a TOML file")
+    parser.add_argument("policy", metavar="POLICY", help="a policy for it, or the name of an ensemble of the file")
     add_arguments(parser)
     complete(parser, "evaluate", "mdm.cli.policies.evaluate")
 
@@ -66,6 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--steps", metavar="H", type=count, help="decisions in an episode (no limit)")
     parser.add_argument("--seed", metavar="S", type=seed, help="the same seed gives the same result")
     add_discount(parser)
+    add_discount_of(parser)
     add_durations(parser)
     add_false_negative(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object")
@@ -144,6 +146,7 @@ def _add_inputs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", metavar="MODEL", help="a model")
     parser.add_argument("policy", metavar="POLICY", help="a policy for it")
     add_discount(parser)
+    add_discount_of(parser)
 
 
 def add_simulate(verbs: Any, line: str) -> None:
@@ -163,6 +166,7 @@ def add_simulate(verbs: Any, line: str) -> None:
     parser.add_argument("--episodes", metavar="N", type=count, default=100, help="how many episodes (100)")
     parser.add_argument("--seed", metavar="S", type=seed, help="the same seed gives the same result")
     add_discount(parser)
+    add_discount_of(parser)
     add_false_negative(parser)
     parser.add_argument("--steps", metavar="H", type=count, help="decisions in an episode")
     parser.add_argument(
@@ -207,6 +211,7 @@ def add_solve(verbs: Any, line: str) -> None:
     parser.add_argument("--memory", metavar="MB", type=limit, help="stop at this much memory (80 %% of the machine's)")
     parser.add_argument("--iterations", metavar="N", type=count, help="stop after N sweeps, trials or rounds")
     add_discount(parser)
+    add_discount_of(parser)
     add_durations(parser)
     parser.add_argument("--horizon", metavar="H", type=count, help="decisions, for solvers of finite horizons")
     add_false_negative(parser)

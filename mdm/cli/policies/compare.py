@@ -25,7 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Compare; return the exit status."""
     if arguments.seed is None:
         arguments.seed = int(np.random.SeedSequence().generate_state(1)[0])
-    model = load(arguments.model, arguments.discount)
+    model = load(arguments.model, arguments.discount, arguments.discount_of)
     durations = load_durations_for(model, arguments.durations)
     pairs = [load_for(model, path, arguments) for path in arguments.policies]
     if notes := {note for _, world in pairs if (note := visibility(world)) is not None}:

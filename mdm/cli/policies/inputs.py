@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import argparse
 
     from mdm.models import MDP, Durations
+    from mdm.models.units import Unit
 
 __all__ = [
     "hidden_times",
@@ -28,10 +29,10 @@ _ALIKE = 1e-9
 """Discounts that differ by less count as the same."""
 
 
-def load(path: str, discount: float | None) -> MDP:
-    """Load a model, with another discount if one is given."""
+def load(path: str, discount: float | None, of: Unit | None = None) -> MDP:
+    """Load a model, with another discount, or of another unit, if one is given."""
     model = load_model(path)
-    return model if discount is None else model.with_discount(discount)
+    return model.with_discount(model.discount if discount is None else discount, of=of)
 
 
 def load_durations_for(model: MDP, path: str | None) -> Durations | None:

@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
             check_place(target, arguments.model, arguments.durations)
     if arguments.history is not None and Path(arguments.history).suffix.lower() != ".json":
         raise UsageError("--history writes JSON: its file ends in .json")
-    model = load(arguments.model, arguments.discount)
+    model = load(arguments.model, arguments.discount, arguments.discount_of)
     durations = load_durations_for(model, arguments.durations)
     world = with_false_negatives(revealed(model), arguments)
     given = {name: value for name in _OPTIONS if (value := getattr(arguments, name)) is not None}

@@ -10,6 +10,7 @@ import numpy as np
 
 from mdm.cli.files.document import describe_policy
 from mdm.cli.progress import counting
+from mdm.models.units import Unit, in_words, ratio
 from mdm.simulation import Evaluation, evaluate
 from mdm.solvers import exact_values
 
@@ -35,6 +36,7 @@ class Verdict(msgspec.Struct, frozen=True):
         exact: The exact value, and its minimum and maximum over the states.
         simulated: The result of simulation.
         comparable: Whether the claim is for the same horizon.
+        other_unit: In words what the discount of the claim is of, where that cannot be converted into the model's.
     """
 
     form: str
@@ -43,11 +45,12 @@ class Verdict(msgspec.Struct, frozen=True):
     exact: tuple[float, float, float] | None
     simulated: Evaluation | None
     comparable: bool
+    other_unit: str | None = None
 
     @property
     def contradicts(self) -> int:
         """1 if the claim is too high, -1 if it is too low, 0 if it is not contradicted."""
-        if self.claimed is None or not self.comparable:
+        if self.claimed is None or not self.comparable or self.other_unit is not None:
             return 0
         if self.exact is not None:
             low = high = self.exact[0]
@@ -56,6 +59,8 @@ class Verdict(msgspec.Struct, frozen=True):
             if not self.simulated.episodes:
                 return 0
             low, high = self.simulated.interval
+        if f"{self.claimed:.6g}" in {f"{low:.6g}", f"{high:.6g}"}:
+            return 0  # what reads the same: solvers stop at a gap
         margin = _ROUNDING * max(1.0, abs(low), abs(high))
         return int(self.claimed > high + margin) - int(self.claimed < low - margin)
 
@@ -82,7 +87,8 @@ class Verdict(msgspec.Struct, frozen=True):
         """Yield titles and texts for printing."""
         yield "policy", f"{self.form}, {self.size}"
         if self.claimed is not None:
-            yield "claimed value", f"{self.claimed:.6g} at the start"
+            other = "" if self.other_unit is None else f" by a discount of {self.other_unit}: not compared"
+            yield "claimed value", f"{self.claimed:.6g} at the start{other}"
         if self.exact is not None:
             yield (
                 "exact value",
@@ -132,8 +138,10 @@ def judge(
             result = evaluate(model, policy, durations=durations, progress=progress, **given)
     facts = describe_policy(policy)
     size = next((f"{_number(facts[what])} {what}" for what in ("vectors", "nodes", "states") if what in facts), "")
+    unit: Unit = getattr(policy, "discount_of", "step")
+    other = in_words(unit) if ratio(unit, model.discount_of) is None else None
     comparable = arguments.steps is None
-    return Verdict(facts["form"], size, claimed_value(model, policy), exact, result, comparable)
+    return Verdict(facts["form"], size, claimed_value(model, policy), exact, result, comparable, other)
 
 
 def claimed_value(model: MDP, policy: Any) -> float | None:

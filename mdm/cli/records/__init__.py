@@ -5,7 +5,19 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from mdm.cli.usage import LATEST, add_discount, add_page_hosts, complete, count, finite, moment, port, seconds, seed
+from mdm.cli.usage import (
+    LATEST,
+    add_discount,
+    add_discount_of,
+    add_page_hosts,
+    complete,
+    count,
+    finite,
+    moment,
+    port,
+    seconds,
+    seed,
+)
 
 __all__ = ["VERBS", "add_explain", "add_page", "add_record", "add_replay", "add_statistics", "add_watch"]
 
@@ -167,6 +179,7 @@ def add_statistics(verbs: Any, line: str) -> None:
     )
     parser.add_argument("--level", metavar="P", type=_share, default=0.95, help="the level of the intervals (0.95)")
     add_discount(parser)
+    add_discount_of(parser)
     parser.add_argument("--seed", metavar="N", type=seed, help="of the intervals where states are hidden (0)")
     parser.add_argument("--json", action="store_true", help="one JSON object, with all rows")
     complete(parser, "statistics", "mdm.cli.records.statistics")

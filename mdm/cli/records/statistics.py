@@ -38,6 +38,8 @@ def run(arguments: argparse.Namespace) -> int:
     report = statistics(chains, model, step=arguments.step, level=arguments.level, seed=arguments.seed or 0)
     if arguments.durations is not None and report.durations is None:
         raise Error(f"{arguments.durations}: there are no durations to write: {_why_none(chains)}")
+    if arguments.durations is not None and report.durations is not None:
+        report.durations.interest(report.model)  # they are of use together, or refused
     if arguments.output is not None:
         save_model(report.model, arguments.output)
     if arguments.durations is not None and report.durations is not None:
@@ -61,7 +63,7 @@ def _check_targets(output: str | None, durations: str | None) -> None:
 
 def _model(arguments: argparse.Namespace, records: Sequence[Record], chains: Chains) -> MDP:
     """Return the model as the ensemble had it: with the observations of what it sees of the state, or without."""
-    given = load(arguments.model, arguments.discount)
+    given = load(arguments.model, arguments.discount, arguments.discount_of)
     seen = revealed(given)
     if seen is not given and chains.hidden:
         with suppress(ModelError):

@@ -154,7 +154,7 @@ def _model(model: MDP, arrays: Mapping[str, npt.NDArray[Any]]) -> MDP:
             told, stacks["O"] = _matrices("O", arrays, size, len(model.observation_space))
         flat = POMDP(transitions, told, rewards, observation_names=model.observation_space, **common)
     flat.stacked = {name: rows for name, rows in stacks.items() if rows is not None} | {"R": arrays["R"]}
-    return flat
+    return flat.timed_as(model)
 
 
 def _matrices(

@@ -22,6 +22,7 @@ from mdm.models.events import DenseEvents, TransitionEvents
 from mdm.models.factored.two_slice import Node, Potential, Role, Table, Tree, TwoSliceNetwork
 from mdm.models.matrices import ROUNDING, Checked, Matrix, Vector, csr, is_compressed
 from mdm.models.rewards import RewardArray
+from mdm.models.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -43,6 +44,7 @@ class _Header(msgspec.Struct):
     events: list[str] = []
     network: Network | None = None
     false_negative: int | None = None
+    discount_of: Unit = "step"
     format: Literal["mdm model 1"] = "mdm model 1"
 
 
@@ -55,7 +57,8 @@ def read(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
     written, arrays = npz.read(Path(path))
     try:
         header = msgspec.json.decode(written, type=_Header)
-        return _model(header, arrays, sparse).with_false_negatives(header.false_negative)
+        model = _model(header, arrays, sparse).with_false_negatives(header.false_negative)
+        return model.with_discount(header.discount, of=header.discount_of)
     except KeyError as error:
         raise FormatError(f"the archive is damaged: {error} is missing", file=path) from None
     except (ModelError, msgspec.MsgspecError, ValueError, IndexError, OverflowError) as error:
@@ -72,6 +75,7 @@ def write(model: MDP, path: str | Path) -> None:
         FormatError: If the file cannot be written.
     """
     header = _Header(model.discount, names_of(model.state_space), names_of(model.action_space))
+    header.discount_of = model.discount_of
     if model.observation_space is not None:
         header.observations = names_of(model.observation_space)
         header.false_negative = model.false_negative
@@ -357,11 +361,12 @@ def _chosen(made: list[Potential], places: list[int]) -> list[Potential]:
 
 
 class _Durations(msgspec.Struct):
+    of: Literal["step", "second"] = "step"
     format: Literal["mdm durations 1"] = "mdm durations 1"
 
 
 def load_durations(path: str | Path) -> Durations:
-    """Read durations from an archive.
+    """Read durations from an archive; in one of an earlier version, which has no unit, they count steps.
 
     Raises:
         FormatError: If the file is damaged or holds no durations.
@@ -370,8 +375,8 @@ def load_durations(path: str | Path) -> Durations:
     try:
         if b"mdm durations " not in header:
             raise ModelError("it holds something else")
-        msgspec.json.decode(header, type=_Durations)
-        return Durations(arrays["means"], arrays["stages"])
+        of = msgspec.json.decode(header, type=_Durations).of
+        return Durations(arrays["means"], arrays["stages"], arrays.get("rates", 0.0), of=of)
     except KeyError as error:
         raise FormatError(f"the archive does not hold durations: {error} is missing", file=path) from None
     except (ModelError, msgspec.MsgspecError, ValueError) as error:
@@ -385,5 +390,5 @@ def save_durations(durations: Durations, path: str | Path) -> None:
     Raises:
         FormatError: If the file cannot be written.
     """
-    arrays = {"means": np.asarray(durations.means), "stages": np.asarray(durations.stages)}
-    npz.write(Path(path), _Durations(), arrays)
+    arrays = {name: np.asarray(getattr(durations, name)) for name in ("means", "stages", "rates")}
+    npz.write(Path(path), _Durations(durations.of), arrays)

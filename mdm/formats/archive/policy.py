@@ -7,7 +7,7 @@ states, actions and observations.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
@@ -15,6 +15,7 @@ from mdm.errors import FormatError, ModelError
 from mdm.formats.archive import npz
 from mdm.formats.archive.npz import Names, names_of, space_of
 from mdm.formats.source import LARGEST
+from mdm.models.units import Unit, checked_unit
 from mdm.policies import PACKABLE, mismatch
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ class _Header(msgspec.Struct):
     states: list[Names] | None = None
     actions: list[Names] | None = None
     observations: list[Names] | None = None
+    discount_of: Unit = "step"
     format: Literal["mdm policy 1"] = "mdm policy 1"
 
 
@@ -50,7 +52,8 @@ def read(path: str | Path, model: MDP | None = None, *, seed: int | None = None)
     written, arrays = npz.read(Path(path))
     try:
         header = msgspec.json.decode(written, type=_Header)
-        policy = _unpacked(header, arrays, seed)
+        policy: Any = _unpacked(header, arrays, seed)
+        policy.discount_of = checked_unit(header.discount_of)
         wrong = None if model is None else mismatch(policy, model) or _name_mismatch(header, model)
     except KeyError as error:
         raise FormatError(f"the archive does not hold a policy: {error} is missing", file=path) from None
@@ -59,7 +62,8 @@ def read(path: str | Path, model: MDP | None = None, *, seed: int | None = None)
         raise FormatError(f"the archive does not hold a policy: {why}", file=path) from None
     if wrong is not None:
         raise FormatError(wrong, file=path)
-    return policy
+    result: Policy = policy
+    return result
 
 
 def write(policy: Policy, path: str | Path, model: MDP | None = None) -> None:
@@ -80,7 +84,7 @@ def write(policy: Policy, path: str | Path, model: MDP | None = None) -> None:
     packed = policy.packed() if kind in PACKABLE else None  # type: ignore[attr-defined]
     if kind is None or packed is None:
         raise ModelError(f"{type(policy).__name__} policies cannot be written to files")
-    header = _Header(kind, packed[0])
+    header = _Header(kind, packed[0], discount_of=getattr(policy, "discount_of", "step"))
     if model is not None:
         header.states, header.actions = names_of(model.state_space), names_of(model.action_space)
         header.observations = None if model.observation_space is None else names_of(model.observation_space)

@@ -66,6 +66,7 @@ class MixedPOMDP(FactoredPOMDP):
                 "it after revealing them, by model.revealed().with_false_negatives(...)"
             )
         super().__init__(_network(model.network, observed), discount=model.discount, sparse=True)
+        self.discount_of = model.discount_of
         self.observed = tuple(observed)
         self._model = model
 

@@ -138,11 +138,7 @@ class FactoredMDP(_Factored):
 
     def flatten(self) -> MDP:
         """Return the same model as matrices; they are made once and kept."""
-        return _with_discount(self._flat, self.discount)
-
-    def with_discount(self, discount: float) -> FactoredMDP:
-        """Return the same model with another discount; it shares the matrices."""
-        return super().with_discount(discount)
+        return self._flat.timed_as(self)
 
     def marginalize(self, factor: str) -> MDP:
         """Return the model without a state factor, as `MDP.marginalize` does; the result is flat."""
@@ -206,7 +202,7 @@ class FactoredPOMDP(_Factored, POMDP):
 
     def flatten(self) -> POMDP:
         """Return the same model as matrices; they are made once and kept."""
-        flat = _with_discount(self._flat, self.discount)
+        flat = self._flat.timed_as(self)
         if self.false_negative is None and not self._tells_all and not self._discounts_waits:
             return flat
         # That of the same kind of model.
@@ -306,10 +302,6 @@ class _Outcomes:
 def _outcomes(network: TwoSliceNetwork) -> _Outcomes | None:
     later = {"next_state", "observation"}
     return _Outcomes(network) if any(node.role in later for u in network.utilities for node in u.scope) else None
-
-
-def _with_discount(flat: _Flat, discount: float) -> _Flat:
-    return flat if flat.discount == discount else flat.with_discount(discount)
 
 
 def _events(network: TwoSliceNetwork, transitions: Checked) -> DenseEvents | TransitionEvents:

@@ -115,19 +115,20 @@ def test_mistakes(mdm, arguments, status, words):
 
 def test_durations_count_in_real_time(mdm, facts, tmp_path):
     drive, table, best = tmp_path / "drive.npz", tmp_path / "table.npz", tmp_path / "best.npz"
-    chain, tiger = load_model(CHAIN), load_model(TIGER)
+    chain, tiger = (model.with_discount(model.discount, of="second") for model in map(load_model, (CHAIN, TIGER)))
+    timed = ("--durations", drive, "--discount-of", "second")
     durations = Durations([[1.0, 5.0], [3.0, 2.0], [4.0, 4.0]], 3)
     save_durations(durations, drive)
     solution = solve(chain, durations=durations)
     save_policy(solution.policy, table, chain)
-    assert facts("evaluate", CHAIN, table, "--durations", drive)["exact"] == pytest.approx(solution.lower, abs=2e-3)
-    rows = facts("compare", CHAIN, table, table, "--durations", drive, "--seed", "2", "--episodes", "100")
+    assert facts("evaluate", CHAIN, table, *timed)["exact"] == pytest.approx(solution.lower, abs=2e-3)
+    rows = facts("compare", CHAIN, table, table, *timed, "--seed", "2", "--episodes", "100")
     right = evaluate(chain, load_policy(table, chain), durations=durations, seed=2, episodes=100)
     assert [row["mean"] for row in rows] == [right.mean] * 2
     durations = Durations([2.0, 5.0, 5.0])
     save_durations(durations, drive)
     save_policy(solve(tiger, durations=durations, gap=0.01).policy, best, tiger)
-    assert facts("evaluate", TIGER, best, "--durations", drive, "--seed", "3")["claim_is"] == "not contradicted"
+    assert facts("evaluate", TIGER, best, *timed, "--seed", "3")["claim_is"] == "not contradicted"
     for verb in ("evaluate", "compare"):
         status, _, errors = mdm(verb, CHAIN, table, "--durations", drive)
         assert status == 1

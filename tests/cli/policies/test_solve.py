@@ -222,17 +222,19 @@ def test_durations_count_in_real_time(mdm, tmp_path):
         means = np.linspace(9.0, 12.0, len(model.state_space) * len(model.action_space))
         durations = Durations(means.reshape(-1, len(model.action_space)), 3)
         save_durations(durations, drive)
-        status, output, errors = mdm("solve", path, "--durations", drive, "-o", policy, "--gap", "0.01", "--json")
+        timed = ("--durations", drive, "--discount-of", "second", "-o", policy)
+        status, output, errors = mdm("solve", path, *timed, "--gap", "0.01", "--json")
         assert (status, errors.startswith(hidden), bool(errors)) == (0, suffix == "pomdp", suffix == "pomdp")
         told = json.loads(output[0])
-        right = solve(model, durations=durations, gap=0.01)
+        right = solve(model.with_discount(model.discount, of="second"), durations=durations, gap=0.01)
         assert (told["lower"], told["upper"]) == pytest.approx((right.lower, right.upper), abs=1e-6)
         assert load_policy(policy, model).mismatch(model) is None
 
 
 def test_nothing_is_said_of_durations_that_differ_by_action_alone(mdm, tmp_path):
     save_durations(Durations([1.0, 2.0, 3.0]), tmp_path / "drive.npz")
-    _, _, errors = mdm("solve", TIGER, "--durations", tmp_path / "drive.npz", "-o", tmp_path / "p.npz", "--gap", "1")
+    timed = ("--durations", tmp_path / "drive.npz", "--discount-of", "1")
+    _, _, errors = mdm("solve", TIGER, *timed, "-o", tmp_path / "p.npz", "--gap", "1")
     progress = "  iteration "  # which a busy machine tells
     assert [line for line in errors.splitlines() if progress not in line] == []
 

@@ -77,13 +77,18 @@ def test_it_is_one_json_object_with_all_rows(facts, model, slippery):
 def test_how_long_states_last_is_written_for_the_solver(mdm, facts, tmp_path, model):
     ran(tmp_path / "run.mcap", mdp(USED), seconds=60)
     times = tmp_path / "times.npz"
-    status, output, errors = mdm("statistics", tmp_path / "run.mcap", "--model", model, "--durations", times)
+    told = ("statistics", tmp_path / "run.mcap", "--model", model, "--durations", times)
+    status, output, errors = mdm(*told)
+    assert status == 1
+    assert "the model's discount is of a step, the durations count seconds" in errors
+    assert not times.exists()
+    status, output, errors = mdm(*told, "--discount-of", "second")
     assert (status, errors) == (0, "")
     assert output[-1].startswith(f"{times}: how long actions take")
     means = load_durations(times).means
     assert means[0, 0] == pytest.approx(0.1 * 3.0)  # which the model leaves once in ten steps
     assert means[1, 0] == pytest.approx(0.3 * 33 / 10, rel=0.2)  # the last of ten stays was cut short
-    told = facts("solve", model, "--durations", times, "-o", tmp_path / "new.npz")
+    told = facts("solve", model, "--durations", times, "--discount-of", "second", "-o", tmp_path / "new.npz")
     assert told["gap"] < 0.01
 
 

@@ -120,9 +120,21 @@ def test_budgets_that_are_none():
 
 @pytest.mark.parametrize("wrapped", [lambda policy: policy, lambda policy: Budget(1.0, policy)])
 def test_the_value_of_communication_needs_values_and_steps(wrapped):
-    for policy, model, text in ((RandomBeliefs(), TIGER, "the value of communication needs a policy with values"),):
+    for policy, model, text in (
+        (RandomBeliefs(), TIGER, "the value of communication needs a policy with values"),
+        (CAREFUL, by_events(TIGER), "it needs a model without event observations"),
+    ):
         with pytest.raises(mdm.ConfigError, match=text):
             Knowledge(policy, model, 0, wrapped(ValueOfCommunication(1.0)))
+
+
+def by_events(model):
+    """Return the same model with its observations as those of events."""
+    actions, size = range(len(model.action_space)), len(model.state_space)
+    told = [np.repeat(np.asarray(model.observation_matrix(a)).T[:, None, :], size, axis=1) for a in actions]
+    names = {"actions": model.action_space, "observation_names": model.observation_space}
+    moves = [np.asarray(model.transition_matrix(a)) for a in actions]
+    return mdm.models.POMDP(moves, told, model.rewards, discount=0.9, event_observations=True, **names)
 
 
 class RandomBeliefs(mdm.policies.BeliefPolicy):

@@ -175,8 +175,14 @@ def lay_out(record: Record, folder: str | Path) -> Path:
     """Write the files that are kept with a record below a folder; return the folder of its configuration.
 
     Raises:
-        Error: If a file has its place elsewhere, or is code.
+        Error: If a file is damaged, has its place elsewhere, or is code.
     """
+    if record.damaged_files:
+        name = record.damaged_files[0].removeprefix(_FOLDER)
+        raise Error(
+            f"{record.path}: the attached file {name!r} of the record is damaged: give the file of the run with "
+            f"--config"
+        )
     here = Path(folder) / _DEEP
     here.mkdir(parents=True)
     for attached in record.attachments:

@@ -33,7 +33,8 @@ PART = "mdm.file"
 
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX = range(1, 8)
 _ATTACHMENT, _METADATA, _DATA_END, _LAST = 9, 12, 15, 15
-_PLACES = {8: 16, 10: 0, 13: 0}
+_ATTACHMENT_INDEX = 10
+_PLACES = {8: 16, _ATTACHMENT_INDEX: 0, 13: 0}
 """Where the indices of chunks, attachments and metadata, in a summary, tell the place of one."""
 _RECORD = struct.Struct("<BQ")
 _STAMPED = struct.Struct("<BQHIQQ")
@@ -135,6 +136,8 @@ class Part:
         self.library = ""
         self.metadata: dict[str, dict[str, str]] = {}
         self.attachments: list[Attachment] = []
+        self.damaged_files: list[str] = []
+        """Names of attached files that are damaged, and so not among the others."""
         self.topics: dict[int, Topic] = {}
         self.chunks: list[_Chunk] = []
         self.counts: Counter[str] = Counter()
@@ -149,6 +152,8 @@ class Part:
         """The time of the last message."""
         self.holes: list[Hole] = []
         self.torn: str | None = None
+        self.doubtful = False
+        """Whether a byte is damaged, and it is not known which."""
         self.grows = False
         self.whole = 0
         """Bytes from the start that were read, to the end or to the tear, holes among them."""
@@ -157,6 +162,7 @@ class Part:
         self._decompress: dict[str, Callable[[bytes, int], bytes]] = {}
         self._damaged: list[Hole] = []
         self._places: list[int] | None = None
+        self._attached: dict[int, str] = {}
         try:
             if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():
                 raise FormatError("this is a pipe or a device, not a file: save its content to a file first", file=path)
@@ -222,7 +228,11 @@ class Part:
                 raise _Torn(str(damage)) from None
             end = found
         file.seek(end)
-        self._damaged.append(Hole(self.whole, end - self.whole, str(damage)))
+        reason = str(damage)
+        if self.whole in self._attached:
+            self.damaged_files.append(self._attached[self.whole])
+            reason = f"the attached file {self._attached[self.whole]!r} is damaged"
+        self._damaged.append(Hole(self.whole, end - self.whole, reason))
         return end
 
     def _is_record(self, file: IO[bytes], place: int) -> bool:
@@ -236,7 +246,7 @@ class Part:
     def _places_by_summary(self, file: IO[bytes]) -> list[int]:
         """Return where chunks, metadata, attached files and the end of the data are, as a sound summary has it.
 
-        Schemas and topics of damaged chunks are taken from there, too.
+        Schemas and topics of damaged chunks, and names of damaged attached files, are taken from there, too.
         """
         if self._places is not None:
             return self._places
@@ -262,6 +272,8 @@ class Part:
                 self._describe(kind, content)
                 if kind in _PLACES:
                     self._places += struct.unpack_from("<Q", content, _PLACES[kind])
+                if kind == _ATTACHMENT_INDEX:
+                    self._attached[self._places[-1]], _ = _string(content, 40)
                 position += _RECORD.size + length
         self._places.append(begin - _RECORD.size - 4)
         return self._places
@@ -303,13 +315,38 @@ class Part:
         """Check what follows the data; no message is there."""
         rest = file.read()
         if content not in {bytes(4), struct.pack("<I", crc)} and not (self.holes or self._damaged):
-            raise _Torn("its data is damaged")
+            self._find_damaged_index(file)
+            self.doubtful = not self.holes
         if not rest.endswith(MAGIC) or len(rest) < len(MAGIC) + 4:
             raise _Torn("its summary is cut off")
         checked, (told,) = rest[: -len(MAGIC) - 4], struct.unpack_from("<I", rest, len(rest) - len(MAGIC) - 4)
         if told and zlib.crc32(checked) != told:
             raise _Torn("its summary is damaged")
         self.whole = self.size
+
+    def _find_damaged_index(self, file: IO[bytes]) -> None:
+        """Note the indices of messages that differ from the messages of their chunks, none of which is lost by that."""
+        for chunk in self.chunks:
+            file.seek(chunk.offset)
+            data = self.unpack(file.read(chunk.length)) if chunk.packed else b""
+            told: dict[int, set[bytes]] = {}
+            position = 0
+            while position < len(data):
+                kind, length = _RECORD.unpack_from(data, position)
+                if kind == _MESSAGE:
+                    _, _, channel, _, stamp, _ = _STAMPED.unpack_from(data, position)
+                    told.setdefault(channel, set()).add(struct.pack("<QQ", stamp, position))
+                position += _RECORD.size + length
+            while (place := file.tell()) + _RECORD.size <= self.size:
+                kind, length = _RECORD.unpack(file.read(_RECORD.size))
+                if kind != _MESSAGE_INDEX:
+                    break
+                content = file.read(length)
+                entries = {content[start : start + 16] for start in range(6, length, 16)}
+                channel, size = int.from_bytes(content[:2], "little"), int.from_bytes(content[2:6], "little")
+                if entries != told.get(channel) or size != length - 6:
+                    reason = "an index of messages is damaged"
+                    self.holes.append(Hole(place, _RECORD.size + length, reason, 0, chunk.last, chunk.last))
 
     def _take(self, kind: int, content: bytes) -> None:
         if kind == _CHUNK:
@@ -331,6 +368,7 @@ class Part:
     def _take_attachment(self, content: bytes) -> None:
         (crc,) = struct.unpack_from("<I", content, len(content) - 4)
         if crc and crc != zlib.crc32(content[:-4]):
+            self._attached[self.whole], _ = _string(content, 16)  # where no summary tells it
             raise _Damaged("an attached file is damaged")
         name, position = _string(content, 16)
         media_type, position = _string(content, position)

@@ -65,6 +65,7 @@ class Record:
         gap: The first place at which messages are missing, None where none are, or only behind the last one.
         damage: Sentences on bytes that cannot be read though others behind them can: where, how many, and which
             messages are lost by it.
+        damaged_files: The names of attached files that are damaged, or were when the record was repaired.
 
     Example::
 
@@ -100,6 +101,23 @@ class Record:
         self.lost = self._lost()
         self.gap = self._gap()
         self.damage = tuple(self._sentences())
+        left_out = self.metadata.get(_REPAIRED, {}).get("files", "").splitlines()
+        self.damaged_files = [*left_out, *(name for file in self._files for name in file.damaged_files)]
+
+    @property
+    def flaws(self) -> tuple[str, ...]:
+        """What is not there of the run, a sentence each: where it is torn or damaged, what is lost without a place."""
+        told = [] if self.torn is None else [self.torn if self.grows else f"{self.torn}: what follows is not there"]
+        told += self.damage
+        there = "\n".join(self.damage)
+        told += [
+            f"{self.path}: the attached file {name!r} was damaged, and is not there"
+            for name in self.damaged_files
+            if repr(name) not in there
+        ]
+        if self.lost > sum(hole.lost or 0 for file in self._files for hole in file.holes):
+            told.append(f"{self.path}: {self.lost:,} messages are lost")
+        return tuple(told)
 
     @property
     def head(self) -> dict[str, str]:
@@ -169,6 +187,8 @@ class Record:
         """Yield a sentence on each hole."""
         span = self.span
         for file in self._files:
+            if file.doubtful:
+                yield f"{file.path}: its data has not its checksum: a byte is damaged where no chunk's checksum tells"
             for hole in file.holes:
                 since = None if hole.since is None or span is None else f"{(hole.since - span[0]) / 1e9:.6f} s"
                 until = None if hole.until is None or span is None else f"{(hole.until - span[0]) / 1e9:.6f} s"

@@ -157,17 +157,15 @@ class RecordedRun:
 
     def _tell_damage(self) -> None:
         record = self._record
-        if record.torn is not None:
-            self._remarks.append(
-                "the record is still being written: open it again for what has come since"
-                if record.grows
-                else f"the record ends before its run did: {record.torn}"
-            )
+        if record.grows:
+            self._remarks.append("the record is still being written: open it again for what has come since")
+        elif record.torn is not None:
+            self._remarks.append("the record ends before its run did")
         elif record.closed is False:
             self._remarks.append("the run's process ended before it closed the record")
-        self._remarks += record.damage
+        self._remarks += record.flaws
         if record.lost:
-            self._remarks.append(f"{record.lost:,} messages are lost: from there on it may not be as it was")
+            self._remarks.append("from the first lost message on it may not be as it was")
 
     def _of(self, path: str) -> EnsembleTracks:
         found = self._ensembles.get(path)

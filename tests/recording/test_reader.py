@@ -259,7 +259,7 @@ def test_a_message_without_a_chunk_that_is_damaged_is_told(read):
     content = bytearray(copied(SOUND, use_chunking=False, enable_data_crcs=True))
     place = content.index(MESSAGES[100][:60])
     content[place] ^= 1
-    assert "its data is damaged" in read(bytes(content)).torn
+    assert "its data has not its checksum" in read(bytes(content)).damage[0]
     content[place] ^= 1
     content[place - 22] = 9  # the number of its topic, of which there is none
     record = read(bytes(content))
@@ -474,3 +474,44 @@ def test_the_records_of_a_folder_are_those_of_its_runs(tmp_path):
     (tmp_path / "c.mcap").write_text("a letter")
     with pytest.raises(Error, match="is no MCAP file, and so no record"):
         records_of(tmp_path)
+
+
+def test_a_damaged_attached_file_is_named_however_it_is_damaged(read):
+    complete = bytes(copied(SOUND, chunk_size=4096))
+    start = complete.index(b"robot.toml") - 29
+    for place in (start + 2, start + 32, complete.index(b"[ensembles]")):  # its length, name, content
+        content = bytearray(complete)
+        content[place] ^= 0x04
+        record = read(bytes(content))
+        assert record.damaged_files == ["robot.toml"]
+        assert "the attached file 'robot.toml' is damaged, " in record.damage[0]
+        assert record.damage[0].endswith(f" bytes at byte {start:,}: no message is lost")
+
+
+def test_a_damaged_index_of_messages_is_told_with_its_place(read):
+    complete = bytes(copied(SOUND, chunk_size=4096, enable_data_crcs=True))
+    start = complete.index(b"\x07", sum(chunks(complete)[2][:2]))
+    for place in (start + 9, start + 11, start + 20):  # its topic, its length, a time
+        content = bytearray(complete)
+        content[place] ^= 1
+        record = read(bytes(content))
+        assert [data for *_, data in record.raw()] == MESSAGES
+        (sentence,) = [each for each in record.flaws if "run-1.mcap" not in each]
+        assert "an index of messages is damaged, " in sentence
+        assert sentence.endswith(f"bytes at byte {start:,}: no message is lost")
+
+
+def test_a_damaged_byte_that_only_the_data_s_checksum_tells_has_no_place(read):
+    complete = bytes(copied(SOUND, chunk_size=4096, enable_data_crcs=True))
+    content = bytearray(complete)
+    content[complete.index(b"0.1.0", complete.index(b"epoch") - 60)] ^= 1
+    record = read(bytes(content))
+    assert "where no chunk's checksum tells" in record.damage[0]
+    assert "at byte" not in record.damage[0]
+    assert record.unread == 0
+
+
+def test_a_damaged_attached_file_of_a_torn_record_is_named_as_it_names_itself(read):
+    content = bytearray(SOUND[:5000])
+    content[SOUND.index(b"[ensembles]")] ^= 0x04
+    assert read(bytes(content)).damaged_files == ["robot.toml"]

@@ -162,7 +162,8 @@ def test_a_torn_record_says_so(robot, tmp_path):
     torn = tmp_path / "torn.mcap"
     torn.write_bytes(record.path.read_bytes()[: record.size * 2 // 3])
     run = RecordedRun(Record(torn))
-    assert "the record ends before its run did" in run.scene().remarks[0]
+    assert run.scene().remarks[0] == "the record ends before its run did"
+    assert run.scene().remarks[1].endswith(": what follows is not there")
     assert run.frame(run.last).ensembles
 
 

@@ -19,6 +19,7 @@ def run(arguments: argparse.Namespace) -> int:
     from mdm.views.canvas import check_picture, keep, pyplot  # noqa: PLC0415 - the extra mdm[plot]
 
     pyplot()
+    flaws: tuple[str, ...] = ()
     if arguments.picture == "bounds":
         from mdm.views.bounds import bounds_figure  # noqa: PLC0415
 
@@ -29,12 +30,16 @@ def run(arguments: argparse.Namespace) -> int:
         from mdm.views.run import run_figure  # noqa: PLC0415
 
         check_picture(arguments.output, arguments.record)
-        figure = run_figure(Record(arguments.record), arguments.ensemble, since=arguments.since, until=arguments.until)
+        record = Record(arguments.record)
+        figure = run_figure(record, arguments.ensemble, since=arguments.since, until=arguments.until)
+        flaws = record.flaws
     else:
         check_picture(arguments.output, arguments.model, arguments.policy)
         figure = _of_policy(arguments)
     keep(figure, arguments.output)
     print(f"{arguments.output}: drawn")
+    for sentence in flaws:
+        print(sentence)
     return 0
 
 

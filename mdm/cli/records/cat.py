@@ -39,13 +39,9 @@ def run(arguments: argparse.Namespace) -> int:
         _print_stimuli(record, arguments.ensemble, since, until)
     else:
         _print_messages(record, arguments, since, until)
-    if record.torn is not None:
-        sys.stdout.flush()
-        print(f"mdm record cat: {record.torn}: these are the messages before", file=sys.stderr)
-    if record.damage:
-        sys.stdout.flush()
-        for sentence in record.damage:
-            print(f"mdm record cat: {sentence}", file=sys.stderr)
+    sys.stdout.flush()
+    for sentence in record.flaws:
+        print(f"mdm record cat: {sentence}", file=sys.stderr)
     return 0
 
 

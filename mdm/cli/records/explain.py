@@ -43,10 +43,12 @@ def run(arguments: argparse.Namespace) -> int:
     start = 0 if record.span is None else record.span[0]
     second = (decision.time - start) / 1e9
     if arguments.json:
-        print(as_json(_facts(decision, second, explanation)))
+        print(as_json(_facts(decision, second, explanation) | {"flaws": record.flaws}))
     else:
         print(f"{decision.ensemble} at {second:.6g} s, because of: {decision.cause}.")
         print(explanation)
+        for sentence in record.flaws:
+            print(sentence)
     return 0
 
 

@@ -52,9 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     with replacing(arguments.output) as file:
         writers[suffix](columns, file)
     print(f"{arguments.output}: {len(found):,} decisions written")
-    if record.torn is not None:
-        print(f"{record.torn}: these are the decisions before")
-    for sentence in record.damage:
+    for sentence in record.flaws:
         print(sentence)
     return 0
 

@@ -37,9 +37,10 @@ def _facts(record: Record) -> dict[str, Any]:
     return {
         "files": [str(path) for path in record.paths],
         "bytes": record.size,
-        "complete": record.torn is None and not record.damage,
+        "complete": record.torn is None and not record.damage and not record.damaged_files,
         "torn": record.torn,
         "damage": list(record.damage),
+        "damaged_files": record.damaged_files,
         "unread": record.unread,
         "ended_in_order": record.closed,
         "lost": record.lost,
@@ -80,6 +81,7 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
     for key, value in told.items():
         if key == "lost messages":
             yield from (f"{'damaged':{width}}{sentence}" for sentence in facts["damage"])
+            yield from (f"{'damaged file':{width}}{printable(name)}" for name in facts["damaged_files"])
         if value is not None:
             yield f"{printable(key, width - 2):{width}}{value if key == 'torn' else printable(value)}"
     yield from _table("topic", "messages", [tuple(each.values()) for each in facts["topics"]])

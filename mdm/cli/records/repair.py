@@ -21,10 +21,10 @@ def run(arguments: argparse.Namespace) -> int:
     with replacing(arguments.output) as file:
         count = repair(record, file)
     print(f"{arguments.output}: {count:,} messages written")
-    for sentence in record.damage:
+    for sentence in record.flaws:
         print(sentence)
-    if record.torn is not None:
-        print(f"{record.torn}: {record.unread:,} bytes could not be read" if record.unread else record.torn)
-    elif not record.damage:
+    if record.torn is not None and record.unread:
+        print(f"{record.unread:,} bytes could not be read")
+    if not record.flaws:
         print(f"{arguments.file}: it was complete")
     return 0

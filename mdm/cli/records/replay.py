@@ -120,16 +120,12 @@ def _summary(record: Record, result: Replayed) -> str:
         same = "nothing to compare"
     stopped = " before it stopped at a difference" if result.stopped else ""
     lines = [f"{until}{result.recorded} decisions recorded, {result.replayed} replayed{stopped}: {same} ({how})"]
-    if record.torn is not None:
-        lines.append(f"torn: {record.torn}")
-    lines += [f"damaged: {sentence}" for sentence in record.damage]
+    lines += record.flaws
     if result.gap is not None:
         lines.append(
-            f"messages of the record are lost before {_seconds(record, result.gap.until)} s, {result.lost:,} in all: "
-            f"what was decided from there on cannot be replayed, and is not compared"
+            f"before {_seconds(record, result.gap.until)} s messages of the record are lost: what was decided from "
+            f"there on cannot be replayed, and is not compared"
         )
-    elif result.lost:
-        lines.append(f"{result.lost:,} messages of the record are lost, behind all others")
     return "\n".join(lines)
 
 

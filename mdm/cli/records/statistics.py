@@ -98,12 +98,10 @@ def _facts(arguments: argparse.Namespace, records: Sequence[Record], report: Rep
 def _print(arguments: argparse.Namespace, records: Sequence[Record], report: Report) -> None:
     print(as_text(report))
     for record in records:
-        if record.torn is not None:
-            print(f"torn: {record.torn}: these are the decisions before")
-        for sentence in record.damage:
-            print(f"damaged: {sentence}")
+        for sentence in record.flaws:
+            print(sentence)
         if record.lost:
-            print(f"{record.path}: {record.lost:,} messages are lost: nothing is counted across a lost decision")
+            print(f"{record.path}: nothing is counted across a lost decision")
     if arguments.output is not None:
         print(f"{arguments.output}: the model estimated anew")
     if arguments.durations is not None:

@@ -7,6 +7,7 @@ import pytest
 from places import EXAMPLES
 
 from mdm.explanation import Explanation
+from mdm.recording import Record
 
 TIGER = EXAMPLES / "tiger.toml"
 PATROL = EXAMPLES / "patrol" / "patrol.toml"
@@ -93,3 +94,36 @@ def test_a_decision_of_a_recorded_simulation_is_explained(mdm, tmp_path):
     status, lines, _ = mdm("explain", file, "--at", "0")
     assert status == 0
     assert lines[1] == "Decision 0: 'listen', by alpha vectors."
+
+
+def test_what_the_record_lacks_is_told_as_by_the_other_verbs(mdm, facts, record, tmp_path):
+    path = record(TIGER, 12)
+    path.write_bytes(path.read_bytes()[:-2000])
+    (flaw,) = Record(path).flaws
+    assert flaw.endswith(": what follows is not there")
+    assert mdm("explain", path)[1][-1] == flaw
+    assert facts("explain", path)["flaws"] == [flaw]
+    assert mdm("plot", "run", path, "-o", tmp_path / "run.svg")[1] == [f"{tmp_path}/run.svg: drawn", flaw]
+    assert mdm("record", "export", path, "-o", tmp_path / "run.csv")[1][-1] == flaw
+
+
+def test_a_damaged_attached_file_is_named_before_and_after_repair(mdm, record, tmp_path):
+    path = record(TIGER, 2)
+    content = bytearray(path.read_bytes())
+    content[content.index(b"tiger.vf", content.index(b"files/tiger.vf")) + 60] ^= 1
+    path.write_bytes(content)
+    damage = [
+        line for line in mdm("record", "info", path)[1] if "the attached file 'files/tiger.vf' is damaged" in line
+    ]
+    assert damage
+    whole = tmp_path / "whole.mcap"
+    assert "the attached file 'files/tiger.vf' is damaged" in mdm("record", "repair", path, "-o", whole)[1][1]
+    assert "complete                no" in mdm("record", "info", whole)[1]
+    again = tmp_path / "again.mcap"
+    output = mdm("record", "repair", whole, "-o", again)[1]
+    assert output[1:] == [f"{whole}: the attached file 'files/tiger.vf' was damaged, and is not there"]
+    for each in (path, whole, again):
+        status, _, errors = mdm("explain", each)
+        assert status == 1
+        assert "the attached file 'tiger.vf' of the record is damaged: give the file of the run with --config" in errors
+        assert mdm("explain", each, "--config", TIGER)[0] == 0

@@ -119,7 +119,7 @@ def test_a_torn_record_is_exported_to_the_tear(mdm, tmp_path):
     path.write_bytes(path.read_bytes()[:-100])
     status, output, _ = mdm("record", "export", path, "-o", tmp_path / "run.csv")
     assert (status, output[0]) == (0, f"{tmp_path}/run.csv: 3,000 decisions written")
-    assert output[1].endswith(": these are the decisions before")
+    assert output[1].endswith(": what follows is not there")
 
 
 def test_without_pyarrow_the_way_out_is_told(mdm, tmp_path, monkeypatch):

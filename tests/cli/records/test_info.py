@@ -64,9 +64,9 @@ def test_a_missing_file_of_a_run_is_told_by_each_verb(mdm, tmp_path):
     output = mdm("record", "info", path)[1]
     assert "complete                no" in output
     assert f"torn                    {told}" in output
-    assert mdm("record", "cat", path)[2] == f"mdm record cat: {told}: these are the messages before\n"
+    assert mdm("record", "cat", path)[2] == f"mdm record cat: {told}: what follows is not there\n"
     output = mdm("record", "repair", path, "-o", tmp_path / "whole.mcap")[1]
-    assert output == [f"{tmp_path}/whole.mcap: 4 messages written", told]
+    assert output == [f"{tmp_path}/whole.mcap: 4 messages written", f"{told}: what follows is not there"]
     assert "complete                yes" in mdm("record", "info", tmp_path / "whole.mcap")[1]
     assert told in mdm("record", "export", path, "-o", tmp_path / "run.csv")[1][1]
 

@@ -106,9 +106,10 @@ def test_behind_damage_nothing_is_compared_and_a_sentence_says_so(mdm, run, tmp_
     until = gap.gap.until / 1e9
     status, output, errors = mdm("replay", gap.path)
     assert (status, errors) == (0, "")
-    told = f"messages of the record are lost before {until:.6f} s, 3 in all: what was decided from there on"
+    told = f"before {until:.6f} s messages of the record are lost: what was decided from there on"
     assert output == [
         f"{len(decisions)} decisions recorded, {len(decisions)} replayed: all the same (bit by bit)",
+        f"{gap.path}: 3 messages are lost",
         f"{told} cannot be replayed, and is not compared",
     ]
     (line,) = mdm("replay", gap.path, "--json")[1]

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import anyio
 import msgspec
-import numpy as np
 
 from mdm.actors.abstraction.factors import ObservationFactor, StateFactor
 from mdm.actors.abstraction.observation_layer import ObservationLayer
@@ -363,6 +362,9 @@ class Ensemble(Layer):
 
         Args:
             belief: S numbers; or the index or name of a state that is certain.
+
+        Raises:
+            ModelError: If it is no distribution over the states, or the policy takes none: nothing is published.
         """
         self.channel("external_belief", Belief).publish(self._belief(belief))
 
@@ -371,12 +373,14 @@ class Ensemble(Layer):
 
         Args:
             belief: S numbers; or the index or name of a state that is certain.
+
+        Raises:
+            ModelError: As `publish_belief`.
         """
         self.channel("initial_belief", Belief, retain=True).publish(self._belief(belief))
 
     def _belief(self, belief: npt.ArrayLike | str) -> Belief:
-        given = self.controller.symbols.belief_of(belief) if isinstance(belief, str | int) else belief
-        return Belief(self.runtime.now(), np.array(given, dtype=np.float64))
+        return Belief(self.runtime.now(), self.controller.symbols.belief_of(belief))
 
     # -- Deciding ------------------------------------------------------------------------------------------------
 

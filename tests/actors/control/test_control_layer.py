@@ -8,8 +8,8 @@ from hypothesis import given, settings, strategies as st
 from sentences import refused
 
 import mdm
-from mdm import BeliefTracker, ConfigError, Ensemble, FixedRate, ObservationFactor, StateFactor
-from mdm.messages import Control, Observation, State, Tick
+from mdm import BeliefTracker, ConfigError, Ensemble, FixedRate, ModelError, ObservationFactor, StateFactor
+from mdm.messages import Belief, Control, Observation, State, Tick
 from mdm.models import MDP, POMDP
 from mdm.policies import AlphaVectors, ConstantPolicy, DeterministicPolicy, QTable, StagedPolicy, StochasticPolicy
 from mdm.problems import tiger
@@ -249,13 +249,25 @@ def test_external_beliefs_at_once_and_at_the_tick():
 
 
 @pytest.mark.parametrize("belief", [[np.nan, 1], [-0.1, 1.1], [0.5, 0.6], [1.0], [0.2, 0.3, 0.5], [[0.5, 0.5]]])
-@pytest.mark.parametrize("channel", ["external", "initial"])
+@pytest.mark.parametrize("channel", ["external_belief", "initial_belief"])
 def test_beliefs_that_are_none_are_reported_and_change_nothing(belief, channel):
     def publish(robot):
-        (robot.publish_belief if channel == "external" else robot.publish_initial_belief)(belief)
+        robot.channel(channel, Belief, retain=channel == "initial_belief").publish(Belief(0, np.array(belief)))
 
     decisions, faults, _ = decided([see(0), publish, see(0)])
     assert faults == [("belief", "robot/control")]
+    assert [d.belief[0] for d in decisions] == pytest.approx([0.5, 0.85, 0.969799], abs=1e-6)
+
+
+@pytest.mark.parametrize("belief", [[np.nan, 1], [-0.1, 1.1], [4, 6], [1.0], [0.2, 0.3, 0.5], [[0.5, 0.5]], ["x", 1]])
+def test_who_publishes_a_belief_that_is_none_is_told_so(belief):
+    def publish(robot):
+        for give in (robot.publish_belief, robot.publish_initial_belief):
+            with refused(ModelError):
+                give(belief)
+
+    decisions, faults, _ = decided([see(0), publish, see(0)])
+    assert faults == []
     assert [d.belief[0] for d in decisions] == pytest.approx([0.5, 0.85, 0.969799], abs=1e-6)
 
 

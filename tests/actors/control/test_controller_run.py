@@ -61,8 +61,10 @@ def see_parts(*values):
     return publish
 
 
-def believe(*numbers):
-    return lambda robot: robot.publish_belief(numbers)
+def believe(*numbers, channel="external_belief"):
+    """Publish a belief as another program does, by its channel."""
+    message = Belief(0, np.array(numbers))
+    return lambda robot: robot.channel(channel, Belief, retain=channel == "initial_belief").publish(message)
 
 
 # -- From node to node ---------------------------------------------------------------------------------------------
@@ -178,7 +180,7 @@ KNOWN = FiniteStateController([0, 1], [[0, 1], [0, 1]], values=[[1, 0], [0, 1]])
 
 
 def test_a_belief_means_nothing_where_the_nodes_values_are_not_known():
-    initial = lambda robot: robot.publish_initial_belief([0.5, 0.5])
+    initial = believe(0.5, 0.5, channel="initial_belief")
     decisions, faults = decided(ROUND, see(0), believe(0.5, 0.5), initial, see(1))
     assert [action for *_, action in decisions] == [0, 1, 1]
     assert [fault.kind for fault in faults] == ["belief", "belief", "impossible_observation"]

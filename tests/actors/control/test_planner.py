@@ -18,7 +18,7 @@ from sentences import refused
 import mdm
 from mdm.actors import ControlLayer
 from mdm.actors.control.search_process import SearchProcess
-from mdm.messages import Answer, Observation, Question, State
+from mdm.messages import Answer, Belief, Observation, Question, State
 from mdm.testing import capture_decisions, probe, run_virtual
 
 TIGER = EXAMPLES / "tiger.pomdp"
@@ -196,7 +196,7 @@ def test_at_a_fixed_rate_what_was_asked_is_asked_anew_from_a_belief_from_outside
             await runtime.start(one)
             asked = (await anext(questions)).number  # nothing answers before there is a process
             one.publish_belief([1.0, 0.0])
-            one.publish_belief([np.nan, 0.0])
+            runtime.channel("tiger/external_belief", Belief).publish(Belief(0, np.array([np.nan, 0.0])))
             for number in (asked, asked + 1):
                 runtime.channel("tiger/answer", Answer).publish(Answer(runtime.clock.now(), number, 0, "search"))
         return decisions, one.control.planner.statistics()

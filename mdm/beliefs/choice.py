@@ -44,6 +44,7 @@ __all__ = [
     "compiles",
     "footprint",
     "most_folded",
+    "slow_to_build",
 ]
 
 FOLDED = 4_000_000
@@ -66,6 +67,8 @@ _GATHERED = 5_000, 64
 """Without numba, the least S for the support, and the divisor of S: a step costs at least 40 µs."""
 _MEMORY = "/proc/meminfo"
 _MEGABYTE = 1e6
+_SLOW = 4e9
+"""Bytes of a model from which it takes minutes to build."""
 _NUMBER = 8
 """Bytes of a number."""
 _ENTRY = 12
@@ -248,18 +251,27 @@ def check_memory(model: MDP, limit: float | None, *, beliefs: bool, matrices: st
     most = _free() if limit is None else limit * _MEGABYTE
     if most is None or needed <= most:
         return
+    allowed = f"the machine has {_text(most)} free" if limit is None else f"at most {_text(most)} are allowed (memory)"
+    raise ConfigError(
+        f"{_sizes(model)}. To run it would take {_text(needed)}, and {allowed}; {_help(model, limit, matrices)}",
+        key="memory",
+    )
+
+
+def slow_to_build(model: MDP) -> str | None:
+    """Return in a sentence how large a model is whose matrices take minutes to build; None for others."""
+    needed = footprint(model, beliefs=True, matrices=True)
+    return None if needed <= _SLOW else f"{_sizes(model)}: {_text(needed)} are needed to build them, and minutes"
+
+
+def _sizes(model: MDP) -> str:
     size = model.matrix_size
     counts = [f"{len(model.state_space)} states", f"{len(model.action_space)} actions"]
     parts = [f"T {_text(size.transitions)}", f"R {_text(size.rewards)}"]
     if model.observation_space is not None:
         counts.append(f"{len(model.observation_space)} observations")
         parts.insert(1, f"O {_text(size.observations)}")
-    allowed = f"the machine has {_text(most)} free" if limit is None else f"at most {_text(most)} are allowed (memory)"
-    raise ConfigError(
-        f"the model has {', '.join(counts)}: as matrices {', '.join(parts)}. To run it would take {_text(needed)}, and "
-        f"{allowed}; {_help(model, limit, matrices)}",
-        key="memory",
-    )
+    return f"the model has {', '.join(counts)}: as matrices {', '.join(parts)}"
 
 
 def _help(model: MDP, limit: float | None, matrices: str | None) -> str:

@@ -16,14 +16,16 @@ from __future__ import annotations
 
 import hashlib
 import time
+import warnings
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 import numpy as np
 
 from mdm.beliefs import BeliefTracker, Information, KnownState
+from mdm.beliefs.choice import check_memory, slow_to_build
 from mdm.compilation import kernels
-from mdm.errors import ConfigError, ModelError
+from mdm.errors import ConfigError, ModelError, ModelWarning
 from mdm.models.matrices import distribution
 from mdm.policies.policy import Kind, Scores, observable
 from mdm.solvers.online.tables import SearchTables, SentTables, search_tables, sent
@@ -189,7 +191,11 @@ class TreeSearch(Kind):
 
     Raises:
         ConfigError: If there is neither a time nor a number of leaves, or one is not positive.
+            Or if the model would take more memory than the machine has free, before any of it is built.
         ModelError: If the discount is 1, or a policy or bound is not for this model.
+
+    Warns:
+        ModelWarning: With the model's size, where it takes minutes to build.
     """
 
     form = "a tree search"
@@ -242,6 +248,7 @@ class TreeSearch(Kind):
         # What digests are made of; the tables follow from it and the model.
         self._given: list[Any] = [] if bound is None else [bound.values]
         self._given += [] if plans is None else [plans.vectors, list(plans.actions)]
+        _check_size(model)
         self._tables = search_tables(
             model,
             upper=None if bound is None else bound.values,
@@ -336,3 +343,10 @@ class TreeSearch(Kind):
     def q_values(self, x: Any) -> npt.NDArray[np.float64]:
         """Return a lower bound of the value of each action, after a search; -inf where nothing is known."""
         return np.array(self.search(x).lower)
+
+
+def _check_size(model: MDP) -> None:
+    """Refuse a model for which there is no memory, and warn of one that takes minutes to build."""
+    check_memory(model, None, beliefs=True, matrices="a search")
+    if (size := slow_to_build(model)) is not None:
+        warnings.warn(f"{size}; a search reads them all", ModelWarning, stacklevel=3)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import warnings
 from itertools import count
 
 import numpy as np
@@ -14,9 +15,11 @@ from random_models import dense, distributions, flat_models
 from sentences import refused
 
 import mdm
+from mdm.beliefs import choice
 from mdm.compilation import plain
+from mdm.solvers.online import tree_search
 from mdm.solvers.online.tables import search_tables
-from mdm.solvers.online.tree_search import Search
+from mdm.solvers.online.tree_search import Search, TreeSearch
 
 TIGER = EXAMPLES / "tiger.pomdp"
 LISTEN, OPEN_LEFT, OPEN_RIGHT = 0, 1, 2
@@ -304,3 +307,22 @@ def test_models_and_beliefs_that_are_refused(tiger):
     chain = mdm.models.MDP(np.eye(2)[None], [[0.0], [1.0]], discount=0.5)
     with refused(mdm.ModelError):
         mdm.solvers.TreeSearch(chain, expansions=1).action(2)
+
+
+def test_a_model_s_size_is_told_before_anything_of_it_is_built(monkeypatch):
+    large = mdm.problems.rock_sample(15, 15)
+    monkeypatch.setattr(choice, "_free", lambda: 8e9)
+    with refused(mdm.ConfigError):
+        TreeSearch(large, seconds=1.0)
+    assert not large.is_flattened
+    monkeypatch.setattr(choice, "_free", lambda: 64e9)
+    monkeypatch.setattr(tree_search, "search_tables", lambda *_, **__: pytest.fail("built"))
+    with (
+        pytest.warns(mdm.ModelWarning, match=r"7405568 states.* T 2\.4 GB.* 16\.7 GB are needed"),
+        pytest.raises(pytest.fail.Exception),
+    ):
+        TreeSearch(large, seconds=1.0)
+    monkeypatch.undo()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        TreeSearch(mdm.problems.rock_sample(3, 3), seconds=1.0)

@@ -28,8 +28,8 @@ def run(arguments: argparse.Namespace) -> int:
     model = load(arguments.model, arguments.discount, arguments.discount_of)
     durations = load_durations_for(model, arguments.durations)
     pairs = [load_for(model, path, arguments) for path in arguments.policies]
-    if notes := {note for _, world in pairs if (note := visibility(world)) is not None}:
-        print(f"mdm compare: {notes.pop()}", file=sys.stderr)
+    for note in filter(None, dict.fromkeys(visibility(world, policy) for policy, world in pairs)):
+        print(f"mdm compare: {note}", file=sys.stderr)
     verdicts: list[Verdict] = []
     for place, (policy, world) in enumerate(pairs, 1):
         told = f"policy {place} of {len(pairs)}  "

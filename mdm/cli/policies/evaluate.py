@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
         model = load(arguments.model, arguments.discount, arguments.discount_of)
         durations = load_durations_for(model, arguments.durations)
         policy, world = load_for(model, arguments.policy, arguments)
-    if (note := visibility(world)) is not None:
+    if (note := visibility(world, policy)) is not None:
         print(f"mdm evaluate: {note}", file=sys.stderr)
     verdict = judge(world, policy, arguments, durations)
     interrupted = arguments.interruption.number is not None

@@ -47,11 +47,18 @@ def load_durations_for(model: MDP, path: str | None) -> Durations | None:
     return durations
 
 
-def visibility(model: MDP) -> str | None:
-    """Return a sentence that names the fully observed state factors; None if there are none."""
+def visibility(model: MDP, policy: Any = None) -> str | None:
+    """Return a sentence that names the state factors that are seen, as the model or the policy has it; else None."""
+    factors = model.state_space.factors
+    if policy is not None and policy.input == "state" and model.pomdp is not None:
+        names = [factor.name for place, factor in enumerate(factors) if place not in model.observed]
+        if names:
+            return (
+                f"the policy is over states: it takes {', '.join(names)} as seen at each step, which the model hides"
+            )
     if not model.observed:
         return None
-    names = [model.state_space.factors[place].name for place in model.observed]
+    names = [factors[place].name for place in model.observed]
     return f"the agent sees {', '.join(names)} at the start and at every step, as the model declares"
 
 

@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     _check_usage(arguments)
     given = Simulated(**{name: getattr(arguments, name) for name in Simulated.__struct_fields__})
     options = given.options()
-    if given.file is None and (sentence := visibility(options["model"])):
+    if given.file is None and (sentence := visibility(options["model"], options["policy"])):
         print(f"mdm simulate: {sentence}", file=sys.stderr)
     recorder = _recorder(given, arguments.record)
     with counting(arguments.interruption) as progress:

@@ -133,3 +133,14 @@ def test_durations_count_in_real_time(mdm, facts, tmp_path):
         status, _, errors = mdm(verb, CHAIN, table, "--durations", drive)
         assert status == 1
         assert "drive.npz: the durations have the shape" in errors
+
+
+def test_a_policy_over_states_says_what_it_takes_as_seen(mdm, tmp_path):
+    path = tmp_path / "sees.policy"
+    path.write_text("[2](2,1)")  # opens the right door where the tiger is at the left, and the other way round
+    note = "the policy is over states: it takes {} as seen at each step, which the model hides\n"
+    for verb in ("evaluate", "compare"):
+        status, _, errors = mdm(verb, TIGER, path)
+        assert (status, errors) == (0, f"mdm {verb}: {note.format('state')}")
+    _, _, errors = mdm("simulate", TIGER, path, "--episodes", "3", "--steps", "2")
+    assert errors.endswith(note.format("state"))

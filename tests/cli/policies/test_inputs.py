@@ -12,9 +12,10 @@ from mdm.cli.policies.inputs import load, load_for, visibility
 from mdm.loading import revealed
 from mdm.policies import (
     AlphaVectors,
+    DeterministicPolicy,
     FiniteStateController,
 )
-from mdm.problems import rock_sample
+from mdm.problems import grid_world, rock_sample
 
 ARGUMENTS = Namespace(seed=1, false_negative=None)
 
@@ -25,6 +26,10 @@ def test_a_model_says_what_of_its_state_is_visible():
     assert visibility(model) is None
     sentence = visibility(revealed(rock_sample(2, 1)))
     assert sentence == "the agent sees rover at the start and at every step, as the model declares"
+    seeing = DeterministicPolicy([0] * 9, 6)
+    assert "takes rock-0 as seen" in visibility(revealed(rock_sample(2, 1)), seeing)
+    assert "takes rover, rock-0 as seen" in visibility(rock_sample(2, 1), seeing)
+    assert visibility(grid_world(), seeing) is None
 
 
 def test_a_discount_may_be_another():

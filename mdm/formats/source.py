@@ -78,6 +78,13 @@ class Words:
         """Report that the words before this one have been read."""
         self._source.report(_SPLIT + (1 - _SPLIT) * at / max(len(self.words), 1))
 
+    def placed(self, at: int, message: str) -> str:
+        """Return a message with the place of a word."""
+        try:
+            self.fail(at, message)
+        except FormatError as error:
+            return str(error)
+
     def fail(self, at: int, message: str) -> NoReturn:
         """Raise a `FormatError` at a word; beyond the end, at the last word."""
         at = min(at, len(self.words) - 1)

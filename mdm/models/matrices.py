@@ -68,6 +68,29 @@ class RowError(ModelError):
         self.action = action
 
 
+class _Of(NamedTuple):
+    """Which matrix it is.
+
+    Attributes:
+        what: ``T`` or ``O``.
+        action: The action's index.
+        name: The action's name.
+    """
+
+    what: str
+    action: int
+    name: str
+
+    def __str__(self) -> str:
+        return f"{self.what} of action {self.name!r}"
+
+    def wrong(self, row: int, problem: str, *, is_sum: bool = False) -> None:
+        """Report a problem of a row, or raise it."""
+        error = RowError(f"{self}: {problem}", row, self.what, self.action)
+        if not report(str(error), is_sum=is_sum, at=error):
+            raise error
+
+
 class Checked(tuple[Matrix, ...]):
     """Matrices that were validated before: one per action, of one kind, read-only."""
 
@@ -109,11 +132,8 @@ def stochastic_matrices(
     normalised = 0
     for action, matrix in enumerate(matrices):
         if id(matrix) not in done:
-            name = f"{what} of action {actions.names[action]!r}"
-            try:
-                done[id(matrix)], off = _checked(matrix, name, rows, columns, as_sparse)
-            except RowError as error:
-                raise RowError(str(error), error.row, what, action) from None
+            of = _Of(what, action, actions.names[action])
+            done[id(matrix)], off = _checked(matrix, of, rows, columns, as_sparse)
             normalised += off
     if normalised:
         text = f"{normalised} rows of {what} did not quite sum to 1 and were normalised"
@@ -135,11 +155,11 @@ def is_large_and_sparse(matrices: int, rows: int, columns: int, entries: float) 
     return size > _LARGE and entries < _DENSE * size
 
 
-def _checked(matrix: Any, what: str, rows: Space, columns: int, as_sparse: bool) -> tuple[Matrix, int]:
+def _checked(matrix: Any, what: _Of, rows: Space, columns: int, as_sparse: bool) -> tuple[Matrix, int]:
     if is_compressed(matrix):
         result: Any = csr(matrix) if as_sparse else matrix.toarray()
     else:
-        dense = numbers(matrix, what)
+        dense = numbers(matrix, str(what))
         result = csr(dense) if as_sparse and dense.ndim == 2 else dense
     if result.shape != (len(rows), columns):
         shape = "x".join(map(str, result.shape))
@@ -161,7 +181,7 @@ def _checked(matrix: Any, what: str, rows: Space, columns: int, as_sparse: bool)
     return read_only(result), int((errors[off] <= TOLERANCE).sum())
 
 
-def _check_numbers(matrix: Matrix, what: str, rows: Space) -> None:
+def _check_numbers(matrix: Matrix, what: _Of, rows: Space) -> None:
     """Refuse numbers that are not probabilities; while problems are collected, set them to 0."""
     data = matrix.data if is_compressed(matrix) else matrix
     wrong = ~((data >= 0) & np.isfinite(data))
@@ -171,21 +191,18 @@ def _check_numbers(matrix: Matrix, what: str, rows: Space) -> None:
     compressed = is_compressed(matrix)
     found = np.searchsorted(matrix.indptr, places[0], side="right") - 1 if compressed else places[0]
     for row, value in zip(found[:_TOLD].tolist(), data[places].tolist(), strict=False):
-        problem = f"{what}: {value:g} in the row of {rows.names[row]!r} is not a probability"
-        if not report(problem):
-            raise RowError(problem, row)
+        what.wrong(row, f"{value:g} in the row of {rows.names[row]!r} is not a probability")
     data[wrong] = 0
 
 
-def _check_sums(matrix: Matrix, sums: Vector, what: str, rows: Space) -> tuple[Matrix, Vector]:
+def _check_sums(matrix: Matrix, sums: Vector, what: _Of, rows: Space) -> tuple[Matrix, Vector]:
     """Refuse rows that do not sum to 1; while problems are collected, return rows that can be normalised."""
     errors = np.abs(sums - 1)
     wrong = np.flatnonzero(errors > TOLERANCE)
     worst = [int(errors.argmax()), *wrong[:_TOLD].tolist()]  # the error is about the worst
     for row in worst[:1] if not is_collecting() else worst[1:]:
-        problem = f"{what}: the row of {rows.names[row]!r} sums to {sums[row]:.6g}, not to 1"
-        if not report(problem, is_sum=bool(sums[row] > 0)):
-            raise RowError(problem, row)
+        problem = f"the row of {rows.names[row]!r} sums to {sums[row]:.6g}, not to 1"
+        what.wrong(row, problem, is_sum=bool(sums[row] > 0))
     if len(wrong) > _TOLD:
         report(f"{what}: {len(wrong) - _TOLD} more rows do not sum to 1", is_sum=True)
     empty = np.flatnonzero(sums == 0)

@@ -62,7 +62,8 @@ def report(file: str, examine: Callable[[], Findings], *, json: bool, command: s
         for line in grouped(problems):
             print(f"{command}: {line}", file=sys.stderr)
         for note in notes:
-            print(f"{file}: note: {note}")
+            place, colon, text = note.partition(": ") if note.startswith(f"{file}:") else (file, ": ", note)
+            print(f"{place}{colon}note: {text}")
         if not problems:
             print(f"{file}: {kind}, no problems found")
         elif len(problems) > 1:
@@ -155,7 +156,10 @@ def _examine_model(file: str, normalize: bool) -> tuple[str | None, list[str], l
     with collect_problems() as collected:
         try:
             model = load_model(file)
+            own = len(collected)
             model.flatten()
+            if any(not problem.is_remark for problem in collected[:own]):
+                del collected[own:]  # rows of matrices that are those of the factors again
             kind = f"a model ({model.kind})"
             if all(
                 problem.is_sum or problem.is_remark for problem in collected

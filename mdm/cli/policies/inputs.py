@@ -53,9 +53,7 @@ def visibility(model: MDP, policy: Any = None) -> str | None:
     if policy is not None and policy.input == "state" and model.pomdp is not None:
         names = [factor.name for place, factor in enumerate(factors) if place not in model.observed]
         if names:
-            return (
-                f"the policy is over states: it takes {', '.join(names)} as seen at each step, which the model hides"
-            )
+            return f"the policy is over states: it takes {', '.join(names)} as seen at each step, which the model hides"
     if not model.observed:
         return None
     names = [factors[place].name for place in model.observed]

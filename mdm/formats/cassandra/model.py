@@ -16,13 +16,13 @@ import numpy as np
 import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError, ModelWarning
-from mdm.formats.cassandra.statements import Field, Statements, begins_foreign, foreign
+from mdm.formats.cassandra.statements import Field, Statements, begins_foreign, check_commas, foreign, unknown
 from mdm.formats.source import LARGEST, Source, Words, number, suffixes
 from mdm.formats.target import write_text
 from mdm.formats.writers import Speller, closed
 from mdm.models import MDP, POMDP, Space
 from mdm.models.matrices import TOLERANCE, RowError, csr, is_compressed
-from mdm.models.validation import is_collecting, remark, report
+from mdm.models.validation import is_collecting, placing, remark, report
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -160,6 +160,8 @@ class _Reader:
         for offset, name in enumerate(names):
             if name in {":", "*"}:
                 self._fail(key, f"{name!r} is not a valid name among the {key}", offset)
+        if (commas := check_commas(names, key)) is not None:
+            remark(self._words.placed(self._sections[key][0], commas))
         if len(set(names)) < len(names):
             offset = next(index for index, name in enumerate(names) if name in names[:index])
             self._fail(key, f"{names[offset]!r} is named twice among the {key}", offset)
@@ -256,7 +258,8 @@ class _Reader:
                 colons=False,
             )
             statements.read(self._sections[""][0])
-            return build(self._source, statements, states, actions, observations, discount, start, sparse)
+            with placing(statements.placed):
+                return build(self._source, statements, states, actions, observations, discount, start, sparse)
         except RowError as error:
             statements.refuse(error)
         except ModelError as error:
@@ -264,14 +267,14 @@ class _Reader:
         except MemoryError:
             self._source.fail("the model is too large for this machine's memory")
 
-    def _field(self, at: int, words: list[str], space: Space, kind: str) -> Field:
+    def _field(self, at: int, words: list[str], space: Space, where: str) -> Field:
         word = words[0]
         if word == "*":
             return None
         try:
             return space.index(word)
         except ModelError as error:
-            self._words.fail(at, f"{word!r} in this {kind!r} statement: {error}")
+            self._words.fail(at, unknown(word, where, error))
 
 
 def build(
@@ -302,6 +305,12 @@ def build(
         remark(
             f"the reward of {pair} is given, and then again by a later statement for more that takes its place: "
             "statements count in their order, so put the general ones first"
+        )
+    if is_collecting() and (twice := statements.rewards.repeated()) is not None:
+        action, state = twice
+        where = "all states" if state is None else f"state {states.names[state]!r}"
+        remark(
+            f"the reward of action {actions.names[action]!r} in {where} is given twice by one entry: the last counts"
         )
     transitions = statements.transitions.matrices()
     finer = statements.rewards if statements.rewards.finer else None

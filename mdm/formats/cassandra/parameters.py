@@ -161,6 +161,8 @@ class Rewards:
         self._num_states = num_states
         self._num_observations = num_observations
         self._by_action: list[list[_Statement]] = [[] for _ in range(num_actions)]
+        self._for_all: set[int] = set()
+        """The identities of statements for all actions, which those for one may well follow."""
 
     def add(
         self, action: int | Sequence[int] | None, state: Places, next_state: Places, observation: Places, value: Any
@@ -172,6 +174,8 @@ class Rewards:
         an MDP) if ``next_state`` is None too.
         """
         statement = (state, next_state, observation, value)
+        if action is None:
+            self._for_all.add(id(statement))
         for each in range(len(self._by_action)) if action is None else [action] if isinstance(action, int) else action:
             self._by_action[each].append(statement)
 
@@ -222,6 +226,22 @@ class Rewards:
                     state = places[0]
                     if lost.any() and state is not None:
                         return action, int(np.broadcast_to(state, lost.shape)[lost.argmax()])
+        return None
+
+    def repeated(self) -> tuple[int, int | None] | None:
+        """Return an action and a state (None for all) of which one entry is given twice; None where none is."""
+        for action, statements in enumerate(self._by_action):
+            alike: dict[Any, list[Indices]] = {}
+            for statement in statements:
+                *places, value = statement
+                named = [np.atleast_1d(place) for place in places if place is not None] or [np.zeros(1, np.int64)]
+                size = np.ndim(value) if _is_row(*statement) else 0
+                kind = tuple(place is None for place in places), size, id(statement) in self._for_all
+                alike.setdefault(kind, []).append(np.stack(np.broadcast_arrays(*named), axis=1))
+            for (wild, *_), blocks in alike.items():
+                entries, counts = np.unique(np.concatenate(blocks), axis=0, return_counts=True)
+                if counts.max() > 1:
+                    return action, None if wild[0] else int(entries[counts.argmax(), 0])
         return None
 
     def at(self, action: int, state: int, next_state: int, observation: int | None) -> float:

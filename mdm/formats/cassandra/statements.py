@@ -27,8 +27,9 @@ if TYPE_CHECKING:
     from mdm.formats.source import Words
     from mdm.models import Space
     from mdm.models.matrices import RowError
+    from mdm.models.validation import Problem
 
-__all__ = ["Entries", "Field", "Statements", "begins_foreign", "foreign"]
+__all__ = ["Entries", "Field", "Statements", "begins_foreign", "check_commas", "foreign", "unknown"]
 
 Field = int | list[int] | None
 """An index, several indices, or None for all."""
@@ -60,7 +61,8 @@ class Statements:
         observations: The (joint) observations; None in an MDP.
         start: The start distribution, for ``reset``.
         sign: -1 if the file's values are costs.
-        field: Parses the words of a field as indices of a space.
+        field: Parses the words of a field as indices of a space; its last argument is the kind of statement and the
+            field's letter, for `unknown`.
         colons: Whether a ``:`` precedes every value (MADP) or only separates fields (Cassandra).
     """
 
@@ -130,25 +132,49 @@ class Statements:
 
     def refuse(self, error: RowError) -> NoReturn:
         """Raise a `FormatError` at the last statement for a row that is not a distribution, or for its action."""
-        words, kind = self._words, error.what
-        found = block = None
-        for at in (i for i, word in enumerate(words[:-1]) if word == kind and words[i + 1] == ":"):
-            end = self._field_end(at + 2)
-            of_action = self._names_symbol(kind, "a", at + 2, end, error.action)
-            names_row = words[end : end + 1] == [":"] and not self._values_follow(end + 1, "s")
-            if of_action:
-                block = at
-                if not names_row or self._names_symbol(kind, "s", end + 1, self._field_end(end + 1), error.row):
-                    found = at
-        place = found if found is not None else block
-        self.fail(len(words) - 1 if place is None else place, str(error))
+        self.fail(self._places([error])[0], str(error))
 
-    def _names_symbol(self, kind: str, letter: str, begin: int, end: int, symbol: int) -> bool:
-        """Whether a field names a symbol."""
+    def placed(self, problems: Sequence[Problem]) -> list[str]:
+        """Return the texts of problems of rows with their places."""
+        places = self._places([problem.at for problem in problems])
+        return [self._source.placed(place, problem.text) for place, problem in zip(places, problems, strict=True)]
+
+    def _places(self, errors: Sequence[RowError]) -> list[int]:
+        """Return for each row that is not a distribution at which word it begins, or the last statement for it.
+
+        Of a row that no statement is for it is the last one for its action.
+        """
+        words = self._words
+        found: dict[RowError, int] = {}
+        blocks: dict[RowError, int] = {}
+        for kind in {error.what for error in errors}:
+            of_kind = [error for error in errors if error.what == kind]
+            columns = len(self._spaces["n" if kind == "T" else "o"] or ())
+            for at in (i for i, word in enumerate(words[:-1]) if word == kind and words[i + 1] == ":"):
+                end = self._field_end(at + 2)
+                of_action = self._those_of(kind, "a", at + 2, end, of_kind, "action")
+                blocks |= dict.fromkeys(of_action, at)
+                if words[end : end + 1] == [":"] and not self._values_follow(end + 1, "s"):
+                    of_row = self._those_of(kind, "s", end + 1, self._field_end(end + 1), of_action, "row")
+                    found |= dict.fromkeys(of_row, at)
+                    continue
+                values = end + (words[end : end + 1] == [":"])
+                listed = values < len(words) and number(words[values]) is not None
+                found |= {error: values + error.row * columns if listed else at for error in of_action}
+        return [found.get(error, blocks.get(error, len(words) - 1)) for error in errors]
+
+    def _those_of(
+        self, kind: str, letter: str, begin: int, end: int, errors: list[RowError], of: str
+    ) -> list[RowError]:
+        """Return the errors of which a field names the action or the row."""
         space = self._spaces[letter]
         assert space is not None
-        field = self._field(begin, self._words[begin:end], space, kind)
-        return field is None or field == symbol or (isinstance(field, list) and symbol in field)
+        try:
+            field = self._field(begin, self._words[begin:end], space, kind + letter)
+        except FormatError:  # which is a problem of its own
+            return []
+        chosen = {field} if isinstance(field, int) else field
+        return [error for error in errors if chosen is None or getattr(error, of) in chosen]
 
     def _next_statement(self, at: int) -> int:
         words = self._words
@@ -171,7 +197,7 @@ class Statements:
                 self.fail(at, f"{what} was expected in this {kind!r} statement")
             space = self._spaces[letter]
             if space is not None:
-                fields.append(self._field(at, words[at:end], space, kind))
+                fields.append(self._field(at, words[at:end], space, kind + letter))
             elif words[at] != "*":
                 break  # in an MDP a colon may precede the value
             else:
@@ -200,7 +226,7 @@ class Statements:
         space = self._spaces[letter]
         assert space is not None
         try:
-            field = self._field(at, words, space, kind)
+            field = self._field(at, words, space, kind + letter)
         except FormatError:
             return None  # the statement is then read by itself, which reports the place
         return field if isinstance(field, int) else None
@@ -305,6 +331,27 @@ class Statements:
             assert stack is not None
             row, column = [*places, None, None][:2]
             stack.add(action, row, column, value)
+
+
+def unknown(word: str, where: str, error: ModelError) -> str:
+    """Return in words that no symbol has a name, and what is closest.
+
+    Args:
+        word: The name.
+        where: The kind of statement and the field's letter.
+        error: What the space says.
+    """
+    noun = {"a": "action", "o": "observation"}.get(where[1], "state")
+    hint = str(error).partition("; ")[2]
+    return f"{word!r} in this {where[0]!r} statement is no {noun}; {hint.replace('symbols', f'{noun}s')}"
+
+
+def check_commas(names: Iterable[str], what: str) -> str | None:
+    """Return in words that names have commas at their ends; None where none has."""
+    found = [name for name in names if name != name.strip(",")]
+    if not found:
+        return None
+    return f"{', '.join(map(repr, found[:5]))} among the {what}: blanks separate names, and a comma is part of one"
 
 
 class Entries:
@@ -419,9 +466,11 @@ class Entries:
     def _add_entries(
         self, kind: str, action: int | None, places: list[Places], values: npt.NDArray[np.float64]
     ) -> None:
-        # Without further symbols all entries are the same one: the last value counts.
-        named = any(place is not None for place in places)
-        self._store(kind, action, places, values if named else float(values[-1]))
+        if any(place is not None for place in places):
+            self._store(kind, action, places, values)
+            return
+        for value in values[-2:]:  # all are the same entry: the last one counts, the one before shows that it is again
+            self._store(kind, action, places, float(value))
 
 
 def _leading_numbers(kind: str, words: list[str]) -> list[float]:

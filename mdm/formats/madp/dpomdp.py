@@ -16,13 +16,13 @@ import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError
 from mdm.formats.cassandra.model import StatementWriter, Symbols, build
-from mdm.formats.cassandra.statements import Field, Statements, foreign
+from mdm.formats.cassandra.statements import Field, Statements, check_commas, foreign, unknown
 from mdm.formats.source import LARGEST, Source, Words, number
 from mdm.formats.target import write_text
 from mdm.models import POMDP, Space
 from mdm.models.matrices import TOLERANCE, RowError
 from mdm.models.space import Factor
-from mdm.models.validation import is_collecting
+from mdm.models.validation import is_collecting, placing, remark
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -126,6 +126,8 @@ class _Reader:
         for index, word in enumerate(words):
             if word in words[:index]:
                 self._fail(line, f"{word!r} is named twice among the {what}")
+        if (commas := check_commas(words, what)) is not None:
+            remark(str(FormatError(commas, file=self._source.path, line=line)))
         return words
 
     def _per_agent(self, key: str, agents: list[str]) -> Space:
@@ -209,7 +211,9 @@ class _Reader:
                 colons=True,
             )
             statements.read(0)
-            model = build(self._source, statements, states, actions, observations, discount, start, sparse, fill=True)
+            parts = (states, actions, observations, discount, start, sparse)
+            with placing(statements.placed):
+                model = build(self._source, statements, *parts, fill=True)
         except RowError as error:
             statements.refuse(error)
         except ModelError as error:
@@ -219,10 +223,10 @@ class _Reader:
         assert isinstance(model, POMDP)
         return model
 
-    def _field(self, at: int, words: list[str], space: Space, kind: str) -> Field:
+    def _field(self, at: int, words: list[str], space: Space, where: str) -> Field:
         if words == ["*"]:
             return None
-        text = " ".join(words)
+        text, kind = " ".join(words), where[0]
         try:
             if len(space.factors) == 1 or (len(words) == 1 and words[0].isdecimal()):
                 if len(words) == 1:
@@ -238,6 +242,9 @@ class _Reader:
                 for word, factor in zip(words, space.factors, strict=True)
             ]
         except ModelError as error:
-            self._words.fail(at, f"{text!r} in this {kind!r} statement: {error}")
+            several = len(space.factors) > 1
+            self._words.fail(
+                at, f"{text!r} in this {kind!r} statement: {error}" if several else unknown(text, where, error)
+            )
         indices = [space.ravel(components) for components in product(*chosen)]
         return indices[0] if len(indices) == 1 else indices

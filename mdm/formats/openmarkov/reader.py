@@ -18,6 +18,7 @@ from mdm.formats.openmarkov.writer import write
 from mdm.formats.source import Source, number
 from mdm.models import Factor, FactoredMDP, FactoredPOMDP, Space
 from mdm.models.factored.two_slice import Node, Potential, PotentialError, Table, Tree, TwoSliceNetwork
+from mdm.models.validation import placing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -46,10 +47,11 @@ def read(path: str | Path, *, sparse: bool | None = None) -> FactoredMDP | Facto
     source = Source(path)
     document = _Document(source)
     try:
-        network = document.network()
-        if network.observations is None:
-            return FactoredMDP(network, discount=document.discount, sparse=sparse)
-        return FactoredPOMDP(network, discount=document.discount, sparse=sparse)
+        with placing(lambda problems: [document.element(each.at).placed(each.text) for each in problems]):
+            network = document.network()
+            if network.observations is None:
+                return FactoredMDP(network, discount=document.discount, sparse=sparse)
+            return FactoredPOMDP(network, discount=document.discount, sparse=sparse)
     except PotentialError as error:
         document.element(error.node).fail(str(error))
     except ModelError as error:

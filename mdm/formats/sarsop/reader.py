@@ -17,6 +17,7 @@ from mdm.formats.sarsop.writer import write
 from mdm.formats.source import Source, number
 from mdm.models import Factor, FactoredMDP, FactoredPOMDP, Space
 from mdm.models.factored.two_slice import Node, Potential, PotentialError, Role, Table, Tree, TwoSliceNetwork
+from mdm.models.validation import placing
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -50,10 +51,11 @@ def read(path: str | Path, *, sparse: bool | None = None) -> FactoredMDP | Facto
     """
     document = _Document(Source(path))
     try:
-        network = document.network()
-        if network.observations is None:
-            return FactoredMDP(network, discount=document.discount, sparse=sparse)
-        return FactoredPOMDP(network, discount=document.discount, sparse=sparse)
+        with placing(lambda problems: [document.elements[each.at].placed(each.text) for each in problems]):
+            network = document.network()
+            if network.observations is None:
+                return FactoredMDP(network, discount=document.discount, sparse=sparse)
+            return FactoredPOMDP(network, discount=document.discount, sparse=sparse)
     except PotentialError as error:
         document.elements[error.node].fail(str(error))
     except ModelError as error:

@@ -358,7 +358,7 @@ class TwoSliceNetwork:
                 what = f"{bad[0]:g} is not a probability" if bad.size else f"they sum to {row.sum():.6g}, not to 1"
                 where = f" given {', '.join(given)}" if given else ""
                 problem = f"the probabilities of {self.name(node)!r}{where}: {what}"
-                if not report(problem, is_sum=bool(not bad.size and row.sum() > 0)):
+                if not report(problem, is_sum=bool(not bad.size and row.sum() > 0), at=node):
                     raise PotentialError(problem, node)
 
     def _blocks(self, child: Node, potential: Potential) -> Iterator[tuple[dict[Node, Indices], Vector]]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 from places import EXAMPLES, MODELS, POLICIES, TIGER
 
-from mdm import save_policy
+from mdm import load_model, save_model, save_policy
 from mdm.policies import AlphaVectors
 
 
@@ -282,3 +283,77 @@ def test_check_notes_that_no_start_is_given(mdm, tmp_path, start, noted):
     status, lines, errors = mdm("check", tmp_path / "m.mdp")
     assert (status, errors) == (0, "")
     assert any("note: no start is given: every state is as likely" in line for line in lines) == noted
+
+
+ROWS = """discount: .9
+values: reward
+states: a b
+actions: look go
+observations: x y
+T: look : a : a .7
+T: look : b : b 1
+T: go
+.5 .4
+.1 1
+O: *
+.5 .5
+.5 .4
+R: go : * : * : * 1
+R: go : a : * : * 2
+R: * : b : * : * 1
+"""
+
+
+def problems(mdm, path):
+    return [line.partition(f"{path}:")[2] for line in mdm("check", path)[2].splitlines()[:-1]]
+
+
+def test_check_tells_the_line_of_each_row_that_does_not_sum_to_1(mdm, tmp_path):
+    path = tmp_path / "rows.pomdp"
+    path.write_text(ROWS)
+    told = [
+        "6:1: T of action 'look': the row of 'a' sums to 0.7, not to 1",
+        "9:1: T of action 'go': the row of 'a' sums to 0.9, not to 1",
+        "10:1: T of action 'go': the row of 'b' sums to 1.1, not to 1",
+        "13:1: O of action 'look': the row of 'b' sums to 0.9, not to 1",
+    ]
+    assert problems(mdm, path) == told
+    assert f"{path}:13:1: note: {told[-1][6:]}; normalised" in mdm("check", path, "--normalize")[1]
+    head = "agents: 1\ndiscount: .9\nvalues: reward\nstates: a b\nactions:\nlook go\nobservations:\nx y\n"
+    body = ROWS.partition("observations: x y\n")[2].replace("*\n", "* :\n").replace("T: go\n", "T: go :\n")
+    path = tmp_path / "rows.dpomdp"
+    path.write_text(head + re.sub(r" ([.\d]+)$", r" : \1", re.sub(r"R.*\n", "", body), count=2, flags=re.MULTILINE))
+    lines = [each.partition(":")[0] for each in problems(mdm, path)]
+    assert lines == ["9", "12", "13", "16"]
+
+
+def test_check_tells_one_broken_row_of_a_factored_model_once_with_its_line(mdm, tmp_path):
+    save_model(load_model(TIGER), tmp_path / "tiger.pomdpx")
+    text = (tmp_path / "tiger.pomdpx").read_text()
+    (tmp_path / "tiger.pomdpx").write_text(text.replace("0.85", "0.75", 1))
+    (problem,) = mdm("check", tmp_path / "tiger.pomdpx")[2].splitlines()
+    line = text[: text.index("0.85")].rpartition("<CondProb>")[0].count("\n") + 1
+    assert f"tiger.pomdpx:{line}:1: the probabilities of 'agent_2' given agent=listen" in problem
+
+
+def test_check_notes_names_with_commas_and_rewards_that_are_given_twice(mdm, tmp_path):
+    path = tmp_path / "rows.pomdp"
+    path.write_text(re.sub(r"(?s)T: look : a.*R: go : \* ", "T: * identity\nO: * uniform\nR: go : * ", ROWS))
+    assert not [line for line in mdm("check", path)[1] if "twice" in line]  # for one action what another is for all
+    for again, where in (
+        ("R: go : a : * : * 2", "'go' in state 'a'"),
+        ("R: go : * : * : * 3", "'go' in all states"),
+        ("R: * : b : * : * 1", "'look' in state 'b'"),
+    ):
+        path.write_text(path.read_text() + again + "\n")
+        note = f"the reward of action {where} is given twice by one entry: the last counts"
+        assert f"{path}: note: {note}" in mdm("check", path)[1]
+        path.write_text(path.read_text().removesuffix(again + "\n"))
+    path.write_text(path.read_text().replace("actions: look go", "actions: look, go"))
+    status, output, _ = mdm("check", path)
+    assert status == 0
+    assert (
+        output[0] == f"{path}:4:10: note: 'look,' among the actions: blanks separate names, and a comma is part of one"
+    )
+    path.write_text(path.read_text() + "R: look : a : * : * 1\n")
+    assert "'look' in this 'R' statement is no action; did you mean 'look,'?" in mdm("check", path)[2]

@@ -191,15 +191,18 @@ class _Builder:
         if builder.complete:
             declarations.check_ends({name for ensemble in ensembles.values() for name in ensemble.action.names})
         self._problems.raise_all()
-        return System(
-            *(declarations.manager, ensembles, tasks),
-            places=places,
-            member=member,
-            emergency=emergency,
-            starved_after=starved_after,
-            monitors=builder.monitors,
-            durations=builder.durations,
-        )
+        with self._problems.collecting("ensembles"):
+            return System(
+                *(declarations.manager, ensembles, tasks),
+                places=places,
+                member=member,
+                emergency=emergency,
+                starved_after=starved_after,
+                monitors=builder.monitors,
+                durations=builder.durations,
+            )
+        self._problems.raise_all()
+        raise AssertionError
 
     def _places(
         self, document: dict[str, Any], declarations: Declarations, share: Share | None
@@ -249,7 +252,7 @@ class _Builder:
             self._problems.add("this is a pipe or a device, not a file: save its content to a file first", None)
             self._problems.raise_all()
         try:
-            return tomllib.loads(self._path.read_text(encoding="utf-8"))
+            return tomllib.loads(self._path.read_text(encoding="utf-8-sig"))
         except FileNotFoundError:
             self._problems.add("there is no such file", None)
         except IsADirectoryError:

@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, cast
 
 from mdm.config.objects import made
-from mdm.config.sources import look_for, refuse_shadowed
+from mdm.config.sources import look_for, named_in, refuse_shadowed
 from mdm.errors import ConfigError
 from mdm.logic import similar
 
@@ -82,9 +82,7 @@ def find_function(reference: str, folder: Path) -> Callable[..., Any]:
         ConfigError: If there is no such module or function, the module cannot be imported, or another module of that
             name is already loaded.
     """
-    module_name, colon, attribute = reference.partition(":")
-    if not colon or not module_name or not attribute:
-        raise ConfigError(f"a function must be given as 'module:name', not {reference!r}")
+    module_name, attribute = named_in(reference)
     place = str(folder.resolve())
     if place not in sys.path:
         sys.path.insert(0, place)

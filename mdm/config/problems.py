@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any, get_args, get_type_hints
 
 import msgspec
 
 from mdm.errors import ConfigError, Error, FormatError
 from mdm.logic import similar
+from mdm.runtime.actor import TakenName
 
 if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
 __all__ = ["Problems"]
+
+_EXPECTED = re.compile(r"Expected `(?P<kinds>[^`]+)`(?: (?P<sign>[<>]=?) (?P<limit>[\d.e+-]+))?(?:, got `[^`]+`)?")
+"""What msgspec says of a value of another kind, or beyond a limit."""
+_KINDS = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "a text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+}
+_LIMITS = {">": "above", ">=": "of at least", "<": "below", "<=": "of at most"}
+_STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
 
 
 class Problems:
@@ -70,7 +85,7 @@ class Problems:
             try:
                 struct = msgspec.convert(value, kind)
             except msgspec.ValidationError as error:
-                field = self._add_invalid(error, kind, key, dropped)
+                field = self._add_invalid(error, value, kind, key, dropped)
                 if field is None or not isinstance(value, dict) or field not in value:
                     return None
                 dropped.add(field)
@@ -78,7 +93,9 @@ class Problems:
             else:
                 return struct if partly or len(self) == before else None
 
-    def _add_invalid(self, error: msgspec.ValidationError, kind: Any, key: str, dropped: set[str]) -> str | None:
+    def _add_invalid(
+        self, error: msgspec.ValidationError, value: Any, kind: Any, key: str, dropped: set[str]
+    ) -> str | None:
         """Add msgspec's error in our words; return the field concerned."""
         text, _, place = str(error).partition(" - at `$")
         place = place.rstrip("`").replace("[...]", "")
@@ -93,11 +110,23 @@ class Problems:
                 self.add(f"the required key {field!r} is missing", key)
             return None
         field = place.removeprefix(".").partition("[")[0]
+        text = text.replace(" | null", "")  # TOML has none
         if text.startswith("Invalid enum value"):
             choices = ", ".join(map(repr, _choices(get_type_hints(kind)[field] if field else kind)))
             text = f"{text.removeprefix('Invalid enum value ')} is not one of {choices}"
-        self.add(text.replace(" | null", ""), f"{key}{place}")  # TOML has none
+        expected = _EXPECTED.fullmatch(text)
+        self.add(text if expected is None else _in_words(expected, value, place), f"{key}{place}")
         return field or None
+
+
+def _in_words(expected: re.Match[str], value: Any, place: str) -> str:
+    """Return what was expected at a place of a value, and what is there, in words."""
+    kinds = " or ".join(_KINDS.get(kind, kind) for kind in expected["kinds"].split(" | "))
+    limit = f" {_LIMITS[expected['sign']]} {float(expected['limit']):,.10g}" if expected["sign"] else ""
+    for name, index in _STEP.findall(place):
+        value = value[int(index)] if index else value[name]
+    found = "a table" if isinstance(value, dict) else "a list" if isinstance(value, list) else repr(value)
+    return f"{kinds}{limit} was expected, not {found.lower() if isinstance(value, bool) else found}"
 
 
 def _choices(annotation: Any) -> list[str]:
@@ -129,6 +158,9 @@ class _Collecting:
         elif isinstance(error, FormatError):
             place = f" (column {error.column})" if error.file is None and error.column is not None else ""
             self._problems.add(f"{error if error.file else error.message}{place}", self._key)
+        elif isinstance(error, TakenName):
+            text = f"an ensemble cannot be called {error.name!r}, as an actor beside it is: give it another name"
+            self._problems.add(text, f"ensembles.{error.name}")
         elif isinstance(error, Error):
             self._problems.add(str(error), self._key)
         return isinstance(error, Error)

@@ -98,7 +98,7 @@ def _named(file: Path) -> Iterator[Path]:
     """Yield the paths that a TOML or YAML file may name."""
     if file.suffix == ".toml":
         try:
-            content: Any = tomllib.loads(file.read_text(encoding="utf-8"))
+            content: Any = tomllib.loads(file.read_text(encoding="utf-8-sig"))
         except (OSError, ValueError):
             return
         texts = list(_texts(content))

@@ -15,7 +15,7 @@ from mdm.logic import similar
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["look_for", "refuse_shadowed"]
+__all__ = ["look_for", "named_in", "refuse_shadowed"]
 
 _LIBRARIES = sys.stdlib_module_names | {"mdm", "anyio", "msgspec", "numpy"}
 """What is loaded in each process that runs robots; other modules are looked at without regard to those of this one."""
@@ -35,9 +35,7 @@ def look_for(reference: str, folder: Path) -> Callable[..., Any] | None:
         ConfigError: If there is no such module, its source is not Python, it defines no such name, or another module
             of that name is already loaded.
     """
-    module, colon, attribute = reference.partition(":")
-    if not colon or not module or not attribute:
-        raise ConfigError(f"a function must be given as 'module:name', not {reference!r}")
+    module, attribute = named_in(reference)
     source = _source(module, folder)
     name = module.partition(".")[0]
     if name in _LIBRARIES:
@@ -57,6 +55,20 @@ def look_for(reference: str, folder: Path) -> Callable[..., Any] | None:
         return _stand_in(defined[0], defined[0].args, module)
     lasting = next((each for each in defined if isinstance(each, ast.AsyncFunctionDef) and not _yields(each)), None)
     return None if lasting is None else _stand_in(lasting, _ANY, module)
+
+
+def named_in(reference: str) -> tuple[str, str]:
+    """Return the module and the name in it of ``module:name``.
+
+    Raises:
+        ConfigError: If it is another text.
+    """
+    module, colon, attribute = reference.partition(":")
+    if not colon or not module or not attribute:
+        raise ConfigError(f"a function must be given as 'module:name', not {reference!r}")
+    if module.endswith(".py"):
+        raise ConfigError(f"a module is given without its suffix: '{module.removesuffix('.py')}:{attribute}'")
+    return module, attribute
 
 
 def refuse_shadowed(name: str, folder: Path) -> None:

@@ -102,6 +102,18 @@ else:
             raise Error(_hidden(type(actor), self.fget.__name__))
 
 
+class TakenName(Error):
+    """An actor has two children of one name.
+
+    Attributes:
+        name: The name.
+    """
+
+    def __init__(self, path: str, name: str) -> None:
+        super().__init__(f"actor {path!r} has two children named {name!r}")
+        self.name = name
+
+
 class Actor:
     """A unit that handles messages, one at a time and to completion.
 
@@ -243,7 +255,7 @@ class Actor:
             raise Error(f"actor {child.name!r} is already a child of {child.parent.path!r}")
         known_as = (child.name, child.__place)
         if known_as in self.__names:
-            raise Error(f"actor {self.path!r} has two children named {child.name!r}")
+            raise TakenName(self.path, child.name)
         child.__parent = self
         self.__names.add(known_as)
         self.__children.insert(0 if first else len(self.__children), child)

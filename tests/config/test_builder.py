@@ -146,7 +146,7 @@ def test_what_was_expected_is_nothing_that_toml_has_not(folder):
     with pytest.raises(ConfigError) as caught:
         load_system(written(folder, GOOD.replace("timeout = 3.0", 'timeout = "3"'), "robot.toml"))
     assert "null" not in str(caught.value)
-    assert "Expected `float`" in str(caught.value)
+    assert "a number was expected, not '3'" in str(caught.value)
 
 
 def test_the_options_of_safety_reach_their_ensemble(folder, monkeypatch):
@@ -208,3 +208,22 @@ def test_functions_of_another_kind_are_told_all_at_once_without_running_a_module
     with pytest.raises(ConfigError) as loaded:
         load_system(file)
     assert str(loaded.value) == str(looked.value)
+
+
+@pytest.mark.parametrize("name", ["control", "action", "state"])
+def test_an_ensemble_that_is_called_as_a_layer_of_the_one_above_is_refused_by_its_key(folder, name):
+    text = GOOD.replace("ensembles.below", f"ensembles.{name}").replace('"below"', f'"{name}"')
+    assert text != GOOD
+    with pytest.raises(ConfigError) as caught:
+        load_system(written(folder, text, "robot.toml"))
+    (problem,) = caught.value.problems
+    assert (problem.key, problem.message[:40]) == (
+        f"ensembles.{name}",
+        f"an ensemble cannot be called {name!r}, as"[:40],
+    )
+
+
+def test_a_file_may_begin_with_a_byte_order_mark(folder):
+    path = written(folder, "", "robot.toml")
+    path.write_bytes(b"\xef\xbb\xbf" + GOOD.encode())
+    assert load_system(path).ensembles

@@ -53,7 +53,7 @@ def test_what_communication_is_worth_is_held_against_the_threshold_of_the_file(t
         ({"policy": "never", "threshold": 1.0}, "'threshold' means nothing for the communication policy 'never'"),
         ({"policy": "value_of_communication", "threshold": -1.0}, "threshold"),
         ({"polic": "never"}, "did you mean 'policy'"),
-        (7, "Expected"),
+        (7, "was expected, not 7"),
         ("os:kill", "'os:kill' makes no communication policy: TypeError"),
         ("nowhere:make", "there is no module 'nowhere'"),
     ],

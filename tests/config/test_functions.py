@@ -59,6 +59,7 @@ def test_without_the_import_an_async_function_lasts_until_it_is_ended_and_a_plai
     ("reference", "words"),
     [
         ("rest", "a function must be given as 'module:name', not 'rest'"),
+        ("robot_code.py:rest", "a module is given without its suffix: 'robot_code:rest'"),
         (":rest", "a function must be given as 'module:name'"),
         ("robot_code:", "a function must be given as 'module:name'"),
         ("robot_cod:rest", "there is no module 'robot_cod'; the file's folder is searched first"),

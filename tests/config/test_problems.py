@@ -77,8 +77,8 @@ def test_one_error_holds_all_problems(problems):
         ({"zzz": 1, "name": "b"}, [("here.zzz", "there is no key 'zzz' here; the keys are name, way, numbers")]),
         ({}, [("here", "the required key 'name' is missing")]),
         ({"name": "a", "way": "last"}, [("here.way", "'last' is not one of 'first', 'hold'")]),
-        ({"name": "a", "numbers": [1, "x"]}, [("here.numbers[1]", "Expected `int`, got `str`")]),
-        (7, [("here", "Expected `object`, got `int`")]),
+        ({"name": "a", "numbers": [1, "x"]}, [("here.numbers[1]", "a whole number was expected, not 'x'")]),
+        (7, [("here", "a table was expected, not 7")]),
     ],
 )
 def test_what_a_table_should_not_hold_is_told_with_its_key(problems, value, found):

@@ -111,6 +111,7 @@ def test_a_module_of_the_name_of_one_that_is_loaded_is_told(folder, name):
         ("inner.wheel:turn", "there is no module 'inner.wheel'"),
         ("broken:drive", "module 'broken' cannot be imported: SyntaxError"),
         ("drive", "must be given as 'module:name'"),
+        ("robot.py:drive", "a module is given without its suffix: 'robot:drive'"),
     ],
 )
 def test_functions_that_there_are_not(folder, reference, words):

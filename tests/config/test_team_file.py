@@ -103,11 +103,11 @@ def test_the_memory_of_a_team_is_that_of_its_ensembles(tmp_path):
 @pytest.mark.parametrize(
     ("given", "key", "words"),
     [
-        ({"memory": 0}, "team.memory", "`float` > 0"),
+        ({"memory": 0}, "team.memory", "a number above 0 was expected, not 0"),
         ({"allowance": {"message": 1}}, "team.allowance.message", "did you mean 'messages'"),
         ({"ceilings": [{"keys": "mdm/*/x"}]}, "team", "a rate, a size or a priority"),
         ({"ceilings": [{"rate": 1}]}, "team.ceilings.0", "'keys' is missing"),
-        ({"access": 7}, "team.access", "Expected"),
+        ({"access": 7}, "team.access", "was expected, not 7"),
     ],
 )
 def test_wrong_limits_are_told(given, key, words):
@@ -139,3 +139,12 @@ def test_on_a_simulated_network_nothing_is_kept(tmp_path):
     pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
     real = load_system(path, agent="a")
     assert real.member.layers["joint"].storage.file == tmp_path / "a@rooms.state"
+
+
+@pytest.mark.parametrize("name", ["calls", "link", "clocks", "exports"])
+def test_an_ensemble_that_is_called_as_an_actor_of_its_team_is_refused_by_its_key(tmp_path, name):
+    with pytest.raises(ConfigError) as caught:
+        load_system(write(tmp_path, ("ensembles.joint", f"ensembles.{name}")), agent="a", callbacks=False)
+    (problem,) = caught.value.problems
+    assert problem.key == f"ensembles.{name}"
+    assert problem.message.startswith(f"an ensemble cannot be called {name!r}, as an actor beside it is")

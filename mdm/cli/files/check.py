@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from mdm.cli.files.currency import stale
 from mdm.cli.files.document import Document, is_policy
+from mdm.cli.files.oddities import oddities
 from mdm.cli.policies.inputs import load_durations_for
 from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError
@@ -134,13 +135,12 @@ def _examine_ensembles(file: str, *, imports: bool) -> Findings:
         return examine(file, agents, imports=imports)
     system = load_ensembles(file, imports=imports)
     notes = [note for ensemble in system.ensembles.values() for note in ensemble.notes()]
-    return "ensembles", [], notes + _stale_policies(file, system)
+    return "ensembles", [], [*notes, *oddities(file), *_stale_policies(file, system)]
 
 
 def _stale_policies(file: str, system: System) -> list[str]:
     """Return a note for each file of a policy that seems to be of another model than the one beside it."""
-    with Path(file).open("rb") as stream:
-        tables = tomllib.load(stream)["ensembles"]
+    tables = tomllib.loads(Path(file).read_text(encoding="utf-8-sig"))["ensembles"]
     notes = []
     for name, ensemble in system.ensembles.items():
         policy, model = tables[name]["policy"], ensemble.controller.model

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mdm.cli.files.check import report
+from mdm.cli.files.oddities import oddities
 from mdm.cli.robots.ensembles import load_ensembles
 from mdm.cli.team.file import check_zenoh, systems_of, team_agents_of
 from mdm.config import load_team, load_team_file
@@ -70,7 +71,7 @@ def examine(file: str, agents: Sequence[str], *, imports: bool) -> Findings:
     return (
         f"team {team.name!r} of {len(agents)} agents ({', '.join(agents)}){valid}",
         problems,
-        [*notes, *_reaching(described), *_beside(Path(file), team), *soon],
+        [*notes, *([] if problems else oddities(file)), *_reaching(described), *_beside(Path(file), team), *soon],
     )
 
 

@@ -2,11 +2,45 @@
 
 from __future__ import annotations
 
-__all__ = ["encodable"]
+import re
+from typing import Any
+
+__all__ = ["encodable", "in_words"]
 
 _LONGEST = 4_000
 """Characters: a page keeps thousands of texts."""
 _CONTROLS = {code: f"\\x{code:02x}" for code in (*range(9), 11, 12, *range(14, 32), 127)}
+
+_EXPECTED = re.compile(r"Expected `(?P<kinds>[^`]+)`(?: (?P<sign>[<>]=?) (?P<limit>[\d.e+-]+))?(?:, got `[^`]+`)?")
+_KINDS = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "a text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+}
+_LIMITS = {">": "above", ">=": "of at least", "<": "below", "<=": "of at most"}
+_STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
+
+
+def in_words(text: str, value: Any, place: str) -> str:
+    """Return what msgspec says of a value of another kind, or beyond a limit, in the words of who wrote a TOML file.
+
+    Args:
+        text: What it says; any other sentence stays as it is.
+        value: What was converted.
+        place: Where in it, such as ``.actions[1]``.
+    """
+    expected = _EXPECTED.fullmatch(text.replace(" | null", ""))  # TOML has none
+    if expected is None:
+        return text
+    kinds = " or ".join(_KINDS.get(kind, kind) for kind in expected["kinds"].split(" | "))
+    limit = f" {_LIMITS[expected['sign']]} {float(expected['limit']):,.10g}" if expected["sign"] else ""
+    for name, index in _STEP.findall(place):
+        value = value[int(index)] if index else value[name]
+    found = "a table" if isinstance(value, dict) else "a list" if isinstance(value, list) else repr(value)
+    return f"{kinds}{limit} was expected, not {found.lower() if isinstance(value, bool) else found}"
 
 
 def encodable(text: str) -> str:

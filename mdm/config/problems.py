@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING, Any, get_args, get_type_hints
 
 import msgspec
@@ -10,25 +9,13 @@ import msgspec
 from mdm.errors import ConfigError, Error, FormatError
 from mdm.logic import similar
 from mdm.runtime.actor import TakenName
+from mdm.texts import in_words
 
 if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
 __all__ = ["Problems"]
-
-_EXPECTED = re.compile(r"Expected `(?P<kinds>[^`]+)`(?: (?P<sign>[<>]=?) (?P<limit>[\d.e+-]+))?(?:, got `[^`]+`)?")
-"""What msgspec says of a value of another kind, or beyond a limit."""
-_KINDS = {
-    "float": "a number",
-    "int": "a whole number",
-    "str": "a text",
-    "bool": "true or false",
-    "array": "a list",
-    "object": "a table",
-}
-_LIMITS = {">": "above", ">=": "of at least", "<": "below", "<=": "of at most"}
-_STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
 
 
 class Problems:
@@ -110,23 +97,11 @@ class Problems:
                 self.add(f"the required key {field!r} is missing", key)
             return None
         field = place.removeprefix(".").partition("[")[0]
-        text = text.replace(" | null", "")  # TOML has none
         if text.startswith("Invalid enum value"):
             choices = ", ".join(map(repr, _choices(get_type_hints(kind)[field] if field else kind)))
             text = f"{text.removeprefix('Invalid enum value ')} is not one of {choices}"
-        expected = _EXPECTED.fullmatch(text)
-        self.add(text if expected is None else _in_words(expected, value, place), f"{key}{place}")
+        self.add(in_words(text, value, place), f"{key}{place}")
         return field or None
-
-
-def _in_words(expected: re.Match[str], value: Any, place: str) -> str:
-    """Return what was expected at a place of a value, and what is there, in words."""
-    kinds = " or ".join(_KINDS.get(kind, kind) for kind in expected["kinds"].split(" | "))
-    limit = f" {_LIMITS[expected['sign']]} {float(expected['limit']):,.10g}" if expected["sign"] else ""
-    for name, index in _STEP.findall(place):
-        value = value[int(index)] if index else value[name]
-    found = "a table" if isinstance(value, dict) else "a list" if isinstance(value, list) else repr(value)
-    return f"{kinds}{limit} was expected, not {found.lower() if isinstance(value, bool) else found}"
 
 
 def _choices(annotation: Any) -> list[str]:

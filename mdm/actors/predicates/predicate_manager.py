@@ -79,6 +79,7 @@ class PredicateManager(Actor):
         "action_ends",
         "declared",
         "events",
+        "hears_holds",
         "map",
         "sensed",
         "updates",
@@ -98,6 +99,7 @@ class PredicateManager(Actor):
         self._max_age = self.declared.max_age
         self._seen: dict[str, int] = {}
         self._hold_timers: dict[str, Timer] = {}
+        self.hears_holds: list[Callable[[str], None]] = []
         self._age_timers: dict[str, Timer] = {}
         self._batches = Batches(self._input)
         self._open = self._batches.open
@@ -499,6 +501,8 @@ class PredicateManager(Actor):
                 self._publish(when, change)
 
         self._hold_timers[name] = self.call_at(since + self._held_for[name], held)
+        for hear in [*self.hears_holds]:
+            hear(name)
 
     def _watch(self, name: str) -> None:
         """Wait until a sensor's value is too old; the timer is moved on lazily, not at each refresh."""

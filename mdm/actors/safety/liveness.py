@@ -410,6 +410,8 @@ class Liveness:
             self._look_again(max(holding.values()))
             return
         self.since = time
+        if ensemble.predicates is not None:
+            ensemble.predicates.hears_holds.append(self._on_hold)
         self._rest = ("" if self._end is None else self._chosen), self._meant
         ensemble.action.heed(heeded=True)
         self._tell(idle=True, time=time)
@@ -462,19 +464,23 @@ class Liveness:
     def _complain(self, after: float) -> None:
         self._patience = None
         ensemble = self._ensemble
-        if holding := self._holding():
-            self._end_rest()
-            self._look_again(max(holding.values()))
-            return
         end, why = self._end, "it can decide, and nothing has been decided"
         if end is not None:
             why = f"action {self._chosen!r} {end.status.replace('_', ' ')}, and nothing has been decided since"
         detail = f"idle for {after:g} s: {why}"
         ensemble.runtime.faults.publish(Fault(ensemble.runtime.now(), ensemble.path, "idle", detail))
 
+    def _on_hold(self, name: str) -> None:
+        """Take it that a predicate is about to be true: what may be decided on is waited for."""
+        if name in self._used():
+            self._end_rest()
+            self.look()
+
     def _end_rest(self) -> None:
         if self.since is None:
             return
+        if self._ensemble.predicates is not None:
+            self._ensemble.predicates.hears_holds.remove(self._on_hold)
         now = self._ensemble.runtime.now()
         self._total += now - self.since
         if self._patience is not None:

@@ -21,6 +21,7 @@ from mdm.formats.source import Source
 from mdm.maps.files.load import load_parts
 from mdm.maps.files.occupancy import image_of
 from mdm.maps.map import Floors, Lift, Map, joined
+from mdm.texts import in_words
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -166,7 +167,8 @@ class _File:
             raise self.error(f"{where} has a key {named[1]!r}, which is none; the keys are {keys}", *path, named[1])
         if named and "missing required field" in text:
             raise self.error(f"{where} has no key {named[1]!r}, which is needed", *path)
-        raise self.error(f"{'.'.join((*path, *inner))}: {text.replace(' | null', '')}", *path, *inner)
+        told = in_words(text, given, place.rstrip("`").replace("[...]", ""))
+        raise self.error(f"{'.'.join((*path, *inner))}: {told}", *path, *inner)
 
     def floor(self, name: str, table: _FloorTable, robot: Mapping[str, str] | None) -> Parts:
         """Load the files of a floor."""

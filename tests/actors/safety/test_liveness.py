@@ -379,13 +379,18 @@ def test_a_predicate_that_does_not_hold_in_the_end_is_no_longer_waited_for():
 def test_what_begins_to_hold_while_it_is_idle_is_waited_for_before_that_is_told():
     async def main(runtime):
         tired, ensemble = held(30.0)
-        faults = probe(runtime.faults)
+        faults, idles = probe(runtime.faults), probe(runtime.idles)
         await runtime.start(ensemble)
         tired.set(False)
         await asyncio.sleep(5)
         tired.set(True)
+        await asyncio.sleep(1)
+        assert (ensemble.statistics().waiting, ensemble.statistics().idle) == (("'Rest' to hold for 29 s more",), 3.0)
+        tired.set(False)
+        tired.set(True)
         await asyncio.sleep(31)
-        assert (ensemble.action.started, idle_faults(faults)) == (2, [])
+        assert (ensemble.action.started, idle_faults(faults), ensemble.statistics().idle) == (2, [], 3.0)
+        assert [(idle.idle, idle.time // 10**9) for idle in idles] == [(True, 2), (False, 5)]
 
     run_virtual(main)
 

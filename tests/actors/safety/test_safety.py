@@ -6,6 +6,7 @@ import asyncio
 import threading
 
 import pytest
+from places import ROOT
 from safe_robots import Log, certain, forever, robot, sensed
 from sentences import refused
 
@@ -359,3 +360,12 @@ def test_what_was_decided_does_not_start_once_its_state_has_turned_unknown():
         assert log == ["SAFE", "B"]
 
     run_virtual(main)
+
+
+def test_the_end_of_an_ensemble_below_takes_what_the_page_says():
+    async def act():
+        pass
+
+    below = Ensemble("robot", policy=[0], actions={"Go": act}, safe_action=act)
+    assert "by default\n5 + 2 \N{MULTIPLICATION SIGN} (10 + 5) = 35 s" in (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
+    assert below.patience == 35 + 0.5  # half a second for what the loop takes

@@ -225,11 +225,17 @@ ModeName = Literal["stopped", "deciding", "safe"]
 
 
 class Cause(msgspec.Struct, frozen=True, gc=False):
-    """A cause of an ensemble's safe mode: its kind, a description, and its beginning in nanoseconds."""
+    """A cause of an ensemble's safe mode: its kind, a description, and its beginning in nanoseconds.
+
+    As a text it tells the beginning in seconds: ``str(ensemble.causes[0])``.
+    """
 
     kind: str
     detail: str
     since: int
+
+    def __str__(self) -> str:
+        return f"{self.kind} since {self.since / 1e9:g} s: {self.detail}"
 
 
 class Mode(Message, frozen=True, gc=False):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-__all__ = ["encodable", "in_words"]
+__all__ = ["counted", "encodable", "in_words"]
 
 _LONGEST = 4_000
 """Characters: a page keeps thousands of texts."""
@@ -22,6 +22,11 @@ _KINDS = {
 }
 _LIMITS = {">": "above", ">=": "of at least", "<": "below", "<=": "of at most"}
 _STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
+
+
+def counted(number: int, noun: str, form: str = "") -> str:
+    """Return a number in a form with its noun: ``1 action``, ``2 actions``."""
+    return f"{number:{form}} {noun}" if number == 1 else f"{number:{form}} {noun}s"
 
 
 def in_words(text: str, value: Any, place: str) -> str:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from mdm.messages import Fault
+from mdm import Ensemble
+from mdm.messages import Cause, Fault
+from mdm.models import MDP
 from mdm.runtime.supervision import describe
-from mdm.texts import encodable
+from mdm.texts import counted, encodable
 
 
 class Own(str):
@@ -49,3 +51,19 @@ def test_a_long_text_is_cut_and_says_how_long_it_was(letter):
 
 def test_the_detail_of_a_fault_need_be_no_text():
     assert Fault(0, "robot", "own", 3).detail == 3
+
+
+def test_one_has_no_plural():
+    assert [counted(1, "action"), counted(0, "state"), counted(2000, "step", ",")] == [
+        "1 action",
+        "0 states",
+        "2,000 steps",
+    ]
+    one = MDP([[[1.0]]], [[0.0]], discount=0.9)
+    assert repr(one) == "<MDP: 1 state, 1 action>"
+    robot = Ensemble("robot", policy=[0], actions={"Go": print})
+    assert robot.summary() == "MDP, 1 state, 1 action, event-driven"
+
+
+def test_a_cause_tells_seconds():
+    assert str(Cause("action", "Go has failed", 1_500_000_000)) == "action since 1.5 s: Go has failed"

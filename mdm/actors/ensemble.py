@@ -33,6 +33,7 @@ from mdm.runtime import ActorStatistics
 from mdm.runtime.channel import Subscription
 from mdm.runtime.supervision import text_of
 from mdm.symbols import agent_index
+from mdm.texts import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
@@ -321,7 +322,10 @@ class Ensemble(Layer):
         policy, drive = self.controller.policy, self.control.drive
         kind = {"state": "MDP", "belief": "POMDP"}.get(getattr(policy, "input", ""), getattr(policy, "form", "policy"))
         facts = policy.facts() if hasattr(policy, "facts") else {"actions": policy.num_actions}
-        told = [f"{facts[what]} {what}" for what in ("states", "nodes", "actions") if facts.get(what) is not None]
+        counts = [
+            (facts[f"{what}s"], what) for what in ("state", "node", "action") if facts.get(f"{what}s") is not None
+        ]
+        told = [counted(count, what) for count, what in counts]
         when = f"{drive.rate:g} Hz" if isinstance(drive, FixedRate) else "event-driven"
         return ", ".join([kind, *told, when])
 

@@ -23,6 +23,7 @@ from mdm.compilation import can_compile, may_compile
 from mdm.errors import ConfigError
 from mdm.models.dynamics import Dynamics
 from mdm.models.matrices import num_entries
+from mdm.texts import counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -266,10 +267,13 @@ def slow_to_build(model: MDP) -> str | None:
 
 def _sizes(model: MDP) -> str:
     size = model.matrix_size
-    counts = [f"{len(model.state_space)} states", f"{len(model.action_space)} actions"]
+    counts = [
+        counted(len(model.state_space), "state"),
+        counted(len(model.action_space), "action"),
+    ]
     parts = [f"T {_text(size.transitions)}", f"R {_text(size.rewards)}"]
     if model.observation_space is not None:
-        counts.append(f"{len(model.observation_space)} observations")
+        counts.append(counted(len(model.observation_space), "observation"))
         parts.insert(1, f"O {_text(size.observations)}")
     return f"the model has {', '.join(counts)}: as matrices {', '.join(parts)}"
 

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
+from mdm.texts import counted
+
 if TYPE_CHECKING:
     from mdm.estimation.report import Report, RowReport
 
@@ -42,22 +44,23 @@ def as_text(report: Report) -> str:
 
 def _head(report: Report) -> list[str]:
     states = "hidden states" if report.hidden else "known states"
-    lines = [f"{report.ensemble}: {report.decisions} decisions in {report.chains} chains, {report.kind}, {states}"]
+    size = f"{counted(report.decisions, 'decision')} in {counted(report.chains, 'chain')}"
+    lines = [f"{report.ensemble}: {size}, {report.kind}, {states}"]
     factors = [factor.name for factor in report.model.state_space.factors]
     if len(factors) > 1:
         lines.append(f"a state is {', '.join(factors)}")
     if report.discarded:
-        lines.append(f"{report.discarded} decisions are left out: neither state nor observation is known")
+        lines.append(f"{counted(report.discarded, 'decision')} left out: neither state nor observation is known")
     if report.returns:
         values = np.asarray(report.returns)
         spread = f" ± {values.std(ddof=1) / math.sqrt(len(values)):.4g} (standard error)" if len(values) > 1 else ""
         expected = f"expected by {'beliefs in ' if report.hidden else ''}the model in use"
         promised = "" if report.value is None else f"; the model promises {report.value:.4g}"
-        lines.append(f"returns of {len(values)} episodes, {expected}: {values.mean():.4g}{spread}{promised}")
+        lines.append(f"returns of {counted(len(values), 'episode')}, {expected}: {values.mean():.4g}{spread}{promised}")
     if report.fit is not None:
         lines.append(
             f"log likelihood {report.fit.before:.2f} by the model, {report.fit.after:.2f} by the estimate "
-            f"({report.fit.rounds} rounds)"
+            f"({counted(report.fit.rounds, 'round')})"
         )
     counts = ", ".join(f"{report.count(says)} {says}" for says in ("differs", "agrees", "certain", "too few"))
     lines.append(f"rows: {counts}; {len(report.unvisited)} not visited")

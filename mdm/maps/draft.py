@@ -11,7 +11,7 @@ detection*, 1979) whose small dynamics are suppressed (M. Grimaud, *A new measur
 second is a minimum spanning forest rooted in the goals (F. Meyer, *Minimum spanning forests for morphological
 segmentation*, 1994). It costs a few passes over the cells: .2 s for 160,000 of them.
 
-Without goals, regions are joined across what is no door, since it is nearly as wide as the narrower of the two; then
+Without goals, regions are joined across what is no door: it is wide, or nearly as wide as the narrower of the two; then
 those that are too small for rooms, through their widest passages. Of a region without doors, such as a hall, nothing
 divides the parts: it is one room. A goal is as near to the middle of its room as a robot fits well. Ways lead through
 passages that are wide enough. What a robot cannot reach from the largest part of the floor is left out.
@@ -49,6 +49,8 @@ _SPECK = 0.15
 """Square metres of furniture and noise that divide no room."""
 _DOOR, _ALIKE = 0.75, 0.4
 """The share of the width of the narrower of two regions from which a passage is no door, if they are so alike."""
+_WIDE = 4.0
+"""Metres from which a passage is no door, whatever it leads to."""
 _LEAST = 4.0
 """Square metres of a room."""
 _AMPLY = 1.2
@@ -235,10 +237,11 @@ class _Forest:
             self.parents[low] = high
 
     def join_if_no_door(self, one: int, other: int, saddle: float, door: float, alike: float) -> None:
-        """Join two where the passage between them is nearly as wide as the narrower is, and that as the other."""
+        """Join two where the passage between them is wide, or nearly as wide as the narrower, and that as the other."""
         low, high = sorted((self.root(one), self.root(other)), key=lambda root: (self.peaks[root], root))
         narrow, wide = self.peaks[low], self.peaks[high]
-        if low != high and saddle >= door * narrow and narrow >= alike * wide:
+        alike_and_open = saddle >= door * narrow and narrow >= alike * wide
+        if low != high and (alike_and_open or 2 * saddle >= _WIDE):
             self.parents[low] = high
 
     def join_small(self, found: Sequence[tuple[int, int, float]], sizes: Vector, least: float) -> None:

@@ -25,6 +25,7 @@ from mdm.models.matrices import (
 from mdm.models.rewards import OutcomeRewards, RewardArray, check_finite, expected_rewards, reward_numbers
 from mdm.models.space import Space, Symbol
 from mdm.models.units import Unit, checked_unit
+from mdm.texts import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -334,7 +335,7 @@ class MDP:
         return marginalize(self, factor).timed_as(self)
 
     def __repr__(self) -> str:
-        return f"<{self.kind}: {len(self.state_space)} states, {len(self.action_space)} actions>"
+        return f"<{self.kind}: {counted(len(self.state_space), 'state')}, {counted(len(self.action_space), 'action')}>"
 
 
 def as_space(name: str, given: Space | Iterable[str] | int | None, count: int) -> Space:

@@ -9,6 +9,7 @@ import numpy as np
 from mdm.beliefs import BeliefTracker, Information, KnownState
 from mdm.errors import ConfigError, ModelError
 from mdm.models.units import Unit  # noqa: TC001 - field types are evaluated
+from mdm.texts import counted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -333,7 +334,7 @@ def mismatch(policy: Any, model: MDP) -> str | None:
         text: str | None = told(model)
         return text or (None if model.available is None else _unavailable(policy, model, model.available))
     if policy.num_actions != len(model.action_space):
-        return f"the policy is for {policy.num_actions} actions, but the model has {len(model.action_space)}"
+        return f"the policy is for {counted(policy.num_actions, 'action')}, but the model has {len(model.action_space)}"
     return None
 
 

@@ -393,7 +393,7 @@ class Runtime:
             raise Error("a runtime runs once: make a new one for each block")
         if self._must_hear and threading.current_thread() is not threading.main_thread():
             raise Error("signals reach the main thread alone: enter the runtime there, or leave signals out")
-        loop = asyncio.get_running_loop()
+        loop = _running_loop()
         if isinstance(self.clock, WallClock) and isinstance(loop, VirtualEventLoop):
             raise Error(
                 "a WallClock stands still where the event loop's time is virtual: make the Runtime inside the program "
@@ -464,7 +464,11 @@ class Runtime:
         if self._interrupted and self._host is not None and self._host is asyncio.current_task():
             swallowed = self._host.uncancel() <= self._cancelling and isinstance(error, asyncio.CancelledError)
         self._stopped.set()
-        await self._stop_tree(self._tree)
+        try:
+            await self._stop_tree(self._tree)
+        except asyncio.CancelledError:  # meanwhile: the exception that ends the program comes before it
+            if not isinstance(self._failure, LEAVING):
+                raise
         failure = self._failure
         if isinstance(failure, LEAVING):
             raise failure from (None if error is None or swallowed else error)
@@ -593,6 +597,16 @@ def page_of(given: object) -> Showing | None:
     # By its name, for it lies above: what runs a robot knows no pictures, and loads them only where it is asked to.
     web: Any = importlib.import_module("mdm.views.web")
     return web.Page(given)  # type: ignore[no-any-return]
+
+
+def _running_loop() -> asyncio.AbstractEventLoop:
+    try:
+        return asyncio.get_running_loop()
+    except RuntimeError:
+        raise Error(
+            "a runtime needs asyncio's event loop, and none runs here: start the program by mdm.run or asyncio.run, "
+            "not by trio.run; with anyio.run the backend is 'asyncio'"
+        ) from None
 
 
 def _clock_of_the_loop() -> Clock:

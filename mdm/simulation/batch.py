@@ -27,6 +27,7 @@ from mdm.models.matrices import Vector
 from mdm.models.units import check_steps
 from mdm.policies import mismatch
 from mdm.simulation.episodes import EpisodeBatch, limits, one_by_one
+from mdm.texts import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -87,7 +88,8 @@ class Evaluation(msgspec.Struct, frozen=True):
 
     def __repr__(self) -> str:
         low, high = self.interval
-        return f"Evaluation({self.mean:.6g}, between {low:.6g} and {high:.6g} by 95 %, {self.episodes} episodes)"
+        episodes = counted(self.episodes, "episode")
+        return f"Evaluation({self.mean:.6g}, between {low:.6g} and {high:.6g} by 95 %, {episodes})"
 
     @property
     def steps_a_second(self) -> float:

@@ -63,7 +63,7 @@ def test_text_of_jumps_has_how_long_states_last_and_of_hidden_states_what_was_ob
     assert line.split()[2:4] == ["30", "4"]
     assert "Erlang" in line
     text = as_text(statistics(heard([0, 0, 0], [1, 1]), mdm.problems.tiger()))
-    assert "returns of 1 episodes, expected by beliefs in the model in use: " in text
+    assert "returns of 1 episode, expected by beliefs in the model in use: " in text
     assert re.search(r"^listen, hear-right +2 +\S+$", text, re.MULTILINE)
     assert text.splitlines()[-1].startswith("note: where states are hidden the loss")
 

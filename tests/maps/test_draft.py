@@ -10,7 +10,7 @@ from maps.floors import FURNITURE, corridors, flat, offices, touching
 
 from mdm.errors import MapError
 from mdm.maps import Frame, Graph, Grid, Node, Pose
-from mdm.maps.draft import draft
+from mdm.maps.draft import draft, propose
 
 
 @pytest.mark.parametrize("times", [6, pytest.param(20, marks=pytest.mark.slow)])
@@ -71,3 +71,13 @@ def test_a_turned_map_gives_the_same_rooms():
         nodes.append(Node(node.name, Pose(*turned.centre(row, column))))
     labels = draft(Grid(turned, floor.grid.free, floor.grid.occupied), Graph(tuple(nodes), ()))
     assert labels.raster.tolist() == draft(floor.grid, floor.graph()).raster.tolist()
+
+
+@pytest.mark.parametrize(("gap", "rooms"), [(6.8, 1), (4.2, 1), (3.0, 2)])
+def test_an_open_hall_is_not_divided_at_what_is_too_wide_for_a_door(gap, rooms):
+    """Two halves of 10 m by 10 m, with an opening between them."""
+    free = np.zeros((52, 102), dtype=bool)
+    free[1:51, 1:101] = True
+    closed = round((10.0 - gap) / 2 / 0.2)
+    free[1 : 1 + closed, 50:52] = free[51 - closed : 51, 50:52] = False
+    assert len(propose(Grid(Frame(52, 102, 0.2), free, ~free)).names) == rooms

@@ -11,6 +11,7 @@ import pytest
 from recorded import Fragile, Recorded, tell
 from sentences import refused
 
+import mdm
 from mdm import Ensemble, Error, PredicateManager, Runtime, StateFactor, VirtualClock, run
 from mdm.messages import State
 from mdm.runtime import VirtualEventLoop
@@ -208,3 +209,31 @@ def test_an_actor_needs_a_runtime_that_was_entered():
 
     with refused(Error):
         run(main, virtual=True)
+
+
+def test_an_exit_of_the_program_outlasts_a_cancellation_of_the_block_meanwhile():
+    class Leaves(mdm.Actor):
+        def on_running(self):
+            self.spawn(self.leave())
+
+        async def leave(self):
+            raise SystemExit(3)
+
+        async def on_stopping(self):
+            await asyncio.sleep(1)
+
+    async def main():
+        async with mdm.Runtime(log=None) as runtime:
+            await runtime.start(Leaves("leaves"))
+            asyncio.get_running_loop().call_later(0.5, asyncio.current_task().cancel)
+            await runtime.wait()
+
+    with pytest.raises(SystemExit) as left:
+        mdm.run(main, virtual=True)
+    assert left.value.code == 3
+
+
+def test_without_asyncio_s_event_loop_the_way_out_is_told():
+    """As under trio, where no loop of asyncio runs."""
+    with refused(Error):
+        mdm.Runtime(log=None).__aenter__().send(None)

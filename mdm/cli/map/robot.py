@@ -86,7 +86,8 @@ def text(
     for name, _, _ in latches:
         lines += ["", f"[ensembles.patrol.states.{_quoted(name)}]", *_table([("yes", name)])]
     lines += ["", "[ensembles.patrol.actions]"]
-    lines += [f"{_quoted(label)} = {{ way = {_quoted(label)} }}" for label in graph.labels]
+    then = "" if arguments.period is not None else ', then = "decide"'
+    lines += [f"{_quoted(label)} = {{ way = {_quoted(label)}{then} }}" for label in graph.labels]
     return "\n".join([*lines, ""])
 
 

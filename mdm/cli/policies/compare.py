@@ -11,6 +11,7 @@ import numpy as np
 from mdm.cli.policies.inputs import load, load_durations_for, load_for, visibility
 from mdm.cli.policies.verdict import judge
 from mdm.cli.report import as_json
+from mdm.texts import counted
 
 if TYPE_CHECKING:
     import argparse
@@ -62,12 +63,16 @@ def run(arguments: argparse.Namespace) -> int:
     result = verdicts[0].simulated
     assert result is not None
     print(
-        f"± is 95 % confidence; {result.episodes} episodes of at most {result.steps} steps each, seed {arguments.seed}"
+        f"± is 95 % confidence; {counted(result.episodes, 'episode')} of at most {counted(result.steps, 'step')} each, "
+        f"seed {arguments.seed}"
     )
     if interrupted:
         last = verdicts[-1].simulated
         assert last is not None
-        print(f"interrupted: the last policy above has {last.episodes} episodes, and those after it are not compared")
+        print(
+            f"interrupted: the last policy above has {counted(last.episodes, 'episode')}, and those after it are not "
+            f"compared"
+        )
     return arguments.interruption.status if interrupted else 0
 
 

@@ -16,6 +16,7 @@ from mdm.config.recorded import attach_configuration, attach_file
 from mdm.config.simulations import Simulated
 from mdm.recording import Recorder
 from mdm.simulation import simulate
+from mdm.texts import counted
 
 if TYPE_CHECKING:
     import argparse
@@ -50,10 +51,10 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print(
             f"mean discounted return {result.mean:.6g} ± {result.standard_error:.3g} (standard error), "
-            f"{result.episodes} episodes of {result.steps} decisions"
+            f"{counted(result.episodes, 'episode')} of {counted(result.steps, 'decision')}"
         )
         if interrupted:
-            print(f"interrupted: this is of {result.episodes} episodes, not of {arguments.episodes}")
+            print(f"interrupted: this is of {counted(result.episodes, 'episode')}, not of {arguments.episodes}")
     return arguments.interruption.status if interrupted else 0
 
 

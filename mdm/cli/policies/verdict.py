@@ -13,6 +13,7 @@ from mdm.cli.progress import counting
 from mdm.models.units import Unit, in_words, ratio
 from mdm.simulation import Evaluation, evaluate
 from mdm.solvers import exact_values
+from mdm.texts import counted
 
 if TYPE_CHECKING:
     import argparse
@@ -100,7 +101,9 @@ class Verdict(msgspec.Struct, frozen=True):
         elif result is not None:
             low, high = result.interval
             yield "simulated value", f"{result.mean:.6g}, with 95 % confidence between {low:.6g} and {high:.6g}"
-            each = f"{result.episodes} episodes of at most {result.steps} steps, seed {result.seed}"
+            each = (
+                f"{counted(result.episodes, 'episode')} of at most {counted(result.steps, 'step')}, seed {result.seed}"
+            )
             yield "", f"{each}, {result.steps_a_second:.3g} steps a second"
         if self.contradicts > 0:
             yield "contradiction", "the value is less than claimed, as with an upper bound (such as QMDP's)"

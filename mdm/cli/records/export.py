@@ -15,6 +15,7 @@ from mdm.formats.target import check_place, replacing
 from mdm.recording.names import Names, names_of
 from mdm.recording.reader import Record
 from mdm.recording.table import Row, rows
+from mdm.texts import counted
 
 if TYPE_CHECKING:
     import argparse
@@ -51,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     columns = _columns(record, found, beliefs=not arguments.no_beliefs)
     with replacing(arguments.output) as file:
         writers[suffix](columns, file)
-    print(f"{arguments.output}: {len(found):,} decisions written")
+    print(f"{arguments.output}: {counted(len(found), 'decision', ',')} written")
     for sentence in record.flaws:
         print(sentence)
     return 0

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from mdm.formats.target import check_place, replacing
 from mdm.recording.reader import Record
 from mdm.recording.repair import repair
+from mdm.texts import counted
 
 if TYPE_CHECKING:
     import argparse
@@ -20,7 +21,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_place(arguments.output, *record.paths)
     with replacing(arguments.output) as file:
         count = repair(record, file)
-    print(f"{arguments.output}: {count:,} messages written")
+    print(f"{arguments.output}: {counted(count, 'message', ',')} written")
     for sentence in record.flaws:
         print(sentence)
     if record.torn is not None and record.unread:

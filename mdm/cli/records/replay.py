@@ -11,6 +11,7 @@ from mdm.config.rebuilt import rebuilt_to_compare, replay_team
 from mdm.config.recorded import different_entry, different_part
 from mdm.recording import Record, records_of
 from mdm.replay import replay
+from mdm.texts import counted
 
 if TYPE_CHECKING:
     import argparse
@@ -119,7 +120,9 @@ def _summary(record: Record, result: Replayed) -> str:
     if result.limit is not None and not result.recorded and not result.replayed:
         same = "nothing to compare"
     stopped = " before it stopped at a difference" if result.stopped else ""
-    lines = [f"{until}{result.recorded} decisions recorded, {result.replayed} replayed{stopped}: {same} ({how})"]
+    lines = [
+        f"{until}{counted(result.recorded, 'decision')} recorded, {result.replayed} replayed{stopped}: {same} ({how})"
+    ]
     lines += record.flaws
     if result.gap is not None:
         lines.append(

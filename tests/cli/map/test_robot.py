@@ -65,7 +65,7 @@ def test_from_a_map_alone_to_a_robot_that_visits_all_rooms(mdm, floor, tmp_path,
     ):
         assert mdm("map", *command)[0] == 0
     assert mdm("solve", "patrol.npz", "-o", "patrol.policy")[0] == 0
-    assert mdm("check", "robot.toml")[0] == 0
+    assert mdm("check", "robot.toml") == (0, ["robot.toml: ensembles, no problems found"], "")
     arrived, ended = patrol(folder / "robot.toml", 300)
     assert min(arrived.count(f"Room{number}") for number in (1, 2, 3)) >= 5
     assert ended.get("failed", 0) == 0

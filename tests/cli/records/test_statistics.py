@@ -54,7 +54,7 @@ def test_a_wrong_row_is_told_and_the_model_estimated_anew_is_nearer(mdm, tmp_pat
     new = tmp_path / "new.npz"
     status, output, errors = mdm("statistics", slippery, "--model", model, "-o", new)
     assert (status, errors) == (0, "")
-    assert re.match(r"robot: 10\d\d decisions in 1 chains, steps, known states", output[0])
+    assert re.match(r"robot: 10\d\d decisions in 1 chain, steps, known states", output[0])
     assert [line.partition(":")[0] for line in output if line.startswith("T ")] == ["T go dry"]
     assert output[-1] == f"{new}: the model estimated anew"
     assert library.load_model(new).transition_matrix(0) == pytest.approx(np.array(TRUE), abs=0.05)

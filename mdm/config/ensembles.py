@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 import msgspec
 
 from mdm.actors import Binding, Ensemble, ObservationFactor, SafetyOptions, StateFactor
+from mdm.actors.actions.sequel import Sequel
 from mdm.actors.control.drive import drive_of
 from mdm.actors.ensemble import MOST_LEVELS
 from mdm.beliefs.choice import check_memory
 from mdm.compilation import sparing
-from mdm.config.functions import nothing
+from mdm.config.functions import Lasting, Unseen, nothing
 from mdm.config.objects import is_reference, unseen_policy
 from mdm.config.share import Seat
 from mdm.config.tables import (
@@ -102,6 +103,7 @@ class Ensembles:
         self._ensembles: dict[str, Ensemble | None] = {}
         self._invalid: set[str] = set()
         self._parents: dict[str, str] = {}
+        self._groups: dict[str, str] = {}
         self._share = share
         self._unowned = False
         self.joint: dict[str, Placement] = {}
@@ -483,8 +485,25 @@ class Ensembles:
                     continue
                 target = self._target(entry, key, name, above)
                 if target is not None:
-                    bindings[index] = Binding(target, **options, **stated(entry, "on_repeat", "resume", "concurrent"))
+                    own = stated(entry, "on_repeat", "resume", "concurrent")
+                    if entry.group is not None:
+                        own["group"] = self._groups.setdefault(entry.group, entry.group)
+                    bindings[index] = self._bound(entry, target, {**options, **own})
         return bindings if len(bindings) == len(actions) else None
+
+    def _bound(self, entry: ActionTable, target: Any, options: dict[str, Any]) -> Binding:
+        """Return the action of a function or an ensemble."""
+        if not entry.navigate:
+            return Binding(target, **options)
+        if entry.call is None:
+            raise ConfigError("'navigate' is for a function ('call'), which takes an argument of that name")
+        if self._located and self._navigation is None:
+            raise ConfigError("'navigate' needs what drives there: give a table [places] with a navigator")
+        if self._navigation is not None and type(target) not in {Lasting, Unseen} and target is not nothing:
+            return self._navigation.task(target, **options)
+        binding = Binding(target, **options)  # in place of one that is not called
+        binding.sequel = Sequel(**stated(entry, "then", "pause", "attempts"), retries=True)
+        return binding
 
     def _drive_to(self, entry: ActionTable, keys: Mapping[str, Any], options: dict[str, Any]) -> Binding:
         """Return the action that takes a way of the map, or goes to a place."""

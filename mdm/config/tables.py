@@ -98,6 +98,8 @@ class ActionTable(Table, frozen=True):
         ensemble: Another ensemble of the file, which the action starts and its end stops.
         way: The label of a way, gone from the place where the robot is.
         place: The place to go to.
+        navigate: Whether the function drives to places as well: it takes an argument ``navigate``.
+        group: Of functions of the same group the next begins before the running one is cancelled.
     """
 
     call: str | None = None
@@ -109,6 +111,8 @@ class ActionTable(Table, frozen=True):
     on_repeat: OnRepeat | None = None
     resume: bool | None = None
     concurrent: bool | None = None
+    navigate: bool | None = None
+    group: str | None = None
     then: Then | None = None
     pause: Seconds | None = None
     attempts: Annotated[int, Meta(ge=1)] | None = None

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import inspect
 import math
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, Unpack
 
 import numpy as np
@@ -18,6 +20,7 @@ from mdm.maps.map import rides
 from mdm.maps.places import Places
 from mdm.messages import Heading, Progress
 from mdm.runtime.handler import kind_of
+from mdm.runtime.work import Work
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable, Sequence
@@ -224,6 +227,58 @@ class Navigation:
         bound = Binding(go, group=self if self.replaces else None, timeout=timeout, grace=grace, **sequel)
         bound.sequel = Sequel(**sequel, retries=True)
         bound.lasts = True
+        return bound
+
+    async def navigate(self, place: str) -> None:
+        """Drive to a place, within an action of your own; cancelled, it ends when the robot stands.
+
+        Raises:
+            MapError: If there is no such place.
+            Error: If a drive is under way that this one does not replace, or the robot comes elsewhere; or what the
+                navigator raises.
+        """
+        node = self.graph.node(place)
+        if self.heading is not None and not self.replaces:
+            raise Error(f"the robot cannot go to {place!r} yet: its drive to {self.heading.target!r} has not ended")
+        heading = Heading(self._now(), "", None, place, "an action goes there, to work")
+        # Not within the action's own steps: a decision for the action that they bring about would mean once more.
+        drive = Work(self._drive(node, heading), f"mdm:{self.name}", lambda _: None)
+        try:
+            await asyncio.wait([drive.over])
+        except asyncio.CancelledError:
+            drive.cancel()
+            await asyncio.wait([drive.over])
+            raise
+        if drive.error is not None:
+            raise drive.error
+
+    def task(self, function: Callable[..., Awaitable[object]], **options: Any) -> Binding:
+        """Return the action of an async function that drives and works: its argument ``navigate`` is `navigate`.
+
+        Args:
+            function: The function. It may take the `Action` message besides, before that.
+            options: See `Binding`. A failure is followed by another decision where ``then`` says nothing.
+
+        Raises:
+            ConfigError: If it takes no such argument.
+
+        Example::
+
+            async def fetch(navigate):
+                await navigate("Kitchen")
+                await arm.take()
+
+
+            actions = {**navigation.actions(), "Fetch": navigation.task(fetch, timeout=60)}
+        """
+        name = getattr(function, "__qualname__", repr(function))
+        if not callable(function) or "navigate" not in inspect.signature(function).parameters:
+            raise ConfigError(f"{name} is to drive, and takes no argument 'navigate'")
+        driving: Any = partial(function, navigate=self.navigate)
+        driving.__name__ = driving.__qualname__ = name
+        driving.__module__ = function.__module__
+        bound = Binding(driving, **options)
+        bound.sequel = Sequel(bound.sequel.then, bound.sequel.pause, bound.sequel.attempts, retries=True)
         return bound
 
     def place(self) -> str:

@@ -14,7 +14,8 @@ from sentences import refused
 from mdm import ConfigError, Error, load_system
 from mdm.config.builder import look_over
 from mdm.maps import Pose
-from mdm.testing import capture_decisions, run_virtual
+from mdm.messages import Heading
+from mdm.testing import capture_decisions, probe, run_virtual
 
 GRAPH = """{"type": "FeatureCollection", "features": [
 {"type": "Feature", "properties": {"id": 1, "frame": "map", "metadata": {"name": "Hall"}},
@@ -373,3 +374,66 @@ def test_a_building_that_is_none_is_told(tmp_path, before, after, words):
     write_building(tmp_path, SITE)
     found = problems(tmp_path, FLOORS.replace(before, after) if before else FLOORS)
     assert any(words in message for _, message in found), found
+
+
+FETCH = """
+async def fetch(navigate):
+    begun.append("fetch")
+    await navigate("Kitchen")
+async def dance(): ...
+begun = []
+"""
+
+
+def with_fetch(tmp_path, fetch, text=FILE):
+    path = file(tmp_path, text.replace('{ way = "Right" }', fetch))
+    (tmp_path / "arm.py").write_text(FETCH)
+    return path
+
+
+def test_a_function_drives_by_its_argument_navigate(tmp_path):
+    path = with_fetch(tmp_path, '{ call = "arm:fetch", navigate = true, timeout = 30.0 }')
+    for system in (load_system(path), load_system(path, callbacks=False), look_over(path)):
+        fetch = system.ensembles["robot"].action.bindings[0]
+        assert (fetch.timeout, fetch.sequel.retries, fetch.lasts) == (30.0, True, True)  # alike in a replay
+    system = load_system(path)
+
+    async def main(runtime):
+        await runtime.start(system)
+        told = probe(runtime.channel("navigation/headings", Heading))
+        await asyncio.sleep(0.3)
+        return [(heading.target, heading.why) for heading in told]
+
+    assert run_virtual(main) == [("Kitchen", "an action goes there, to work")]
+    assert sys.modules["wheels"].goals[-1] == 6.0
+
+
+@pytest.mark.parametrize(
+    ("fetch", "text", "words"),
+    [
+        ('{ call = "arm:dance", navigate = true }', FILE, "dance is to drive, and takes no argument 'navigate'"),
+        ('{ way = "Right", navigate = true }', FILE, "'navigate' means nothing beside a way"),
+        (
+            '{ call = "arm:fetch", navigate = true }',
+            FILE.replace('navigator = "wheels:Wheels"\n', "").replace(
+                '{ place = "Hall", timeout = 60.0 }', '"arm:dance"'
+            ),
+            "'navigate' needs what drives there",
+        ),
+    ],
+)
+def test_what_could_not_navigate_is_refused(tmp_path, fetch, text, words):
+    path = with_fetch(tmp_path, fetch, text)
+    for load in (load_system, look_over):
+        with pytest.raises(ConfigError) as caught:
+            load(path)
+        assert words in str(caught.value)
+
+
+def test_functions_of_one_group_replace_each_other_without_a_stop(tmp_path):
+    grouped = '{{ call = "arm:dance", group = "{}" }}'
+    text = FILE.replace('{ place = "Hall", timeout = 60.0 }', grouped.format("base"))
+    one, other = load_system(with_fetch(tmp_path, grouped.format("base"), text)).ensembles["robot"].action.bindings
+    assert one.group is other.group is not None
+    one, other = load_system(with_fetch(tmp_path, grouped.format("arm"), text)).ensembles["robot"].action.bindings
+    assert one.group is not other.group

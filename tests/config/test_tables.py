@@ -143,6 +143,7 @@ OTHER_KEYS = {
     },
     tables.ActionTable: {
         "call": "the target, a function",
+        "navigate": "what the function is given",
         "ensemble": "the target, an ensemble",
         "place": "the target, a place of the map",
         "way": "the target, a way of the map",

@@ -24,7 +24,7 @@ class Driven:
 
     def __init__(self, kind=Robot, policy=None, *, x=2.0, floor=THREE, navigation=None, **options):
         self.predicates = mdm.PredicateManager()
-        self.predicates.sensor("Other", initial=False)
+        self.other = self.predicates.sensor("Other", initial=False)
         self.robot = kind(floor, self.predicates, x, 2.0)
         self.navigation = Navigation(floor, self.robot, self.robot.places)
         policy = policy or {"A": "Right", "B": "Right", "C": "Stay"}
@@ -849,3 +849,122 @@ def test_a_way_from_nowhere_leads_to_the_nearest_place():
             driven.navigation.resolve("Right")
 
     drive(script, floor=row_of_rooms("A", "B", gap=3.0), policy={"A": "Stay", "B": "Stay"})
+
+
+class Fetching(Driven):
+    """A robot that fetches something from C, unless `Other` calls it home; it decides at each goal, too."""
+
+    def __init__(self, fetch, kind=Robot, **options):
+        super().__init__(kind)
+        actions = {"Fetch": self.navigation.task(fetch, **options), "Home": self.navigation.go_to("A")}
+        self.ensemble = mdm.Ensemble(
+            "robot",
+            policy=[0, 1] * 3,
+            predicates=self.predicates,
+            states=[
+                mdm.StateFactor("at", ["A.reached", "B.reached", "C.reached"]),
+                mdm.StateFactor("called", {1: "Other"}),
+            ],
+            actions=actions,
+        )
+
+
+def fetching(script, *arguments, **options):
+    async def main(runtime):
+        driven = await Fetching(*arguments, **options).start(runtime)
+        driven.headings = probe(runtime.channel("navigation/headings", Heading))
+        try:
+            return await script(driven)
+        finally:
+            driven.living.cancel()
+            driven.robot.goal = None
+
+    return run_virtual(main)
+
+
+@pytest.mark.parametrize("kind", [Robot, Replacing])
+def test_an_action_drives_and_works_and_is_one_life_whatever_is_decided_on_its_way(kind):
+    worked = []
+
+    async def fetch(navigate):
+        await navigate("C")
+        worked.append("grips")
+        await asyncio.sleep(1)
+        await navigate("B")
+
+    async def script(driven):
+        with capture_decisions(driven.runtime) as decisions:
+            await asyncio.sleep(30)
+        assert [decision.action_name for decision in decisions] == ["Fetch"] * 3  # as A, C and B are reached
+        assert driven.told == [("Fetch", "running"), ("Fetch", "succeeded")]
+        assert [(heading.target, heading.why) for heading in driven.headings] == [
+            ("C", "an action goes there, to work"),
+            ("B", "an action goes there, to work"),
+        ]
+        assert (driven.robot.said, worked) == (["go 10", "stop", "go 6", "stop"], ["grips"])
+        assert (driven.navigation.heading, list(driven.faults)) == (None, [])
+
+    fetching(script, fetch, kind)
+
+
+def test_an_action_that_is_called_away_on_its_way_has_ended_when_the_robot_stands():
+    said = []
+
+    async def fetch(navigate):
+        try:
+            await navigate("C")
+        finally:
+            said.append([*driven_by[0].robot.said])
+
+    driven_by = []
+
+    async def script(driven):
+        driven_by.append(driven)
+        await asyncio.sleep(3)
+        assert driven.navigation.heading.target == "C"
+        driven.other.set(True)
+        await asyncio.sleep(10)
+        assert said == [["go 10", "stop"]]
+        assert driven.told == [
+            ("Fetch", "running"),
+            ("Fetch", "preempted"),
+            ("Home", "running"),
+            ("Home", "succeeded"),
+        ]
+        assert driven.robot.said == ["go 10", "stop", "go 2", "stop"]
+
+    fetching(script, fetch)
+
+
+def test_what_an_action_cannot_drive_to_fails_with_a_sentence_and_is_decided_again():
+    tries = []
+
+    async def fetch(navigate):
+        tries.append(None)
+        if len(tries) == 1:
+            await navigate("D")
+        first = asyncio.create_task(navigate("C"))
+        await asyncio.sleep(1)
+        try:
+            await (navigate("B") if len(tries) == 2 else first)
+        finally:
+            first.cancel()
+            await asyncio.wait([first])
+
+    async def script(driven):
+        await asyncio.sleep(40)
+        details = [life.detail for life in driven.lives if life.status == "failed"]
+        assert len(details) == 2
+        assert "there is no place 'D'" in details[0]
+        assert "the robot cannot go to 'B' yet: its drive to 'C' has not ended" in details[1]
+        assert driven.told[-1] == ("Fetch", "succeeded")
+
+    fetching(script, fetch)
+
+
+def test_a_task_that_could_not_drive_is_refused():
+    async def stand():
+        pass
+
+    with refused(ConfigError):
+        Driven().navigation.task(stand)

@@ -367,5 +367,7 @@ def test_the_end_of_an_ensemble_below_takes_what_the_page_says():
         pass
 
     below = Ensemble("robot", policy=[0], actions={"Go": act}, safe_action=act)
-    assert "by default\n5 + 2 \N{MULTIPLICATION SIGN} (10 + 5) = 35 s" in (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
+    assert "by default\n5 + 2 \N{MULTIPLICATION SIGN} (10 + 5) = 35 s" in (ROOT / "docs" / "safety.md").read_text(
+        encoding="utf-8"
+    )
     assert below.patience == 35 + 0.5  # half a second for what the loop takes

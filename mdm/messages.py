@@ -225,10 +225,7 @@ ModeName = Literal["stopped", "deciding", "safe"]
 
 
 class Cause(msgspec.Struct, frozen=True, gc=False):
-    """A cause of an ensemble's safe mode: its kind, a description, and its beginning in nanoseconds.
-
-    As a text it tells the beginning in seconds: ``str(ensemble.causes[0])``.
-    """
+    """A cause of an ensemble's safe mode: its kind, a description, and its beginning in nanoseconds."""
 
     kind: str
     detail: str

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["counted", "encodable", "in_words"]
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ["counted", "encodable", "in_words", "texts_in"]
 
 _LONGEST = 4_000
 """Characters: a page keeps thousands of texts."""
 _CONTROLS = {code: f"\\x{code:02x}" for code in (*range(9), 11, 12, *range(14, 32), 127)}
 
 _EXPECTED = re.compile(r"Expected `(?P<kinds>[^`]+)`(?: (?P<sign>[<>]=?) (?P<limit>[\d.e+-]+))?(?:, got `[^`]+`)?")
-_KINDS = {
-    "float": "a number",
-    "int": "a whole number",
-    "str": "a text",
-    "bool": "true or false",
-    "array": "a list",
-    "object": "a table",
-}
+_KINDS = {"float": "a number", "int": "a whole number", "str": "a text", "bool": "true or false", "array": "a list"}
+_KINDS |= {"object": "a table"}
 _LIMITS = {">": "above", ">=": "of at least", "<": "below", "<=": "of at most"}
 _STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
 
@@ -29,14 +26,17 @@ def counted(number: int, noun: str, form: str = "") -> str:
     return f"{number:{form}} {noun}" if number == 1 else f"{number:{form}} {noun}s"
 
 
-def in_words(text: str, value: Any, place: str) -> str:
-    """Return what msgspec says of a value of another kind, or beyond a limit, in the words of who wrote a TOML file.
+def texts_in(value: Any) -> Iterator[str]:
+    """Yield the texts in tables and lists, however deep."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list):
+        for inner in value.values() if isinstance(value, dict) else value:
+            yield from texts_in(inner)
 
-    Args:
-        text: What it says; any other sentence stays as it is.
-        value: What was converted.
-        place: Where in it, such as ``.actions[1]``.
-    """
+
+def in_words(text: str, value: Any, place: str) -> str:
+    """Return what msgspec says of a value at a place, such as ``.actions[1]``, in the words of who wrote the file."""
     expected = _EXPECTED.fullmatch(text.replace(" | null", ""))  # TOML has none
     if expected is None:
         return text

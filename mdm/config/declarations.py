@@ -9,6 +9,7 @@ from mdm.actors.predicates.declarations import ACTION_END, near_end
 from mdm.config.tables import EventTable, PredicateTable
 from mdm.errors import ConfigError
 from mdm.logic import Formula, parse, similar
+from mdm.texts import texts_in
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
@@ -62,7 +63,7 @@ class Declarations:
         used = [name for _, formula in self._formulas for name in formula.names]
         if isinstance(ensembles, dict):
             tables = [table for table in ensembles.values() if isinstance(table, dict)]
-            used += [name for table in tables for name in _texts(table.get("observations"))]
+            used += [name for table in tables for name in texts_in(table.get("observations"))]
         for name in dict.fromkeys(used):
             agent, slash, event = name.partition("/")
             foreign = slash and agent in self._share.team.names and agent != self._share.agent
@@ -126,14 +127,6 @@ class Declarations:
                     user = key.partition(".")[2]
                     self._problems.add(f"{user!r} uses {name!r}, which is not declared{hint}", key)
         return len(self._problems) > before
-
-
-def _texts(value: object) -> list[str]:
-    """Return the texts in a table, however deep."""
-    if isinstance(value, str):
-        return [value]
-    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return [text for part in inner for text in _texts(part)]
 
 
 def _refuse_mixture(table: PredicateTable, keys: Iterable[str]) -> None:

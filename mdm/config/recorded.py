@@ -14,6 +14,7 @@ from mdm.config.builder import load_system, load_team
 from mdm.errors import ConfigError, Error
 from mdm.models.difference import first_difference
 from mdm.recording.stimuli import Joined, Received
+from mdm.texts import texts_in
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -101,7 +102,7 @@ def _named(file: Path) -> Iterator[Path]:
             content: Any = tomllib.loads(file.read_text(encoding="utf-8-sig"))
         except (OSError, ValueError):
             return
-        texts = list(_texts(content))
+        texts = list(texts_in(content))
     elif file.suffix in {".yaml", ".yml"}:
         texts = [part.strip("'\"") for part in file.read_text(encoding="utf-8", errors="replace").split()]
     else:
@@ -110,17 +111,6 @@ def _named(file: Path) -> Iterator[Path]:
         if 0 < len(text) < 1000 and "\0" not in text and "\n" not in text:
             path = Path(text).expanduser()
             yield Path(*(file.parent / path).parts) if not path.is_absolute() else path
-
-
-def _texts(value: Any) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict):
-        for each in value.values():
-            yield from _texts(each)
-    elif isinstance(value, list):
-        for each in value:
-            yield from _texts(each)
 
 
 def load_recorded(

@@ -103,11 +103,7 @@ else:
 
 
 class TakenName(Error):
-    """An actor has two children of one name.
-
-    Attributes:
-        name: The name.
-    """
+    """An actor has two children of one name."""
 
     def __init__(self, path: str, name: str) -> None:
         super().__init__(f"actor {path!r} has two children named {name!r}")

@@ -58,11 +58,7 @@ def look_for(reference: str, folder: Path) -> Callable[..., Any] | None:
 
 
 def named_in(reference: str) -> tuple[str, str]:
-    """Return the module and the name in it of ``module:name``.
-
-    Raises:
-        ConfigError: If it is another text.
-    """
+    """Return the module and the name in it of ``module:name``; refuse any other text."""
     module, colon, attribute = reference.partition(":")
     if not colon or not module or not attribute:
         raise ConfigError(f"a function must be given as 'module:name', not {reference!r}")

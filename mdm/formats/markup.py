@@ -9,8 +9,6 @@ from collections import deque
 from typing import TYPE_CHECKING, NoReturn
 from xml.parsers import expat
 
-from mdm.errors import FormatError
-
 if TYPE_CHECKING:
     from collections.abc import Container, Iterator
 
@@ -62,10 +60,6 @@ class Element:
         """
         value = self.attributes.get(name)
         return self.fail(f"<{self.tag}> needs the attribute {name!r}") if value is None else value.strip()
-
-    def placed(self, message: str) -> str:
-        """Return a message with the place of this element."""
-        return str(FormatError(message, file=self.source.path, line=self.line, column=self.column))
 
     def fail(self, message: str) -> NoReturn:
         """Raise a `FormatError` at this element."""

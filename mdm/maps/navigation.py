@@ -261,15 +261,6 @@ class Navigation:
 
         Raises:
             ConfigError: If it takes no such argument.
-
-        Example::
-
-            async def fetch(navigate):
-                await navigate("Kitchen")
-                await arm.take()
-
-
-            actions = {**navigation.actions(), "Fetch": navigation.task(fetch, timeout=60)}
         """
         name = getattr(function, "__qualname__", repr(function))
         if not callable(function) or "navigate" not in inspect.signature(function).parameters:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+
+from mdm.errors import FormatError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
 
 __all__ = ["Problem", "collect_problems", "is_collecting", "placing", "remark", "report"]
+
+_PLACED = 12
 
 
 class Problem(NamedTuple):
@@ -55,21 +59,24 @@ def collect_problems(*, sums_only: bool = False) -> Iterator[list[Problem]]:
 
 
 @contextmanager
-def placing(texts: Callable[[Sequence[Problem]], Sequence[str]]) -> Iterator[None]:
-    """Give the problems that are collected in the block their places in the file that is read.
+def placing(fail: Callable[[Any, str], NoReturn]) -> Iterator[None]:
+    """Give the first few problems that are collected in the block their places in the file that is read.
 
     Args:
-        texts: Returns the texts of problems with their places.
+        fail: Raises an error with the place of what a problem is of, and its text.
     """
     collection = _COLLECTION.get()
-    before = 0 if collection is None else len(collection.problems)
+    problems = [] if collection is None else collection.problems
+    before = len(problems)
     try:
         yield
     finally:
-        if collection is not None:
-            found = [place for place, problem in enumerate(collection.problems) if place >= before and problem.at]
-            for place, text in zip(found, texts([collection.problems[place] for place in found]), strict=True):
-                collection.problems[place] = collection.problems[place]._replace(text=text, at=None)
+        placed = [place for place, problem in enumerate(problems) if place >= before and problem.at is not None]
+        for place in placed[:_PLACED]:
+            try:
+                fail(problems[place].at, problems[place].text)
+            except FormatError as error:
+                problems[place] = problems[place]._replace(text=str(error), at=None)
 
 
 def report(problem: str, *, is_sum: bool = False, at: Any = None) -> bool:

@@ -109,12 +109,8 @@ class Record:
         """What is not there of the run, a sentence each: where it is torn or damaged, what is lost without a place."""
         told = [] if self.torn is None else [self.torn if self.grows else f"{self.torn}: what follows is not there"]
         told += self.damage
-        there = "\n".join(self.damage)
-        told += [
-            f"{self.path}: the attached file {name!r} was damaged, and is not there"
-            for name in self.damaged_files
-            if repr(name) not in there
-        ]
+        left_out = [name for name in self.damaged_files if repr(name) not in "".join(self.damage)]
+        told += [f"{self.path}: the attached file {name!r} was damaged, and is not there" for name in left_out]
         if self.lost > sum(hole.lost or 0 for file in self._files for hole in file.holes):
             told.append(f"{self.path}: {self.lost:,} messages are lost")
         return tuple(told)

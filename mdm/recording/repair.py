@@ -41,12 +41,8 @@ def repair(record: Record, file: IO[bytes]) -> int:
         written.add_message(topics[topic], time, data, time, sequence)
         count += 1
     if record.torn is not None or record.damage:
-        facts = {
-            "torn": record.torn or "",
-            "damage": "\n".join(record.damage),
-            "files": "\n".join(record.damaged_files),
-            "unread": str(record.unread),
-        }
+        facts = {"torn": record.torn or "", "damage": "\n".join(record.damage), "unread": str(record.unread)}
+        facts["files"] = "\n".join(record.damaged_files)
         written.metadata("mdm.repaired", {name: fact for name, fact in facts.items() if fact})
     written.finish()
     return count

@@ -38,16 +38,12 @@ def oddities(file: str) -> Iterator[str]:
     named = {"predicates and events": definitions, "ensembles": ensembles}
     named |= {f"actions of {name!r}": table["actions"] for name, table in ensembles.items()}
     for what, names in named.items():
-        for one, other in combinations(names, 2):
-            if one.casefold() == other.casefold():
-                yield f"{what}: {one!r} and {other!r} differ by capital letters alone"
+        spelt: dict[str, str] = {}
+        for name in names:
+            if (other := spelt.setdefault(name.casefold(), name)) != name:
+                yield f"{what}: {other!r} and {name!r} differ by capital letters alone"
     used = {name for formulas in definitions.values() for formula in formulas for name in formula.names}
-    used |= {
-        text
-        for table in ensembles.values()
-        for kind in ("states", "observations")
-        for text in texts_in(table.get(kind))
-    }
+    used |= {*texts_in([table.get(kind) for table in ensembles.values() for kind in ("states", "observations")])}
     used |= {name.rpartition("/")[2] for name in used}
     if unused := [name for name, formulas in definitions.items() if not formulas and name not in used]:
         yield f"nothing in this file uses {', '.join(map(repr, unused))}: what code tells there leads to no decision"

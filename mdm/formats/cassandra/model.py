@@ -258,7 +258,7 @@ class _Reader:
                 colons=False,
             )
             statements.read(self._sections[""][0])
-            with placing(statements.placed):
+            with placing(lambda error, _: statements.refuse(error)):
                 return build(self._source, statements, states, actions, observations, discount, start, sparse)
         except RowError as error:
             statements.refuse(error)

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from mdm.formats.source import Words
     from mdm.models import Space
     from mdm.models.matrices import RowError
-    from mdm.models.validation import Problem
 
 __all__ = ["Entries", "Field", "Statements", "begins_foreign", "check_commas", "foreign", "unknown"]
 
@@ -131,50 +130,36 @@ class Statements:
         self._source.report(len(words))
 
     def refuse(self, error: RowError) -> NoReturn:
-        """Raise a `FormatError` at the last statement for a row that is not a distribution, or for its action."""
-        self.fail(self._places([error])[0], str(error))
+        """Raise a `FormatError` where a row that is not a distribution begins, or the last statement for it does.
 
-    def placed(self, problems: Sequence[Problem]) -> list[str]:
-        """Return the texts of problems of rows with their places."""
-        places = self._places([problem.at for problem in problems])
-        return [self._source.placed(place, problem.text) for place, problem in zip(places, problems, strict=True)]
-
-    def _places(self, errors: Sequence[RowError]) -> list[int]:
-        """Return for each row that is not a distribution at which word it begins, or the last statement for it.
-
-        Of a row that no statement is for it is the last one for its action.
+        Of a row that no statement is for it is at the last one for its action.
         """
-        words = self._words
-        found: dict[RowError, int] = {}
-        blocks: dict[RowError, int] = {}
-        for kind in {error.what for error in errors}:
-            of_kind = [error for error in errors if error.what == kind]
-            columns = len(self._spaces["n" if kind == "T" else "o"] or ())
-            for at in (i for i, word in enumerate(words[:-1]) if word == kind and words[i + 1] == ":"):
-                end = self._field_end(at + 2)
-                of_action = self._those_of(kind, "a", at + 2, end, of_kind, "action")
-                blocks |= dict.fromkeys(of_action, at)
-                if words[end : end + 1] == [":"] and not self._values_follow(end + 1, "s"):
-                    of_row = self._those_of(kind, "s", end + 1, self._field_end(end + 1), of_action, "row")
-                    found |= dict.fromkeys(of_row, at)
-                    continue
-                values = end + (words[end : end + 1] == [":"])
+        words, kind = self._words, error.what
+        columns = len(self._spaces["n" if kind == "T" else "o"] or ())
+        found = block = None
+        for at in (i for i, word in enumerate(words[:-1]) if word == kind and words[i + 1] == ":"):
+            end = self._field_end(at + 2)
+            if not self._names_symbol(kind, "a", at + 2, end, error.action):
+                continue
+            block, values = at, end + (words[end : end + 1] == [":"])
+            if values > end and not self._values_follow(values, "s"):
+                if self._names_symbol(kind, "s", values, self._field_end(values), error.row):
+                    found = at
+            else:
                 listed = values < len(words) and number(words[values]) is not None
-                found |= {error: values + error.row * columns if listed else at for error in of_action}
-        return [found.get(error, blocks.get(error, len(words) - 1)) for error in errors]
+                found = values + error.row * columns if listed else at
+        place = found if found is not None else block
+        self.fail(len(words) - 1 if place is None else place, str(error))
 
-    def _those_of(
-        self, kind: str, letter: str, begin: int, end: int, errors: list[RowError], of: str
-    ) -> list[RowError]:
-        """Return the errors of which a field names the action or the row."""
+    def _names_symbol(self, kind: str, letter: str, begin: int, end: int, symbol: int) -> bool:
+        """Whether a field names a symbol."""
         space = self._spaces[letter]
         assert space is not None
         try:
             field = self._field(begin, self._words[begin:end], space, kind + letter)
         except FormatError:  # which is a problem of its own
-            return []
-        chosen = {field} if isinstance(field, int) else field
-        return [error for error in errors if chosen is None or getattr(error, of) in chosen]
+            return False
+        return field is None or field == symbol or (isinstance(field, list) and symbol in field)
 
     def _next_statement(self, at: int) -> int:
         words = self._words
@@ -334,13 +319,7 @@ class Statements:
 
 
 def unknown(word: str, where: str, error: ModelError) -> str:
-    """Return in words that no symbol has a name, and what is closest.
-
-    Args:
-        word: The name.
-        where: The kind of statement and the field's letter.
-        error: What the space says.
-    """
+    """Return in words that no symbol has a name, and what is closest; see `Statements` for where."""
     noun = {"a": "action", "o": "observation"}.get(where[1], "state")
     hint = str(error).partition("; ")[2]
     return f"{word!r} in this {where[0]!r} statement is no {noun}; {hint.replace('symbols', f'{noun}s')}"

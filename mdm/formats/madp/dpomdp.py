@@ -212,7 +212,7 @@ class _Reader:
             )
             statements.read(0)
             parts = (states, actions, observations, discount, start, sparse)
-            with placing(statements.placed):
+            with placing(lambda error, _: statements.refuse(error)):
                 model = build(self._source, statements, *parts, fill=True)
         except RowError as error:
             statements.refuse(error)

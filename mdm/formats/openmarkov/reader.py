@@ -47,7 +47,7 @@ def read(path: str | Path, *, sparse: bool | None = None) -> FactoredMDP | Facto
     source = Source(path)
     document = _Document(source)
     try:
-        with placing(lambda problems: [document.element(each.at).placed(each.text) for each in problems]):
+        with placing(lambda node, text: document.element(node).fail(text)):
             network = document.network()
             if network.observations is None:
                 return FactoredMDP(network, discount=document.discount, sparse=sparse)

@@ -51,7 +51,7 @@ def read(path: str | Path, *, sparse: bool | None = None) -> FactoredMDP | Facto
     """
     document = _Document(Source(path))
     try:
-        with placing(lambda problems: [document.elements[each.at].placed(each.text) for each in problems]):
+        with placing(lambda node, text: document.elements[node].fail(text)):
             network = document.network()
             if network.observations is None:
                 return FactoredMDP(network, discount=document.discount, sparse=sparse)

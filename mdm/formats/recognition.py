@@ -101,7 +101,7 @@ def is_policy(path: str | Path) -> bool:
     for what, begins in _OTHERS.items():
         if begins.match(start):
             raise FormatError(f"this is {what}, which is not read: {readers}", file=Path(path))
-    if suffix in _MODELS | _POLICIES or not start or start.startswith("<"):
+    if suffix in _MODELS | _POLICIES or not start or start.startswith("<") or "\0" in start:
         return suffix in _POLICIES
     if not _SECTION.search(text):
         shown = start.partition("\n")[0][:40]

@@ -20,7 +20,6 @@ UNTESTED_ALONE = {
     "recording/stimuli.py": "declares messages: test_schemas",
     "recording/part.py": "one file of a record: test_reader",
     "runtime/tape.py": "declares a protocol alone, which test_recorder and test_player follow",
-    "runtime/circle.py": "with the turns that it is asked about: test_starved and test_dispatcher",
     "replay/driver.py": "what plays a record: test_replay and test_random_systems",
     "replay/teammates.py": "what plays a team's part of a record: test_replay of mdm replay",
     "team/layer.py": "a base: the layers of each mode are tested",

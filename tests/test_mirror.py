@@ -31,7 +31,6 @@ UNTESTED_ALONE = {
     "snapshots/frame.py": "declares types alone",
     "cli/map/floor.py": "with the verbs that load a floor: test_check",
     "cli/map/drawing.py": "with the verbs that draw: test_check, test_show",
-    "simulation/building/drive.py": "what a robot keeps in mind: test_robot",
     "config/rebuilt.py": "with all that builds a recorded run anew: test_replay and test_explain of the verbs",
     "cli/robots/ensembles.py": "with the verbs that look at ensembles: test_info, test_check",
     "cli/team/asker.py": "with the verbs that ask: test_status",

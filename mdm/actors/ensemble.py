@@ -224,28 +224,21 @@ class Ensemble(Layer):
         if self.observation is not None:
             yield from self.observation.misfits()
         yield from self.action.problems()
-        yield from self._parts_missing()
+        if self.observation is not None and self.controller.divided and self.controller.can_end:
+            for factor in self.observation.factors:
+                if factor.idle is None and not factor.hold:
+                    yield ConfigError(
+                        f"observation factor {factor.name!r} may be missing, but the policy has an edge for each whole "
+                        "observation: give the factor 'idle' or 'hold'",
+                        key=f"ensembles.{self.name}.observations.{factor.name}",
+                    )
         if self.state is not None:
-            product = 1
-            for factor in self.state.factors:
-                product *= factor.size
+            product = math.prod(factor.size for factor in self.state.factors)
             expected = self.controller.symbols.num_states
             if expected is not None and product != expected and self.controller.model is None:
                 yield ConfigError(
                     f"the state factors of {self.name!r} make {product} states, but the policy is for {expected}",
                     key=f"ensembles.{self.name}.states",
-                )
-
-    def _parts_missing(self) -> Iterator[ConfigError]:
-        """Yield the factors that may be missing from observations that a plan knows as wholes alone."""
-        if self.observation is None or not (self.controller.divided and self.controller.can_end):
-            return
-        for factor in self.observation.factors:
-            if factor.idle is None and not factor.hold:
-                yield ConfigError(
-                    f"observation factor {factor.name!r} may be missing, but the policy has an edge for each whole "
-                    "observation: give the factor 'idle' or 'hold'",
-                    key=f"ensembles.{self.name}.observations.{factor.name}",
                 )
 
     def notes(self) -> Iterator[str]:

@@ -89,7 +89,9 @@ def named(names: Names, what: str, of: str) -> tuple[tuple[str, ...], tuple[str 
     symbols: tuple[str | int, ...] | None = (*names,) if isinstance(names, Mapping) else None
     values = tuple(names.values()) if isinstance(names, Mapping) else names
     listed = isinstance(values, Sequence) and not isinstance(values, str)
-    if not listed or not all(isinstance(value, str) for value in values) or not _are_symbols(symbols or ()):
+    keys = symbols or ()
+    alike = all(isinstance(key, str) for key in keys) or all(type(key) is int for key in keys)
+    if not listed or not all(isinstance(value, str) for value in values) or not alike:
         raise ConfigError(
             f"{what} needs a list of {of}s, or a mapping from symbols to {of}s, by name or by index but not both, "
             f"not {names!r}"
@@ -97,11 +99,6 @@ def named(names: Names, what: str, of: str) -> tuple[tuple[str, ...], tuple[str 
     if len(set(values)) != len(values):
         raise ConfigError(f"{what} names {'an' if of == 'event' else 'a'} {of} twice: {', '.join(values)}")
     return tuple(values), symbols
-
-
-def _are_symbols(keys: Sequence[object]) -> bool:
-    """Whether they are all names, or all indices."""
-    return all(isinstance(key, str) for key in keys) or all(type(key) is int for key in keys)
 
 
 def check_name(name: object, kind: str) -> None:

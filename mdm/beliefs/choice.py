@@ -195,14 +195,11 @@ def chosen_filter(model: POMDP, *, fast: bool | None = None) -> Filter:
 
 def compiles(model: POMDP) -> bool:
     """Whether numba is used for a model, if it can be imported; where memory is short, that takes a large one."""
-    return may_compile() and not (model.is_sparing and _held(model) <= _LEAST_COMPILED)
-
-
-def _held(model: POMDP) -> int:
-    """Return the bytes of T and O; the events of a flat model are not counted."""
+    if not model.is_sparing:
+        return may_compile()
     size = model.matrix_size
-    events = model.network is None and model.event_observations
-    return size.transitions + (0 if events else size.observations)
+    events = model.network is None and model.event_observations  # whose O is not counted
+    return may_compile() and size.transitions + (0 if events else size.observations) > _LEAST_COMPILED
 
 
 def most_folded(model: POMDP) -> int:

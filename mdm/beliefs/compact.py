@@ -60,12 +60,15 @@ class CompactFilter(WholeFilter):
         likelihoods = {id(likelihood): likelihood for _, likelihood in every}
         is_dense = sum(map(num_entries, matrices.values())) >= _SPARSE * len(matrices) * size**2
         width = -(-size // LINE) * LINE
-        blocks = [_padded(dense(each), width) if is_dense else _pairs(each, width) for each in matrices.values()]
+        beyond = ((0, 0), (0, width - size))
+        blocks = [np.pad(dense(each), beyond) if is_dense else _pairs(each, width) for each in matrices.values()]
         rows = dict(zip(likelihoods, range(_FIRST, _FIRST + len(likelihoods)), strict=True))
         first = _FIRST + len(likelihoods)
         starts = np.cumsum([first, *(len(block) for block in blocks)]).tolist()
         places = dict(zip(matrices, starts, strict=False))
-        self._room = room = _aligned(starts[-1], width)
+        numbers = np.zeros(starts[-1] * width + LINE)
+        before = -(numbers.ctypes.data // numbers.itemsize) % LINE  # so that it begins with a line of the cache
+        self._room = room = numbers[before : before + starts[-1] * width].reshape(-1, width)
         room[_FIRST:first, :size] = list(likelihoods.values())
         for start, block in zip(starts, blocks, strict=False):
             room[start : start + len(block)] = block
@@ -139,20 +142,6 @@ def _moves(dynamics: Dynamics, model: POMDP) -> list[list[tuple[Matrix, Vector]]
     ones = np.ones(dynamics.num_states)
     actions, observations = range(dynamics.num_actions), range(dynamics.num_observations)
     return [[(folded(model, a, o), ones) for o in observations] for a in actions]
-
-
-def _aligned(height: int, width: int) -> Vector:
-    """Return zeros that begin with a line of the cache."""
-    room = np.zeros(height * width + LINE)
-    before = -(room.ctypes.data // room.itemsize) % LINE
-    return room[before : before + height * width].reshape(height, width)
-
-
-def _padded(matrix: Vector, width: int) -> Vector:
-    """Return rows of some width."""
-    block = np.zeros((len(matrix), width))
-    block[:, : len(matrix)] = matrix
-    return block
 
 
 def _pairs(matrix: Matrix, width: int) -> Vector:

@@ -68,7 +68,12 @@ class BeliefTracker:
         self._num_actions = len(model.action_space)
         self._num_observations = len(model.observation_space)
         self._false_negative = model.false_negative
-        self._start = _first(model)
+        if model.network is not None and model.stays_factored:
+            self._start = Support(*first_states(model.network))
+        else:
+            initial = model.initial_belief
+            (states,) = initial.nonzero()
+            self._start = Support(states, initial[states])
         self._filter = chosen_filter(model)
         self._step = self._filter.step
         self._steps = self._filter.steps
@@ -267,15 +272,6 @@ def agreeing(sizes: Sequence[int], given: Sequence[int | None]) -> list[int]:
         places = range(size) if component is None else (component,)
         symbols = [symbol * size + place for symbol in symbols for place in places]
     return symbols
-
-
-def _first(model: POMDP) -> Support:
-    """Return the support of the initial belief."""
-    if model.network is not None and model.stays_factored:
-        return Support(*first_states(model.network))
-    initial = model.initial_belief
-    (states,) = initial.nonzero()
-    return Support(states, initial[states])
 
 
 def checked_support(belief: Support, size: int) -> Support:

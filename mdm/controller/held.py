@@ -45,11 +45,7 @@ _decode = msgspec.msgpack.Decoder(Held).decode
 
 
 def opened(snapshot: bytes) -> Held:
-    """Return the content of a snapshot.
-
-    Raises:
-        ModelError: If it is none.
-    """
+    """Return the content of a snapshot; refuse what is none."""
     try:
         return _decode(snapshot)
     except (msgspec.MsgspecError, TypeError, ValueError, RecursionError) as error:
@@ -57,11 +53,7 @@ def opened(snapshot: bytes) -> Held:
 
 
 def check_counts(held: Held, num_actions: int, horizon: int | None) -> None:
-    """Refuse an action that the policy has not, and more decisions than its horizon allows.
-
-    Raises:
-        ModelError: If it is so.
-    """
+    """Refuse an action that the policy has not, and more decisions than its horizon allows."""
     if held.last_action is not None and held.last_action >= num_actions:
         raise ModelError(f"its last action is {held.last_action}, but there are {num_actions}")
     if held.last_action is None and held.epoch:

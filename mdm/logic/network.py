@@ -183,17 +183,14 @@ class Network(Declarations):
 
     def value(self, name: str) -> bool | None:
         """Return a predicate's value."""
-        return _VALUE[self._values[self._find(name)]]
+        try:
+            return _VALUE[self._values[self._index[name]]]
+        except KeyError:
+            raise Error(f"there is no predicate {name!r}") from None
 
     def values(self) -> dict[str, bool | None]:
         """Return the value of every predicate."""
         return {name: _VALUE[self._values[self._index[name]]] for name in self.names}
-
-    def _find(self, name: str) -> int:
-        try:
-            return self._index[name]
-        except KeyError:
-            raise Error(f"there is no predicate {name!r}") from None
 
     # -- Updates -------------------------------------------------------------------------------------------------
 
@@ -278,15 +275,11 @@ class Network(Declarations):
         changed = [at for at, code in places if self._values[at] != code]
         for at, code in places:
             self._values[at] = code
-        return self._settle([*changed, *self._elapse(elapsed)], tuple([at for at, _ in raised]))
-
-    def _elapse(self, holds: Sequence[str]) -> list[int]:
-        """End the time of holds; return the places that have changed."""
-        flags = dict.fromkeys(self._flags[name] for name in holds)
-        changed = [flag for flag in flags if self._values[flag] != TRUE]
-        for flag in changed:
+        flags = dict.fromkeys(self._flags[name] for name in elapsed)
+        ended = [flag for flag in flags if self._values[flag] != TRUE]
+        for flag in ended:
             self._values[flag] = TRUE
-        return changed
+        return self._settle([*changed, *ended], tuple([at for at, _ in raised]))
 
     def _settle(self, changed: list[int], given: tuple[int, ...], plan: Plan | None = None) -> Change | None:
         """Update everything downstream of changed inputs and raised events; return the change."""

@@ -76,7 +76,14 @@ class FiniteStateController(Plan):
                     f"node {node} is for action {actions[node]}, but the actions are 0 to {self.num_actions - 1}"
                 )
         for node, row in enumerate(self.successors):
-            self._check_row(node, row)
+            if len(row) != self.num_observations:
+                raise ModelError(f"node {node} has {len(row)} successors, but node 0 has {self.num_observations}")
+            for observation, successor in enumerate(row):
+                if successor is not None and not 0 <= successor < self.num_nodes:
+                    raise ModelError(
+                        f"node {node} is followed by node {successor} after observation {observation}, but the nodes "
+                        f"are 0 to {self.num_nodes - 1}"
+                    )
         self._check_node(start)
         self.start = start
         self.values = None if values is None else self._checked(values)
@@ -220,16 +227,6 @@ class FiniteStateController(Plan):
     def _check_node(self, node: int) -> None:
         if not 0 <= node < self.num_nodes:
             raise ModelError(f"there is no node {node}; the controller's {self.num_nodes} count from 0")
-
-    def _check_row(self, node: int, row: Sequence[int | None]) -> None:
-        if len(row) != self.num_observations:
-            raise ModelError(f"node {node} has {len(row)} successors, but node 0 has {self.num_observations}")
-        for observation, successor in enumerate(row):
-            if successor is not None and not 0 <= successor < self.num_nodes:
-                raise ModelError(
-                    f"node {node} is followed by node {successor} after observation {observation}, but the nodes "
-                    f"are 0 to {self.num_nodes - 1}"
-                )
 
     def _checked(self, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
         matrix = numbers(values, "the array of nodes' values")

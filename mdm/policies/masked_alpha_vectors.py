@@ -79,7 +79,12 @@ class MaskedAlphaVectors(BeliefPolicy):
         order = sorted(range(len(actions)), key=actions.__getitem__)
         self.vectors: tuple[dict[int, float], ...] = tuple(dict(sorted(vectors[index].items())) for index in order)
         self.actions: list[int] = [int(actions[index]) for index in order]
-        self._values, self._states = self._matrices()
+        # The vectors and their masks (1 for defined) as sparse N x S matrices.
+        data = np.array([value for vector in self.vectors for value in vector.values()], dtype=np.float64)
+        states = np.array([state for vector in self.vectors for state in vector])
+        starts, shape = np.cumsum([0, *map(len, self.vectors)]), (len(self.vectors), self.num_states)
+        self._values: Any = csr((data, states, starts), shape)
+        self._states: Any = csr((np.ones(len(data)), states, starts), shape)
 
     def action(self, belief: npt.NDArray[np.float64]) -> int:
         """Return the action for a belief.
@@ -141,11 +146,3 @@ class MaskedAlphaVectors(BeliefPolicy):
         values: npt.NDArray[np.float64] = self._values.dot(belief)
         values[self._states.dot(support) < support.sum()] = -np.inf
         return values
-
-    def _matrices(self) -> tuple[Any, Any]:
-        """Return the vectors and their masks (1 for defined) as sparse N x S matrices."""
-        data = np.array([value for vector in self.vectors for value in vector.values()], dtype=np.float64)
-        states = np.array([state for vector in self.vectors for state in vector])
-        starts = np.cumsum([0, *map(len, self.vectors)])
-        shape = (len(self.vectors), self.num_states)
-        return csr((data, states, starts), shape), csr((np.ones(len(data)), states, starts), shape)

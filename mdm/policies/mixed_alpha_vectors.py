@@ -79,7 +79,12 @@ class MixedAlphaVectors(BeliefPolicy):
         width = checked.num_states
         if len(observed) != len(actions) or min(observed) < 0:
             raise ModelError(f"each of {len(actions)} alpha vectors needs the index of an observed value")
-        self.states = _layout(np.arange((max(observed) + 1) * width).reshape(-1, width) if states is None else states)
+        given = np.arange((max(observed) + 1) * width).reshape(-1, width) if states is None else states
+        self.states: npt.NDArray[np.intp] = np.array(given, dtype=np.intp)
+        ordered = np.sort(self.states, axis=None)
+        if self.states.ndim != 2 or not np.array_equal(ordered, np.arange(self.states.size)):
+            raise ModelError("the layout of states is an observed x hidden array with each state's index exactly once")
+        self.states.setflags(write=False)
         if self.states.shape[1] != width:
             raise ModelError(f"the vectors have {width} values, but there are {self.states.shape[1]} hidden states")
         if max(observed) >= len(self.states):
@@ -204,11 +209,3 @@ class MixedAlphaVectors(BeliefPolicy):
         for x in np.unique(observed).tolist():
             chosen = observed == x
             yield self.sets[x], Support(hidden[chosen], weights[chosen])
-
-
-def _layout(states: npt.ArrayLike) -> npt.NDArray[np.intp]:
-    layout = np.array(states, dtype=np.intp)
-    if layout.ndim != 2 or not np.array_equal(np.sort(layout, axis=None), np.arange(layout.size)):
-        raise ModelError("the layout of states is an observed x hidden array with each state's index exactly once")
-    layout.setflags(write=False)
-    return layout

@@ -120,10 +120,14 @@ class Walk:
             return 1.0
         if isinstance(observation, frozenset):
             raise ModelError("a plan has an edge for each whole observation: it cannot go by a part of one")
-        parts = observation if isinstance(observation, tuple) else self._parts(observation)
-        if len(parts) != len(self._controllers):
-            raise ModelError(f"an observation has {len(self._controllers)} components, not {len(parts)}")
-        moves = zip(self._controllers, self.current, parts, strict=True)
+        if not isinstance(observation, tuple):
+            total = int(np.prod(self._counts))
+            if not 0 <= observation < total:
+                raise ModelError(f"there is no observation {observation}; the controller's {total} count from 0")
+            observation = tuple(int(part) for part in np.unravel_index(observation, self._counts))
+        if len(observation) != len(self._controllers):
+            raise ModelError(f"an observation has {len(self._controllers)} components, not {len(observation)}")
+        moves = zip(self._controllers, self.current, observation, strict=True)
         after = [node if part is None else controller.next_node(node, part) for controller, node, part in moves]
         self.current = tuple(node if later is None else later for node, later in zip(self.current, after, strict=True))
         return 0.0 if None in after else 1.0
@@ -143,12 +147,6 @@ class Walk:
             if not 0 <= node < controller.num_nodes:
                 raise ModelError(f"there is no node {node}; the controller's {controller.num_nodes} count from 0")
         self.current = nodes
-
-    def _parts(self, observation: int) -> tuple[int, ...]:
-        total = int(np.prod(self._counts))
-        if not 0 <= observation < total:
-            raise ModelError(f"there is no observation {observation}; the controller's {total} count from 0")
-        return tuple(int(part) for part in np.unravel_index(observation, self._counts))
 
 
 class PlanBatch:

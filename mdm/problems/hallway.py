@@ -65,10 +65,15 @@ def hallway(maze: str = _HALLWAY, *, discount: float = 0.95) -> POMDP:
         raise ModelError("the maze needs a goal '+' and a cell that is none")
     start = ~goals / (~goals).sum()
     landmarks = sorted(set(grid.marks) - set(".+"))
-    moves = [np.eye(len(goals)), _forward(grid), *(_turn(len(grid), chances) for chances in _TURNS)]
+    turns = [[np.roll(chances, heading) for heading in range(4)] for chances in _TURNS]
+    moves = [np.eye(len(goals)), _forward(grid), *(np.kron(np.eye(len(grid)), turn) for turn in turns)]
     for matrix in moves:
         matrix[goals] = start
     entered = np.broadcast_to(goals.astype(float), (len(moves), len(goals), len(goals)))
+    walls = [
+        "-".join(side for side, wall in zip(_SIDES, bits, strict=True) if wall) or "no-wall"
+        for bits in np.ndindex(2, 2, 2, 2)
+    ]
     return POMDP(
         moves,
         [_sight(grid, landmarks)] * len(moves),
@@ -76,7 +81,7 @@ def hallway(maze: str = _HALLWAY, *, discount: float = 0.95) -> POMDP:
         discount=discount,
         states=Space([Factor("cell", grid.names), Factor("heading", DIRECTIONS)]),
         actions=_ACTIONS,
-        observation_names=[*_wall_names(), *(f"landmark-{mark}" for mark in landmarks), "goal"],
+        observation_names=[*walls, *(f"landmark-{mark}" for mark in landmarks), "goal"],
         initial_belief=start,
     )
 
@@ -111,12 +116,6 @@ def _forward(grid: Grid) -> npt.NDArray[np.float64]:
     return matrix
 
 
-def _turn(cells: int, chances: tuple[float, ...]) -> npt.NDArray[np.float64]:
-    """Return T of a turn, from how likely it ends 0 to 3 quarters to the right."""
-    turned = [np.roll(chances, heading) for heading in range(4)]
-    return np.kron(np.eye(cells), turned)
-
-
 def _sight(grid: Grid, landmarks: list[str]) -> npt.NDArray[np.float64]:
     """Return O: four walls or not, each seen with errors; landmarks and the goal for sure."""
     # Walls by cell, heading and side, where sides count from the heading on to the right.
@@ -133,11 +132,3 @@ def _sight(grid: Grid, landmarks: list[str]) -> npt.NDArray[np.float64]:
         elif mark in landmarks:
             matrix[4 * cell + south] = np.eye(matrix.shape[1])[bits.shape[1] + landmarks.index(mark)]
     return matrix
-
-
-def _wall_names() -> list[str]:
-    """Return names of what is seen of walls, such as ``front-left``."""
-    return [
-        "-".join(side for side, wall in zip(_SIDES, bits, strict=True) if wall) or "no-wall"
-        for bits in np.ndindex(2, 2, 2, 2)
-    ]

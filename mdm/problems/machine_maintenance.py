@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from mdm.errors import ModelError
 from mdm.models import Factor, FactoredPOMDP, Node, Potential, Space, Table, Tree, TwoSliceNetwork
@@ -53,7 +52,7 @@ def machine_maintenance(components: int = 4, *, discount: float = 0.999) -> Fact
     repaired = np.diag([1.0, 1 - _REPAIRED, 1 - _REPAIRED, 1.0]) + np.diag([0, _REPAIRED, _REPAIRED], 1)
     replaced = np.tile(identity[-1], (4, 1))
     spoilt = Table([seen[0]], [1.0, 0.0])
-    flawless = _product(components)
+    flawless = np.prod(np.meshgrid(*[_FLAWLESS] * components, indexing="ij"), axis=0)  # an axis per component
     product = Table([*part_then, seen[0]], np.stack([1 - flawless, flawless], axis=-1))
     looks = np.stack([1 - np.array(_LOOKS_GOOD), _LOOKS_GOOD], axis=1)
     first: Potential = Tree(action, [0, 1, 2, 2], [product, Table([part_then[0], seen[0]], looks), spoilt])
@@ -82,9 +81,3 @@ def machine_maintenance(components: int = 4, *, discount: float = 0.999) -> Fact
         ],
     )
     return FactoredPOMDP(network, discount=discount)
-
-
-def _product(components: int) -> npt.NDArray[np.float64]:
-    """Return the probability of a good product, an axis per component."""
-    product: npt.NDArray[np.float64] = np.prod(np.meshgrid(*[_FLAWLESS] * components, indexing="ij"), axis=0)
-    return product

@@ -68,16 +68,22 @@ def patrol(rooms: int = 6, robots: int = 1, *, discount: float = 0.9) -> Factore
     of = [f" {robot}" if robots > 1 else "" for robot in range(1, robots + 1)]
     factors, initial, transitions, observation, utilities = [], [], [], [], []
     goose, goose_later = Node("state", 2 * robots), Node("next_state", 2 * robots)
+    # Where a robot is next: actions x rooms x phases x rooms; what it earns: actions x rooms x places of the goose.
+    stays, arrives = np.eye(rooms), np.eye(rooms)[leads]
+    arrivals = np.stack([(stays + arrives) / 2, np.broadcast_to(stays, arrives.shape), arrives], axis=2)
+    rewards = np.full((len(_ACTIONS), rooms, rooms + 1), -0.5)
+    rewards[_CATCH] = np.where(np.eye(rooms, rooms + 1, k=1), 10, -5)
+    rewards[_SPAWN] = np.where(np.eye(1, rooms + 1), 10, -5)
     for robot, number in enumerate(of):
         room, phase, action = Node("state", 2 * robot), Node("state", 2 * robot + 1), Node("action", robot)
         room_later, phase_later = Node("next_state", 2 * robot), Node("next_state", 2 * robot + 1)
         factors.append(Factor(f"Robot{number} Position", names))
         factors.append(Factor(f"Phase{number}", [f"Phase {number}" for number in range(_PHASES)]))
         initial += [Table([room], np.full(rooms, 1 / rooms)), Table([phase], np.eye(_PHASES)[0])]
-        transitions.append(Table([action, room, phase, room_later], _arrivals(leads)))
+        transitions.append(Table([action, room, phase, room_later], arrivals))
         transitions.append(Table([action, room, phase, room_later, phase_later], _phases(leads)))
         observation.append(Table([room_later, goose_later, phase_later, Node("observation", robot)], _seen(rooms)))
-        utilities.append(Table([action, room, goose], _rewards(rooms)))
+        utilities.append(Table([action, room, goose], rewards))
     factors.append(Factor("Goose Position", ["No Goose", *names]))
     anywhere = Table([goose_later], np.full(rooms + 1, 1 / (rooms + 1)))
     elsewhere: Table | Tree = Table([goose, goose_later], np.eye(rooms + 1))
@@ -96,12 +102,6 @@ def patrol(rooms: int = 6, robots: int = 1, *, discount: float = 0.9) -> Factore
         event_observations=True,
     )
     return FactoredPOMDP(network, discount=discount)
-
-
-def _arrivals(leads: Indices) -> Vector:
-    """Return where a robot is next: actions x rooms x phases x rooms."""
-    stays, arrives = np.eye(leads.shape[1]), np.eye(leads.shape[1])[leads]
-    return np.stack([(stays + arrives) / 2, np.broadcast_to(stays, arrives.shape), arrives], axis=2)
 
 
 def _phases(leads: Indices) -> Vector:
@@ -123,12 +123,4 @@ def _seen(rooms: int) -> Vector:
         clear = np.arange(1, rooms + 1) != goose
         values[room, goose, 1:, 0] = _MISSED
         values[room, goose, 1:, 1:-1] = (1 - _MISSED) * clear / clear.sum()
-    return values
-
-
-def _rewards(rooms: int) -> Vector:
-    """Return the rewards of a robot's actions: actions x rooms x places of the goose."""
-    values = np.full((len(_ACTIONS), rooms, rooms + 1), -0.5)
-    values[_CATCH] = np.where(np.eye(rooms, rooms + 1, k=1), 10, -5)
-    values[_SPAWN] = np.where(np.eye(1, rooms + 1), 10, -5)
     return values

@@ -35,30 +35,21 @@ def decompressor(compression: str) -> Callable[[bytes, int], bytes]:
             module: Any = importlib.import_module(name)
         except ImportError:
             continue
-        return partial({"zstandard": _stream, "lz4.frame": _frame}.get(name, _whole), module)
+        return partial(_decompressed, name, module)
     raise Error(
         f"this record is compressed by {compression}, which needs a module for it: "
         f"pip install 'markov-decision-making[record]'"
     )
 
 
-def _whole(module: Any, data: bytes, size: int) -> bytes:
+def _decompressed(name: str, module: Any, data: bytes, size: int) -> bytes:
+    is_lz4 = name == "lz4.frame"
+    failures = (RuntimeError if is_lz4 else module.ZstdError, EOFError, MemoryError)
     try:
-        return bytes(module.ZstdDecompressor().decompress(data, size + 1))
-    except (module.ZstdError, EOFError, MemoryError) as error:
-        raise ValueError(str(error)) from None
-
-
-def _stream(module: Any, data: bytes, size: int) -> bytes:
-    try:
-        with module.ZstdDecompressor().stream_reader(data) as reader:
-            return bytes(reader.read(size + 1))
-    except (module.ZstdError, MemoryError) as error:
-        raise ValueError(str(error)) from None
-
-
-def _frame(module: Any, data: bytes, size: int) -> bytes:
-    try:
-        return bytes(module.LZ4FrameDecompressor().decompress(data, size + 1))
-    except (RuntimeError, EOFError, MemoryError) as error:
+        frame = module.LZ4FrameDecompressor() if is_lz4 else module.ZstdDecompressor()
+        if name == "zstandard":
+            with frame.stream_reader(data) as reader:
+                return bytes(reader.read(size + 1))
+        return bytes(frame.decompress(data, size + 1))
+    except failures as error:
         raise ValueError(str(error)) from None

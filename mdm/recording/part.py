@@ -221,7 +221,11 @@ class Part:
             _Torn: If nothing that can be read follows.
         """
         places = self._places_by_summary(file)
-        if not self._is_record(file, end):
+        kind, length = 0, 0
+        if end + _RECORD.size <= self.size:
+            file.seek(end)
+            kind, length = _RECORD.unpack(file.read(_RECORD.size))
+        if not (0 < kind <= _LAST and length <= self.size - end - _RECORD.size):  # no record may begin there
             behind = [place for place in places if place > self.whole]
             found = min(behind) if behind else self._find_chunk(file, self.whole + 1)
             if found is None:
@@ -234,14 +238,6 @@ class Part:
             reason = f"the attached file {self._attached[self.whole]!r} is damaged"
         self._damaged.append(Hole(self.whole, end - self.whole, reason))
         return end
-
-    def _is_record(self, file: IO[bytes], place: int) -> bool:
-        """Whether a record may begin at a place."""
-        if place + _RECORD.size > self.size:
-            return False
-        file.seek(place)
-        kind, length = _RECORD.unpack(file.read(_RECORD.size))
-        return bool(0 < kind <= _LAST and length <= self.size - place - _RECORD.size)
 
     def _places_by_summary(self, file: IO[bytes]) -> list[int]:
         """Return where chunks, metadata, attached files and the end of the data are, as a sound summary has it.

@@ -281,18 +281,15 @@ class _Output:
         elif (self._split_time is not None and stamp - self._first >= self._split_time) or (
             self._split_bytes is not None and self._stream.tell() >= self._split_bytes
         ):
-            self._next()
+            self._finish()
+            self._number += 1
+            path = Path(self._path)
+            self._open(claim(str(path.with_name(f"{path.stem}-{self._number}{path.suffix}"))))
             self._first = stamp
         self._file.add_message(topic, stamp, data, stamp, self._sequence & 0xFFFFFFFF)
         self._sequence += 1
         self.messages += 1
         self.dirty = True
-
-    def _next(self) -> None:
-        self._finish()
-        self._number += 1
-        path = Path(self._path)
-        self._open(claim(str(path.with_name(f"{path.stem}-{self._number}{path.suffix}"))))
 
     def check(self) -> None:
         """Raise `Gone` where the file is no longer what was written."""
@@ -353,13 +350,16 @@ class _Recorder:
         try:
             work()
         except Exception as error:
-            output, self._output = self._output, None
-            if output is not None:
-                output.leave()
-            if isinstance(error, Gone):
-                self._written = 0
-            text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-            self._report({"failure": text or type(error).__name__})
+            self._give_up(error)
+
+    def _give_up(self, error: Exception) -> None:
+        output, self._output = self._output, None
+        if output is not None:
+            output.leave()
+        if isinstance(error, Gone):
+            self._written = 0
+        text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        self._report({"failure": text or type(error).__name__})
 
     def take(self, frames: bytearray) -> int:
         """Take the whole frames at the start of some bytes; return how many bytes these are."""
@@ -379,7 +379,7 @@ class _Recorder:
                     try:
                         output.message(topic, stamp, data)
                     except Exception as error:
-                        self._try(_raising(error))
+                        self._give_up(error)
                 else:
                     self._try(partial(_apply, output, kind, bytes(frames[position + header : end])))
             position = end
@@ -404,13 +404,6 @@ class _Recorder:
         else:
             more["lost"] = self._taken - self._written
         self._report({"written": self._written, **more})
-
-
-def _raising(error: Exception) -> Callable[[], object]:
-    def work() -> None:
-        raise error
-
-    return work
 
 
 def _apply(output: _Output, kind: int, data: bytes) -> None:

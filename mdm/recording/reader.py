@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
+import math
+import typing
 from collections import Counter
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import msgspec
+import numpy as np
+
+from mdm import messages
 from mdm.errors import Error, FormatError
-from mdm.recording.decoding import Decoding
+from mdm.recording import schemas
 from mdm.recording.part import PART, Attachment, Gap, Part, Topic, number_in
+from mdm.recording.stimuli import Said, Stimulus
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-__all__ = ["FORMAT", "Attachment", "Gap", "Record", "Recorded", "Topic", "records_of"]
+__all__ = ["FORMAT", "Attachment", "Decoding", "Gap", "Record", "Recorded", "Topic", "records_of"]
 
 FORMAT = 1
 """The newest format of records that is known here."""
 
 _HEAD, _END, _REPAIRED = "mdm", "mdm.end", "mdm.repaired"
+_STRUCTS = {
+    each: kind
+    for each in messages.__all__
+    if isinstance(kind := getattr(messages, each), type) and issubclass(kind, messages.Message)
+}
 
 
 class Recorded(NamedTuple):
@@ -83,7 +95,11 @@ class Record:
         self._files = [_checked(Part(each)) for each in paths]
         if len(paths) == 1:
             self._files += _following(self._files[0])
-        self._check_set()
+        for before, file in pairwise(self._files):
+            if before.record != file.record:
+                raise FormatError(f"this file is of another record than {before.path}", file=file.path)
+            if file.number != before.number + 1:
+                raise FormatError("the files of a record are given in their order, without a gap", file=file.path)
         self._decoding = Decoding(types or {})
         self.path = paths[0]
         self.paths = [file.path for file in self._files]
@@ -135,14 +151,6 @@ class Record:
     def unread(self) -> int:
         """Bytes that could not be read, since a file is torn or damaged."""
         return sum(file.size - file.whole + sum(hole.size for hole in file.holes) for file in self._files)
-
-    def _check_set(self) -> None:
-        """Check that files are of one record, and follow each other."""
-        for before, file in pairwise(self._files):
-            if before.record != file.record:
-                raise FormatError(f"this file is of another record than {before.path}", file=file.path)
-            if file.number != before.number + 1:
-                raise FormatError("the files of a record are given in their order, without a gap", file=file.path)
 
     def _missing(self) -> str | None:
         """Return which file of a split record is not there, None where the last one that is there has the run's end."""
@@ -290,3 +298,62 @@ def records_of(folder: str | Path) -> dict[str, Record]:
     if not records:
         raise Error(f"{folder}: there are no records in this folder: mdm team up --record {folder} makes them")
     return records
+
+
+class Decoding:
+    """Decodes messages as structs, by the names of their schemas.
+
+    Args:
+        types: Types by the names of schemas, beside those of `mdm.messages` and the stimuli.
+    """
+
+    def __init__(self, types: Mapping[str, Any]) -> None:
+        kinds: dict[str, Any] = {schemas.name(kind): kind for kind in _STRUCTS.values()}
+        kinds |= {schemas.name(Stimulus): Stimulus, **types}
+        self._kinds = kinds
+        self._decoders: dict[str, msgspec.json.Decoder[Any]] = {}
+
+    def decode(self, schema_name: str, data: bytes) -> Any:
+        """Return a message: a struct, or what JSON has where its type is unknown or has other fields."""
+        kind = self._kinds.get(schema_name)
+        if kind is None:
+            return msgspec.json.decode(data)
+        decoder = self._decoders.get(schema_name)
+        if decoder is None:
+            decoder = self._decoders[schema_name] = msgspec.json.Decoder(kind, dec_hook=_restore)
+        try:
+            message = decoder.decode(data)
+        except msgspec.ValidationError:
+            return _converted(msgspec.json.decode(data), kind)
+        if isinstance(message, Said) and message.type in _STRUCTS:
+            said = _converted(message.message, _STRUCTS[message.type])
+            return msgspec.structs.replace(message, message=said)
+        return message
+
+
+def _restore(kind: Any, value: Any) -> Any:
+    """Return an array from a list, in which JSON has null for what is no number."""
+    if (typing.get_origin(kind) or kind) is np.ndarray:
+        array = np.array([math.nan if each is None else each for each in value], dtype=float)
+        array.flags.writeable = False
+        return array
+    raise NotImplementedError
+
+
+def _converted(value: Any, kind: Any) -> Any:
+    """Return a struct from what JSON has; without one that fits, the value as it is.
+
+    JSON has null for numbers that are none, or infinite: they are restored as not a number.
+    """
+    try:
+        return msgspec.convert(value, kind, dec_hook=_restore)
+    except msgspec.ValidationError:
+        pass
+    if isinstance(value, dict) and isinstance(kind, type):
+        numbers = {field for field, hint in typing.get_type_hints(kind).items() if hint is float}
+        restored = {key: math.nan if each is None and key in numbers else each for key, each in value.items()}
+        try:
+            return msgspec.convert(restored, kind, dec_hook=_restore)
+        except msgspec.ValidationError:
+            pass
+    return value

@@ -109,7 +109,11 @@ class Recorder:
             raise ConfigError(f"bound is a number of items above 0, not {bound!r}", key="bound")
         check_flag(keep, "keep", key="keep")
         self.path = Path(path)
-        self.channels = _names(channels)
+        listed = isinstance(channels, Iterable) and not isinstance(channels, str | bytes)
+        self.channels = tuple(channels) if listed else ()
+        if not listed or not all(isinstance(name, str) for name in self.channels):
+            text = f"channels are a list of names, such as ['robot/state'], not {channels!r}"
+            raise ConfigError(text, key="channels")
         self.lost = 0
         self._largest = largest_belief
         self._bound = bound
@@ -156,7 +160,12 @@ class Recorder:
         self.path = self._writer.path
         self._runtime, self._virtual = runtime, virtual
         self._loop = asyncio.get_running_loop()
-        self._writer.metadata("mdm", {**environment(), **self._head, **_clock(runtime, virtual=virtual)})
+        clock = {
+            "clock": "virtual" if virtual else "wall",
+            "epoch": str(runtime.clock.now()),
+            "wall": str(times.time_ns()),
+        }
+        self._writer.metadata("mdm", {**environment(), **self._head, **clock})
         for name, media_type, data in self._attached:
             self._writer.attach(name, media_type, data)
         self._dispatcher = runtime.dispatcher
@@ -288,8 +297,13 @@ class Recorder:
             _, time, channel, message = item
             self._add("stimuli", Said(time, channel.name, type(message).__name__, message))
         elif kind == _DECIDED:
-            _, output, decision = item
-            self._add("decisions", self._decision(output, *decision))
+            _, output, (time, epoch, cause, state, observation, current, action, reward) = item
+            belief = None if current is None else output.belief_of(current)
+            if belief is not None and len(belief) > self._largest:
+                belief = None
+            of, name = output.ensemble, output.name_of(action)
+            decision = Decision(time, of, epoch, cause, state, observation, belief, action, name, reward)
+            self._add("decisions", decision)
         elif kind == _SAID:
             _, time, name, message, *source = item
             self._add("stimuli", Said(time, name, type(message).__name__, message, *source))
@@ -312,24 +326,6 @@ class Recorder:
 
     def _add(self, topic: str, message: Any) -> None:
         self._writer.write(self._topics[topic], max(message.time, 0), self._encode(message))
-
-    def _decision(
-        self,
-        output: _Deciding,
-        time: int,
-        epoch: int,
-        cause: str,
-        state: int | None,
-        observation: Any,
-        current: Any,
-        action: int,
-        reward: float | None,
-    ) -> Decision:
-        belief = None if current is None else output.belief_of(current)
-        if belief is not None and len(belief) > self._largest:
-            belief = None
-        name = output.name_of(action)
-        return Decision(time, output.ensemble, epoch, cause, state, observation, belief, action, name, reward)
 
     # -- Notes of the runtime and its actors -------------------------------------------------------------------------
 
@@ -551,14 +547,6 @@ class _Runtime(Protocol):
     def guard(self, observer: str) -> Any: ...
 
 
-def _names(channels: object) -> tuple[str, ...]:
-    """Check that names of channels are a list of texts."""
-    names = tuple(channels) if isinstance(channels, Iterable) and not isinstance(channels, str | bytes) else None
-    if names is None or not all(isinstance(name, str) for name in names):
-        raise ConfigError(f"channels are a list of names, such as ['robot/state'], not {channels!r}", key="channels")
-    return names
-
-
 def _plain(value: object) -> object:
     """Return what JSON has for a value: lists for arrays, numbers for numpy's."""
     if isinstance(value, np.ndarray):
@@ -570,6 +558,8 @@ def _plain(value: object) -> object:
 
 def environment() -> dict[str, str]:
     """Return the facts on which the last bits of numbers depend, and the format of records."""
+    loop = find_spec("mdm.runtime.dispatcher")
+    plain = loop is None or loop.origin is None or loop.origin.endswith(".py")
     return {
         "format": str(FORMAT),
         "mdm": __version__,
@@ -578,14 +568,8 @@ def environment() -> dict[str, str]:
         "numba": _numba(),
         "blas": _blas(),
         "machine": platform.machine(),
-        "compiled": _compiled(),
+        "compiled": "no" if plain else "yes",
     }
-
-
-def _compiled() -> str:
-    """Return whether the decision loop is from a compiled wheel."""
-    found = find_spec("mdm.runtime.dispatcher")
-    return "no" if found is None or found.origin is None or found.origin.endswith(".py") else "yes"
 
 
 def _numba() -> str:
@@ -613,11 +597,3 @@ def _blas() -> str:
     return ", ".join(
         sorted({f"{each.get('internal_api')} {each.get('version')} {each.get('architecture')}" for each in found})
     )
-
-
-def _clock(runtime: _Runtime, *, virtual: bool) -> dict[str, str]:
-    return {
-        "clock": "virtual" if virtual else "wall",
-        "epoch": str(runtime.clock.now()),
-        "wall": str(times.time_ns()),
-    }

@@ -59,38 +59,20 @@ def _object(struct: type[msgspec.Struct]) -> dict[str, Any]:
 
 def _field(kind: Any) -> dict[str, Any] | None:
     """Return the schema of a field, None where it has no plain one."""
-    kind = _without_none(kind)
-    origin = get_origin(kind) or kind
+    if get_origin(kind) in {Union, types.UnionType}:
+        others = [each for each in get_args(kind) if each is not type(None)]
+        kind = others[0] if len(others) == 1 else None
+    origin, parts = get_origin(kind) or kind, get_args(kind)
     if origin is np.ndarray:
         return {"type": "array", "items": {"type": "number"}}
     if origin in {tuple, list}:
-        items = _items(kind)
-        own = None if items is None else _field(items)
+        alike = get_origin(kind) is list or (len(parts) == 2 and parts[1] is Ellipsis)
+        own = _field(parts[0]) if alike else None
         return None if own is None or own["type"] == "array" else {"type": "array", "items": own}
-    return _plain(kind)
-
-
-def _plain(kind: Any) -> dict[str, Any] | None:
     if kind in _PLAIN:
         return {"type": _PLAIN[kind]}
-    if get_origin(kind) is Literal and all(isinstance(value, str) for value in get_args(kind)):
+    if origin is Literal and all(isinstance(value, str) for value in parts):
         return {"type": "string"}
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         return _object(kind)
     return None
-
-
-def _items(kind: Any) -> Any:
-    """Return the one type of the items of a tuple or list, None where there are several."""
-    parts = get_args(kind)
-    if get_origin(kind) is list or (len(parts) == 2 and parts[1] is Ellipsis):
-        return parts[0]
-    return None
-
-
-def _without_none(kind: Any) -> Any:
-    """Return a type without None beside it, if it is one alone then."""
-    if get_origin(kind) not in {Union, types.UnionType}:
-        return kind
-    others = [each for each in get_args(kind) if each is not type(None)]
-    return others[0] if len(others) == 1 else None

@@ -162,7 +162,8 @@ class RecordWriter:
             if number > 1:
                 self.path = path.with_name(f"{path.stem}.{number}{path.suffix}")
             try:
-                if self._keep and self._splits and _parts(self.path):
+                splits = self._split_bytes is not None or self._split_time is not None
+                if self._keep and splits and _parts(self.path):
                     raise process.Kept
                 descriptor = process.claim(str(self.path.absolute()), keep=self._keep)
             except process.Kept:
@@ -171,10 +172,6 @@ class RecordWriter:
             break
         self.kept_files = tuple(kept)
         return descriptor
-
-    @property
-    def _splits(self) -> bool:
-        return self._split_bytes is not None or self._split_time is not None
 
     def _start(self, path: str, descriptor: int) -> None:
         settings = {

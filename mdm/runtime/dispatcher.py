@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import sys
 from collections import Counter, OrderedDict, deque
+from itertools import islice
 from threading import RLock, get_ident
 from typing import TYPE_CHECKING, Any, Final
 from weakref import WeakSet
@@ -20,7 +21,6 @@ from msgspec.structs import replace
 from mdm.errors import Error
 from mdm.messages import Belief, Control, Observation, SensorUpdate, State
 from mdm.runtime.channel import Subscription
-from mdm.runtime.circle import Circle
 from mdm.runtime.statistics import DispatcherStatistics
 
 if TYPE_CHECKING:
@@ -131,6 +131,9 @@ _AT_ONCE: Final = 100_000
 """Messages of one turn, or turns, at one instant, beyond which time would never go on."""
 _ROOM: Final = 500
 _STRAIGHT: Final = 16
+_WATCHED: Final = 256
+_NAMED: Final = 8
+"""Messages of a turn without end that are watched, and those who publish them that are named."""
 _NONE_TOLD: Final = (1 << 63, 0)
 _OPEN: WeakSet[Dispatcher] = WeakSet()
 
@@ -234,7 +237,7 @@ class Dispatcher:
         self._cuts = self._handed = 0
         self._first_cut = self._waits_since = -1
         self._starved = False
-        self._circle: Circle | None = None
+        self._circle: _Circle | None = None
         # Whether what other threads said last is still to be delivered; it is when this is.
         self._waits = False
         self._taken: Subscription[None] = Subscription(None, None, self._take_more)
@@ -560,7 +563,7 @@ class Dispatcher:
 
     def _look_for_circle(self) -> None:
         if self.watch is None:
-            self._circle = Circle(self)
+            self._circle = _Circle(self)
             self.watch = self._circle.look
 
     def _come_to_a_place(self, tape: Tape) -> bool:
@@ -631,19 +634,15 @@ class Dispatcher:
         try:
             self.run()
         finally:
-            if not self.active:
-                self._end_cuts()
-
-    def _end_cuts(self) -> None:
-        """Take it that the turn that was cut has come to its end."""
-        if self._circle is not None and self.watch == self._circle.look:
-            self.watch = None
-        self._circle = None
-        self._cuts = 0
-        self._waits_since = -1
-        if self._starved:
-            self._starved = False
-            self.on_starved("")
+            if not self.active:  # the turn that was cut has come to its end
+                if self._circle is not None and self.watch == self._circle.look:
+                    self.watch = None
+                self._circle = None
+                self._cuts = 0
+                self._waits_since = -1
+                if self._starved:
+                    self._starved = False
+                    self.on_starved("")
 
     def _note_waiting(self) -> None:
         """Note that other input waits for the turn that is cut."""
@@ -756,6 +755,57 @@ class Dispatcher:
             lost=self._inbox.lost,
             refused=self._refused,
         )
+
+
+class _Circle:
+    """Watches some messages of a turn, and names those that lead to others without end.
+
+    Args:
+        dispatcher: Which delivers them.
+    """
+
+    def __init__(self, dispatcher: Dispatcher) -> None:
+        self._dispatcher = dispatcher
+        self._left = _WATCHED
+        self._head: Subscription[Any] | None = None
+        self._length = 0
+        # Who has published on which channel, and who takes what comes there, by name.
+        self._edges: dict[tuple[str, str], set[str]] = {}
+
+    def look(self) -> bool:
+        """Note what the message delivered last has led to, before the next one; the turn is not cut there."""
+        queue = self._dispatcher.queue
+        if self._head is not None:
+            # What a handler publishes stands behind all that waited by then.
+            for led_to, _ in islice(queue, self._length - 1, None):
+                if led_to.channel is not None:
+                    self._edges.setdefault((_name(self._head), led_to.channel.name), set()).add(_name(led_to))
+        self._head = queue[0][0] if queue else None
+        self._length = len(queue)
+        self._left -= 1
+        if self._left < 0:
+            self._dispatcher.watch = None
+        return False
+
+    def __str__(self) -> str:
+        """Return who publishes on which channel, as far as that leads to further messages."""
+        edges = dict(self._edges)
+        while True:  # who takes a message and publishes nothing does not keep the turn going
+            going = {who for who, _ in edges}
+            on = {edge: takers for edge, takers in edges.items() if not takers.isdisjoint(going)}
+            if len(on) == len(edges):
+                break
+            edges = on
+        edges = edges or self._edges  # where each round is a turn of its own, a task leads from one to the next
+        told = [f"{who} publishes on {channel!r}" for who, channel in islice(edges, _NAMED)]
+        more = len(edges) - len(told)
+        return ", ".join(told) + (f", and {more} more" if more > 0 else "")
+
+
+def _name(subscription: Subscription[Any]) -> str:
+    """Return the path of the actor whose handler takes messages; that of the program is no actor's."""
+    path = getattr(subscription.actor, "path", "")
+    return repr(path) if path else "a handler of the program"
 
 
 def _leave_to_parent() -> None:

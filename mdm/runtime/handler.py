@@ -11,7 +11,6 @@ from mdm.errors import Error
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Iterator
-    from types import CodeType
 
 __all__ = ["check_plain", "has_not_run", "kind_of"]
 
@@ -43,7 +42,9 @@ def kind_of(function: Callable[..., Any]) -> str | None:
 
     Methods, partial functions and objects with ``__call__`` are looked through.
     """
-    code = _code_of(function)
+    while isinstance(function, partial):
+        function = function.func
+    code = getattr(function, "__code__", None) or getattr(type(function).__call__, "__code__", None)
     if code is None or code in _CONTEXTS:
         return None if code is None else _CONTEXTS[code]
     if not code.co_flags & _ANY:
@@ -54,13 +55,6 @@ def kind_of(function: Callable[..., Any]) -> str | None:
 def has_not_run(result: object) -> bool:
     """Whether a call has returned the function's own code, of which nothing has run, and which is not to be awaited."""
     return inspect.isgenerator(result) or inspect.isasyncgen(result) or isinstance(result, _CONTEXT_MANAGERS)
-
-
-def _code_of(function: Callable[..., Any]) -> CodeType | None:
-    while isinstance(function, partial):
-        function = function.func
-    code = getattr(function, "__code__", None)
-    return getattr(type(function).__call__, "__code__", None) if code is None else code
 
 
 def check_plain(function: Any, use: str) -> None:

@@ -7,7 +7,7 @@ import builtins
 import importlib
 import os
 import threading
-from contextlib import AsyncExitStack, suppress
+from contextlib import AsyncExitStack, ExitStack, suppress
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
 
@@ -401,8 +401,7 @@ class Runtime:
             )
         self.clock.open(loop)
         self.dispatcher.open(loop)
-        self._open_record()
-        await self._open_page()
+        await self._open_record_and_page()
         watch(loop)
         if self._log is not None:
             self._log.open(self)
@@ -430,25 +429,16 @@ class Runtime:
             self._signals.open(loop)
         return self
 
-    def _open_record(self) -> None:
-        if self.recorder is not None:
-            try:
+    async def _open_record_and_page(self) -> None:
+        with ExitStack() as opened:
+            opened.callback(self.clock.close)
+            opened.callback(self.dispatcher.close)
+            if self.recorder is not None:
                 self.recorder.open(self, virtual=isinstance(self.clock, VirtualClock))
-            except BaseException:
-                self.dispatcher.close()
-                self.clock.close()
-                raise
-
-    async def _open_page(self) -> None:
-        if self.page is not None:
-            try:
+                opened.callback(self.recorder.close)
+            if self.page is not None:
                 await self.page.open(self)
-            except BaseException:
-                if self.recorder is not None:
-                    self.recorder.close()
-                self.dispatcher.close()
-                self.clock.close()
-                raise
+            opened.pop_all()
 
     async def _grow(self, began: asyncio.Event) -> None:
         async with anyio.create_task_group() as group:

@@ -151,12 +151,8 @@ class Histogram(msgspec.Struct, frozen=True):
             return 0.0
         reached = np.cumsum(self.counts)
         bucket = int(np.searchsorted(reached, fraction * self.count))
-        return min(_upper(bucket) / 1e9, self.maximum)
-
-
-def _upper(bucket: int) -> float:
-    octave, eighth = divmod(bucket, 8)
-    return 2.0**octave * (1 + (eighth + 1) / 8)
+        octave, eighth = divmod(bucket, 8)
+        return min(2.0**octave * (1 + (eighth + 1) / 8) / 1e9, self.maximum)
 
 
 class Latencies:

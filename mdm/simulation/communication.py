@@ -175,25 +175,19 @@ class _Team:
             agent.communication = copy.deepcopy(self._communication)
             agent.start()
         state = self._sampler.first_state()
+        actions, observations = self._model.action_space, self._model.observation_space
         total, weight, messages = 0.0, 1.0, 0
         for step in range(steps):
             messages += self._talk(step)
-            action = self._act()
+            action = actions.ravel([actions.unravel(each.decide().action)[each.agent] for each in self._agents])
             total += weight * self._rewards[state][action]
             weight *= self._model.discount
             before, state = state, self._sampler.next_state(state, action)
-            self._observe(self._sampler.observation(action, before, state))
+            observation = self._sampler.observation(action, before, state)
+            seen = [None] * len(self._agents) if observation is None else observations.unravel(observation)
+            for agent, component in zip(self._agents, seen, strict=True):
+                agent.observe(component)
         return total, messages
-
-    def _act(self) -> int:
-        actions = self._model.action_space
-        return actions.ravel([actions.unravel(each.decide().action)[each.agent] for each in self._agents])
-
-    def _observe(self, observation: int | None) -> None:
-        space = self._model.observation_space
-        seen = [None] * len(self._agents) if observation is None else space.unravel(observation)
-        for agent, component in zip(self._agents, seen, strict=True):
-            agent.observe(component)
 
     def _talk(self, step: int) -> int:
         """Deliver what has arrived, and let all share until nobody has anything to say; return how many messages."""
@@ -203,19 +197,16 @@ class _Team:
             now = {min(asked)} if self._in_turn else asked
             said = [history for each in sorted(now) if (history := self._agents[each].share(step * self._period))]
             for history in said:
-                self._send(history, step)
+                for other in range(len(self._agents)):
+                    if other == history.agent:
+                        continue
+                    if self._network.random() < self._loss:
+                        self.lost += 1
+                    else:
+                        self._under_way[step + self._delay].append((other, history))
             messages += len(said)
             asked = asked - now | self._deliver(step)
         return messages
-
-    def _send(self, history: SharedHistory, step: int) -> None:
-        for other in range(len(self._agents)):
-            if other == history.agent:
-                continue
-            if self._network.random() < self._loss:
-                self.lost += 1
-            else:
-                self._under_way[step + self._delay].append((other, history))
 
     def _deliver(self, step: int) -> set[int]:
         """Deliver what arrives at a step; return who heard something."""

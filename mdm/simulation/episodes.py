@@ -191,7 +191,9 @@ class EpisodeRunner:
             step = controller.start(model.pomdp.belief_at_start(state) if knows else None)
         decided = True
         while not self._ended[state] and waited < _LONGEST:
-            yield EpisodeStep(state, self._known(), step.action, seen, decided)
+            known = None if sees else controller.information.current
+            belief = known if isinstance(known, np.ndarray | Support) else controller.belief
+            yield EpisodeStep(state, belief, step.action, seen, decided)
             if controller.over:
                 return
             before, state = state, sampler.next_state(state, step.action)
@@ -204,11 +206,6 @@ class EpisodeRunner:
                 step, waited = controller.observe(seen), 0  # a prediction, if it is impossible by rounding
             else:
                 seen, waited = None, waited + 1
-
-    def _known(self) -> Vector | Support | None:
-        """Return the belief or its support; None without a belief."""
-        current = None if self._controller.takes == "state" else self._controller.information.current
-        return current if isinstance(current, np.ndarray | Support) else self._controller.belief
 
 
 def one_by_one(

@@ -21,7 +21,7 @@ from mdm.models.units import seconds_in
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from mdm.models.matrices import Matrix, Vector
+    from mdm.models.matrices import Vector
 
 __all__ = ["BatchSampler", "Draws", "Lengths", "Sampler", "ended_states"]
 
@@ -72,7 +72,13 @@ class Sampler:
         row = self._transitions.get((action, state))
         if row is None:
             refuse(self._model, state, action)
-            row = self._transitions[action, state] = _row(self._model.transition_matrix(action), state)
+            matrix = self._model.transition_matrix(action)
+            if isinstance(matrix, np.ndarray):
+                row = _cumulative(matrix[state], np.arange(matrix.shape[1]))
+            else:
+                begin, end = matrix.indptr[state], matrix.indptr[state + 1]
+                row = _cumulative(matrix.data[begin:end], matrix.indices[begin:end])
+            self._transitions[action, state] = row
         return self._draw(row)
 
     def observation(self, action: int, before: int, state: int) -> int | None:
@@ -92,13 +98,6 @@ class Sampler:
             row = self._observations[key] = _cumulative(np.append(chances, open_ if open_ > ROUNDING else 0.0), symbols)
         drawn = self._draw(row)
         return drawn if drawn < len(model.observation_space) else None
-
-
-def _row(matrix: Matrix, index: int) -> _Row:
-    if isinstance(matrix, np.ndarray):
-        return _cumulative(matrix[index], np.arange(matrix.shape[1]))
-    begin, end = matrix.indptr[index], matrix.indptr[index + 1]
-    return _cumulative(matrix.data[begin:end], matrix.indices[begin:end])
 
 
 def _cumulative(probabilities: np.ndarray, symbols: np.ndarray) -> _Row:

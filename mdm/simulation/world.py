@@ -18,7 +18,6 @@ from mdm.simulation.sampler import Lengths, Sampler
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from mdm.actors import StateLayer
     from mdm.models import MDP, Durations
     from mdm.models.matrices import Vector
     from mdm.runtime.time.clock import Timer
@@ -295,7 +294,11 @@ class World(Actor):
     def _show_state(self, *, changed: bool) -> None:
         layer = self.ensemble.state
         values = self.model.state_space.unravel(self.state)
-        if changed and layer is not None and _settable(layer):
+        if (
+            changed
+            and layer is not None
+            and all(layer.predicates.declared.senses(name) for factor in layer.factors for name in factor.predicates)
+        ):
             with layer.predicates.batch():
                 for factor, value in zip(layer.factors, values, strict=True):
                     for name, holds in factor.truth(value).items():
@@ -315,7 +318,3 @@ class World(Actor):
                 return
         mask = (True,) * len(values)
         self._observations.publish(Observation(self.runtime.now(), index, values, mask))
-
-
-def _settable(layer: StateLayer) -> bool:
-    return all(layer.predicates.declared.senses(name) for factor in layer.factors for name in factor.predicates)

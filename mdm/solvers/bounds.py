@@ -17,7 +17,6 @@ entries of all T; one of the fast informed bound A times those of all P(s', o | 
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -195,19 +194,16 @@ class InformedBound:
     ) -> None:
         self._dynamics = dynamics
         self._waiting = waiting
-        self._given = joints
+        self._joints = joints
         self._sweep: Callable[[Vector], float] = self._sweep_at_once
         if joints is None and waiting is None and dynamics.entries * dynamics.num_actions > _LARGE and can_compile():
             self._sweep = self._compiled()
 
-    @cached_property
-    def _joints(self) -> Sequence[Joint]:
-        actions = range(self._dynamics.num_actions)
-        return [self._dynamics.joint(action) for action in actions] if self._given is None else self._given
-
     def backup(self, table: Vector) -> Vector:
         """Return the vectors of one decision more, S x A."""
         dynamics = self._dynamics
+        if self._joints is None:
+            self._joints = [dynamics.joint(action) for action in range(dynamics.num_actions)]
         result = np.empty_like(table)
         for action, joint in enumerate(self._joints):
             ahead = np.bincount(joint.states, (joint.rows @ table).max(axis=1), minlength=dynamics.num_states)

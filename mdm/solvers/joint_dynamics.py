@@ -89,9 +89,10 @@ class JointDynamics:
         self._symbols: list[Indices] = []
         self._successors: list[Indices] = []
         for joint in self.joints:
-            matrix, columns = self._side_by_side(joint)
+            matrix = joint.side_by_side(self.width)
+            columns, matrix.indices = np.unique(matrix.indices, return_inverse=True)  # without empty ones
             symbols, successors = np.divmod(columns, self.size)
-            self.ahead.append(matrix)
+            self.ahead.append(self._own(csr((matrix.data, matrix.indices, matrix.indptr), (self.size, len(columns)))))
             self._symbols.append(symbols)
             self._successors.append(successors)
 
@@ -116,12 +117,6 @@ class JointDynamics:
         if self.waits:
             return InformedBound(self.dynamics, self.joints, self.earned)
         return InformedBound(self.dynamics, self.joints if self._is_scaled else None)
-
-    def _side_by_side(self, joint: Joint) -> tuple[Matrix, Indices]:
-        """Return the S x S' matrices of the observations side by side, without empty columns, and what these were."""
-        matrix = joint.side_by_side(self.width)
-        columns, matrix.indices = np.unique(matrix.indices, return_inverse=True)
-        return self._own(csr((matrix.data, matrix.indices, matrix.indptr), (self.size, len(columns)))), columns
 
     def _own(self, matrix: Any) -> Matrix:
         """Return a CSR matrix as this model's are."""

@@ -144,7 +144,7 @@ class Limits:
         clock: Callable[[], float] = working_time,
     ) -> None:
         for name, limit in (("gap", gap), ("time", time), ("iterations", iterations), ("memory", memory)):
-            if limit is not None and not _is_limit(limit):
+            if limit is not None and not (isinstance(limit, int | float | np.integer | np.floating) and limit >= 0):
                 raise ConfigError(f"{name} is a number from 0 on, not {limit!r}", key=name)
         self.gap = float(gap)
         self.reason: Reason | None = None
@@ -273,10 +273,6 @@ class Limits:
         last = Progress(self.seconds, lower, upper, iterations, size, _held())
         reason: Reason = "exact" if exact or self.reason is None else self.reason
         return Solution(policy, solver, lower, upper, reason, (*self._history, last))
-
-
-def _is_limit(given: object) -> bool:
-    return isinstance(given, int | float | np.integer | np.floating) and bool(given >= 0)
 
 
 def _held() -> int:

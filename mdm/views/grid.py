@@ -49,7 +49,9 @@ def grid_figure(model: MDP, policy: Any, axes: Sequence[str] | None, columns: in
     else:
         down, across = _chosen(space, axes)
         states, labels = _cells(model, down, across), (space.factors[down], space.factors[across])
-        title = _rest(model, down, across)
+        pairs = zip(space.factors, _likely(model), strict=True)
+        rest = [f"{f.name} = {f.names[at]}" for place, (f, at) in enumerate(pairs) if place not in {down, across}]
+        title = f"where {', '.join(rest)}" if rest else ""
     used = states >= 0
     values, actions = np.full(states.shape, np.nan), np.full(states.shape, -1)
     values[used], actions[used] = _evaluated(model, policy, states[used])
@@ -68,7 +70,9 @@ def grid_figure(model: MDP, policy: Any, axes: Sequence[str] | None, columns: in
     right.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1), frameon=False, fontsize=8)
     wide, high = 72 * (size[0] - 2.5) / 2 / width, 72 * (size[1] - 1) / rows
     for row, column in zip(*np.nonzero(used), strict=True):
-        name = _arrow(model.action_space.names[actions[row, column]])
+        name = model.action_space.names[actions[row, column]]
+        if name:
+            name = _ARROWS.get(name.lower().split()[-1].removeprefix("move").strip("_- "), name)
         if high >= _LINE and wide >= max(_LINE, _LETTER * len(name)):
             right.text(column, row, name, ha="center", va="center", fontsize=8)
     for each in (left, right):
@@ -113,12 +117,6 @@ def _cells(model: MDP, down: int, across: int) -> Any:
     return np.ravel_multi_index(tuple(np.broadcast_arrays(*parts)), space.shape)
 
 
-def _rest(model: MDP, down: int, across: int) -> str:
-    pairs = zip(model.state_space.factors, _likely(model), strict=True)
-    rest = [f"{f.name} = {f.names[value]}" for place, (f, value) in enumerate(pairs) if place not in {down, across}]
-    return f"where {', '.join(rest)}" if rest else ""
-
-
 def _evaluated(model: MDP, policy: Any, states: Any) -> tuple[Vector, list[int]]:
     """Return the values and actions of some states."""
     if policy.input == "state":
@@ -134,10 +132,6 @@ def _evaluated(model: MDP, policy: Any, states: Any) -> tuple[Vector, list[int]]
         actions.append(policy.action(belief))
     values[~np.isfinite(values)] = np.nan
     return values, actions
-
-
-def _arrow(name: str) -> str:
-    return _ARROWS.get(name.lower().split()[-1].removeprefix("move").strip("_- "), name) if name else name
 
 
 def _label(axes: Any, labels: Any) -> None:

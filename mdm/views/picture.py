@@ -46,7 +46,10 @@ def draw(network: TwoSliceNetwork, path: str) -> None:
     figure.canvas.draw()  # boxes have no size before this
     inverse = axes.transData.inverted()
     spans = {name: box.get_bbox_patch().get_window_extent().transformed(inverse) for name, box in boxes.items()}
-    edges = _edges(network)
+    roles: tuple[Role, ...] = ("state", "next_state", "observation")
+    nodes = [Node(role, place) for role in roles for place in range(len(network.factors(role)))]
+    edges: list[tuple[Any, Any]] = [(node, parent) for node in nodes for parent in network.parents(node)]
+    edges += [(index, node) for index, utility in enumerate(network.utilities) for node in utility.scope]
     far = [(child, parent) for child, parent in edges if places[child][0] - places[parent][0] > _WIDTH]
     middle = (min(spans[name].x0 for name in columns[1]), max(spans[name].x1 for name in columns[1]))
     heights = _heights(far, places, [places[name][1] for name in columns[1]])
@@ -101,11 +104,3 @@ def _columns(network: TwoSliceNetwork) -> list[dict[Any, tuple[str, str]]]:
     for index in range(len(network.utilities)):
         columns[2][index] = (f"reward {index + 1}", _REWARD)
     return columns
-
-
-def _edges(network: TwoSliceNetwork) -> list[tuple[Any, Any]]:
-    """Return pairs of a variable and one of its parents."""
-    roles: tuple[Role, ...] = ("state", "next_state", "observation")
-    nodes = [Node(role, place) for role in roles for place in range(len(network.factors(role)))]
-    pairs: list[tuple[Any, Any]] = [(node, parent) for node in nodes for parent in network.parents(node)]
-    return pairs + [(index, node) for index, utility in enumerate(network.utilities) for node in utility.scope]

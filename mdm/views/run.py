@@ -13,7 +13,7 @@ from mdm.recording.names import Names, names_of
 from mdm.views.canvas import pyplot
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from mdm.recording.reader import Record
 
@@ -113,7 +113,8 @@ def run_figure(
     if not chosen:
         raise Error(f"{record.path}: there are no decisions, lives of actions or modes to draw")
     for seconds, fault in faults:
-        found[_owner(fault.source, found) or chosen[0]].add(fault, seconds)
+        above = [name for name in found if f"{fault.source}/".startswith(f"{name}/")]  # of which the source is a part
+        found[max(above, key=len, default=chosen[0])].add(fault, seconds)
     names = names_of(record)
     heights = [height for name in chosen for height in ((1.0, 1.6) if found[name].beliefs else (1.0,))]
     rewarded = any(found[name].rewards for name in chosen)
@@ -153,12 +154,6 @@ def _found(record: Record, end: float) -> tuple[dict[str, _Ensemble], list[tuple
         elif isinstance(message, Decision | ActionLife | Mode):
             found.setdefault(message.ensemble, _Ensemble()).add(message, seconds)
     return found, faults
-
-
-def _owner(source: str, ensembles: Mapping[str, _Ensemble]) -> str | None:
-    """Return the ensemble of which an actor is, the lowest one; None for others."""
-    above = [name for name in ensembles if f"{source}/".startswith(f"{name}/")]
-    return max(above, key=len, default=None)
 
 
 def _draw_lives(axes: Any, name: str, ensemble: _Ensemble, since: float, end: float) -> None:

@@ -97,7 +97,11 @@ class Terminal:
             status: Said at the top.
         """
         remarks = [self._text((f"Note: {text}", "yellow")) for text in self.scene.remarks]
-        parts = [self._head(frame, status), *remarks, *self._alarms(frame), self._tree(frame, max(4, height // 3))]
+        whole = f" of {seconds(self.scene.last)}" if self.scene.source == "record" else ""
+        head = self._text(
+            (f"{self.scene.title or 'robot'}  ", "bold"), (f"{seconds(frame.time)}{whole}  ", ""), (status, "cyan")
+        )
+        parts = [head, *remarks, *self._alarms(frame), self._tree(frame, max(4, height // 3))]
         parts += self._detail(frame)
         left = max(3, height - sum(self._lines(part) for part in parts) - 2)
         parts += [self._predicates(frame, max(2, left // 2)), self._last(frame.time, max(2, left // 2))]
@@ -120,12 +124,6 @@ class Terminal:
         for _ in range(columns):
             table.add_column(no_wrap=True, overflow="ellipsis")
         return table
-
-    def _head(self, frame: Frame, status: str) -> Any:
-        whole = f" of {seconds(self.scene.last)}" if self.scene.source == "record" else ""
-        return self._text(
-            (f"{self.scene.title or 'robot'}  ", "bold"), (f"{seconds(frame.time)}{whole}  ", ""), (status, "cyan")
-        )
 
     def _alarms(self, frame: Frame) -> list[Any]:
         found = []

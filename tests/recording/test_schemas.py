@@ -13,7 +13,7 @@ from records import encoded
 
 from mdm import messages
 from mdm.recording import schemas, stimuli
-from mdm.recording.decoding import Decoding
+from mdm.recording.reader import Decoding
 from mdm.team import Committed
 
 STRUCTS = [

@@ -124,16 +124,15 @@ class StateLayer(Layer):
         """Yield the faults of the factors: against the predicates declared and against the model."""
         for factor in self.own:
             for predicate in factor.predicates:
-                if self.predicates.declared.knows(predicate) != "predicate":
+                declared = self.predicates.declared
+                if declared.knows(predicate) != "predicate":
+                    known = [name for name, kind in declared.names.items() if kind == "predicate"]
                     yield ConfigError(
                         f"state factor {factor.name!r} uses {predicate!r}, which is no declared predicate"
-                        f"{self._similar(predicate)}",
+                        f"{similar(predicate, known)}",
                         key=f"{self.key}.{factor.name}",
                     )
         yield from (ConfigError(p.message, key=".".join(filter(None, (self.key, p.key)))) for p in self._misplaced)
-
-    def _similar(self, name: str) -> str:
-        return similar(name, [known for known, kind in self.predicates.declared.names.items() if kind == "predicate"])
 
     def on_start(self) -> None:
         """Take every predicate's value, and each change from now on."""
@@ -213,9 +212,12 @@ class StateLayer(Layer):
             several = [*(several or ()), *self._forget(update.unknown)]
         if several is not None:
             for value in several:
-                digit = self._evaluate(value, update.time)
-                if digit != digits[value.position]:
-                    index += self._set(value, digit)
+                digit, old = self._evaluate(value, update.time), digits[value.position]
+                if digit != old:
+                    digits[value.position] = digit
+                    if old is None or digit is None:
+                        self._missing += (digit is None) - (old is None)
+                    index += ((digit or 0) - (old or 0)) * value.stride
         elif not found:
             return
         if self._missing:
@@ -224,14 +226,6 @@ class StateLayer(Layer):
             self._index = index
             self._known = True
             self._published.emit_last(State(update.time, index, tuple(digits)))
-
-    def _set(self, value: _Value, digit: int | None) -> int:
-        """Take a factor's value; return by how much the joint index changes."""
-        old = self._digits[value.position]
-        self._digits[value.position] = digit
-        if old is None or digit is None:
-            self._missing += (digit is None) - (old is None)
-        return ((digit or 0) - (old or 0)) * value.stride
 
     def _forget(self, names: tuple[str, ...]) -> list[_Value]:
         """Take predicates as unknown; return the factors that this concerns."""

@@ -389,7 +389,10 @@ class ActionLayer(Layer):
         index = action.index if self._component is None else self._component(action.index)
         brief = self._briefs[index]
         if brief is None or lives.current is not None or self._told.heard or self._others:
-            self._choose(_Run(self.names[index], self.bindings[index], action))
+            life = _Run(self.names[index], self.bindings[index], action)
+            living = lives.met_by(life)
+            own = living is not None and living.work is not None and self._is_last(living.work, action)
+            self._obey(lives.choose(life, lambda: self._continues(life), own=own))
             return
         # Hot path: a plain function, while nothing lives and nobody listens to lives, needs no record of its own.
         self.started += 1
@@ -466,11 +469,6 @@ class ActionLayer(Layer):
             self._obey(lives.cancel(life, "preempted"))
         if not lives.open or lives.waits:
             self._settle()
-
-    def _choose(self, life: _Run) -> None:
-        living = self.lives.met_by(life)
-        own = living is not None and living.work is not None and self._is_last(living.work, life.action)
-        self._obey(self.lives.choose(life, lambda: self._continues(life), own=own))
 
     def _is_last(self, work: Work, action: Action) -> bool:
         """Whether a task has perhaps taken its last step when an action is chosen: in that step, or behind it."""
@@ -632,18 +630,14 @@ class ActionLayer(Layer):
         for timer in (life.deadline, life.grace):
             if timer is not None:
                 timer.cancel()
-        if replaced:
-            self._end_replaced(life, status, detail)
+        if replaced:  # that it was preempted is told already
+            self._count_others()
+            if status in _FAILED:
+                self.report("action", f"action {life.name!r}, which was replaced, {status.replace('_', ' ')}: {detail}")
+            self.clears()
         else:
             self._end_life(life, status, detail)
         self._settle()
-
-    def _end_replaced(self, life: _Run, status: ActionStatus, detail: str) -> None:
-        """Take the end of a life that another has replaced; that it was preempted is told already."""
-        self._count_others()
-        if status in _FAILED:
-            self.report("action", f"action {life.name!r}, which was replaced, {status.replace('_', ' ')}: {detail}")
-        self.clears()
 
     def _end_life(self, life: _Run, status: ActionStatus, detail: str = "") -> None:
         ended = self.ended

@@ -141,7 +141,11 @@ class Liveness:
         self.since: int | None = None
         self.repeats = 0
         self._ensemble = ensemble
-        self._idle_after = _seconds(options.get("idle_after"))
+        given = options.get("idle_after")
+        if given is not None and not (is_number(given) and given > 0):
+            text = f"idle_after is a number of seconds above 0, or infinite, not {given!r}"
+            raise ConfigError(text, key="idle_after")
+        self._idle_after = None if given is None else float(given)
         self._tries = Tries()
         self._total = 0
         self._rest = "", False
@@ -496,11 +500,3 @@ class Liveness:
         if channel.heard:
             assert self.since is not None
             channel.publish(Idle(time, ensemble.path, idle, self.since, *self._rest))
-
-
-def _seconds(given: object) -> float | None:
-    if given is None:
-        return None
-    if not is_number(given) or not given > 0:
-        raise ConfigError(f"idle_after is a number of seconds above 0, or infinite, not {given!r}", key="idle_after")
-    return float(given)

@@ -51,7 +51,9 @@ class Safety:
         self._ensemble = ensemble
         self._reactions = {name: self._reaction(name, options.get(name)) for name in _REACTIONS}
         self.on_lost_teammate = self._lost_reaction(options.get("on_lost_teammate"))
-        self._keep = _keeps(options.get("after_safe", "reset"))
+        after_safe = options.get("after_safe", "reset")
+        check_choice(after_safe, ("reset", "keep"), "after_safe", key="after_safe")
+        self._keep = after_safe == "keep"
         self._done = self._index_of_safe_action()
         self._told: tuple[str, tuple[Cause, ...]] = ("stopped", ())
         self._stale = False
@@ -124,16 +126,19 @@ class Safety:
         declared = manager.declared
         used = frozenset(given for name in (*states, *events) for given in declared.inputs_of(name))
         others = frozenset(given for name in events for given in declared.inputs_of(name) if declared.senses(given))
-        watched = {"stale_input": used & declared.aged, "unknown_input": others - declared.aged}
+        watched = {
+            "stale_input": (used & declared.aged, "input is too old"),
+            "unknown_input": (others - declared.aged, "input turned unknown"),
+        }
 
-        topics = frozenset[str]().union(*watched.values())
+        topics = frozenset[str]().union(*(sensors for sensors, _ in watched.values()))
 
         def look(update: PredicateUpdate) -> None:
             self._lost |= topics.intersection(update.unknown)
             self._lost.difference_update(update.rising, update.falling)
-            for kind, sensors in watched.items():
+            for kind, (sensors, words) in watched.items():
                 if lost := sensors.intersection(update.unknown):
-                    self._on_lost_input(kind, lost, update.time)
+                    self._lose(kind, f"{words}: {', '.join(sorted(lost))}", update.time, told=True)
                 elif sensors and self._lost.isdisjoint(sensors):
                     self.reopen(frozenset({kind}), update.time)
 
@@ -236,10 +241,6 @@ class Safety:
             self._ensemble.liveness.wait()
             self.waiting.begin()
 
-    def _on_lost_input(self, kind: str, lost: frozenset[str], time: int) -> None:
-        words = {"stale_input": "input is too old", "unknown_input": "input turned unknown"}[kind]
-        self._lose(kind, f"{words}: {', '.join(sorted(lost))}", time, told=True)
-
     def _lose(self, kind: str, text: str, time: int, *, told: bool = False) -> None:
         """Take input as lost: a cause beside others, too, so that none of their ways back leads past it.
 
@@ -250,7 +251,9 @@ class Safety:
             told: Whether it is reported where it is no cause.
         """
         secured = self.returning and not self.modes.ending
-        if kind in self.modes.causes or not (secured or (self.deciding and self._acted)):
+        # An action that was decided in this turn may be about to begin.
+        acts = self.deciding and self._ensemble.control.decisions > self._base
+        if kind in self.modes.causes or not (secured or acts):
             return
         fault = Fault(time, self._ensemble.path, kind, text)
         if self._reactions[_OPTIONS[kind]]:
@@ -266,16 +269,8 @@ class Safety:
     def fail(self, text: str) -> None:
         """Take it that an action has failed, and that nothing else heeds that."""
         if self.deciding and self._reactions[_FAILED]:
-            self._endanger("action", text)
-
-    @property
-    def _acted(self) -> bool:
-        """Whether an action was decided since the ensemble began to decide; in this turn, it may be about to begin."""
-        return self._ensemble.control.decisions > self._base
-
-    def _endanger(self, kind: str, detail: str) -> None:
-        time = self._ensemble.runtime.now()
-        self._obey(self.modes.endanger(kind, detail, time), time)
+            now = self._ensemble.runtime.now()
+            self._obey(self.modes.endanger("action", text, now), now)
 
     # -- Orders --------------------------------------------------------------------------------------------------
 
@@ -301,7 +296,9 @@ class Safety:
                 control.source.let_go()
                 self._ensemble.became_idle()
             elif order is Order.EMERGENCY:
-                self._call_emergency(time)
+                detail = f"the safe action failed twice: {self.modes.causes['safe_action'].detail}"
+                self._ensemble.report("safe_action", detail, time=time)
+                self._ensemble.runtime.emergency(f"ensemble {self._ensemble.path!r}: {detail}")
             else:
                 self._base = control.decisions
                 action.admit()
@@ -349,11 +346,6 @@ class Safety:
             self._ensemble.action.give_up()
         if self.modes.stage is Stage.LAST and not self.modes.securing:
             self._finish()
-
-    def _call_emergency(self, time: int) -> None:
-        detail = f"the safe action failed twice: {self.modes.causes['safe_action'].detail}"
-        self._ensemble.report("safe_action", detail, time=time)
-        self._ensemble.runtime.emergency(f"ensemble {self._ensemble.path!r}: {detail}")
 
     def _tell(self, time: int) -> None:
         """Publish the mode and its causes, where they have changed."""
@@ -473,8 +465,3 @@ class Safety:
         yield self
         for child in self._ensemble.subensembles:
             yield from child.safety._family()  # noqa: SLF001 - one family
-
-
-def _keeps(after_safe: object) -> bool:
-    check_choice(after_safe, ("reset", "keep"), "after_safe", key="after_safe")
-    return after_safe == "keep"

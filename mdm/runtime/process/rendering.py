@@ -32,12 +32,8 @@ class Rendering:
         line = {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in record.items()}
         for name in ("time", "since"):
             if isinstance(seconds := record.get(name), (int, float)):
-                line[name] = self._time(seconds)
+                day = datetime.fromtimestamp(seconds).astimezone()
+                line[name] = f"{seconds:.3f}" if self.virtual else f"{day:%H:%M:%S.%f}"[:-3]
         if "time" in line:
             line = {"timestamp": line.pop("time"), **line}
         return str(self._render(None, level, line))
-
-    def _time(self, seconds: float) -> str:
-        if self.virtual:
-            return f"{seconds:.3f}"
-        return f"{datetime.fromtimestamp(seconds).astimezone():%H:%M:%S.%f}"[:-3]

@@ -81,7 +81,11 @@ def run(
     Example:
         >>> mdm.run(mdm.load_system("robot.toml"), seconds=60)
     """
-    _refuse_misuse(program, seconds)
+    wrong = _misuse(program, seconds)
+    if wrong is not None:
+        if inspect.iscoroutine(program):
+            program.close()
+        raise Error(wrong)
     guard = _Guard(program, seconds)
     signals = Signals(guard.leave, guard.cancel, last=True)
     with asyncio.Runner(loop_factory=_factory(virtual, uvloop), debug=debug or None) as runner:
@@ -93,8 +97,10 @@ def run(
                 raise guard.asked from None
             raise
         except DeadlockError:
-            if guard.task is not None:
-                _end(guard.task)
+            if guard.task is not None:  # it waits for ever: it ends in order, as after Ctrl-C
+                guard.task.cancel()
+                with contextlib.suppress(asyncio.CancelledError, DeadlockError):
+                    runner.get_loop().run_until_complete(guard.task)
             if isinstance(program, Actor):
                 return None
             raise
@@ -131,14 +137,6 @@ class _Guard:
     def cancel(self) -> None:
         if self.task is not None:
             self.task.cancel()
-
-
-def _refuse_misuse(program: object, seconds: float | None) -> None:
-    wrong = _misuse(program, seconds)
-    if wrong is not None:
-        if inspect.iscoroutine(program):
-            program.close()
-        raise Error(wrong)
 
 
 def _misuse(program: object, seconds: float | None) -> str | None:
@@ -191,13 +189,6 @@ async def _live(actor: Actor, seconds: float | None) -> None:
             raise ActorFailure(f"actor {actor.path!r} failed: its faults say why")
 
 
-def _end(task: asyncio.Task[Any]) -> None:
-    """Let a program that waits for ever end in order, as after Ctrl-C."""
-    task.cancel()
-    with contextlib.suppress(asyncio.CancelledError, DeadlockError):
-        task.get_loop().run_until_complete(task)
-
-
 def _leave(loop: asyncio.AbstractEventLoop) -> None:
     """End everything that is left, even if something raises meanwhile: first all runtimes, then other tasks."""
     ending = loop.create_task(_end_rest())
@@ -226,18 +217,13 @@ async def _end_rest() -> None:
         await asyncio.wait(others, timeout=_PATIENCE)
     stubborn = {task for task in others if not task.done()}
     for task in others - stubborn:
-        _tell(task, loop)
+        error = task.exception() if task.done() and not task.cancelled() else None
+        if error is not None and not isinstance(error, LEAVING):  # the loop itself raises errors that end a program
+            loop.call_exception_handler({"message": "a task failed while the program ended", "exception": error})
     for task in stubborn:
         # The runtime has reported it; asyncio's runner would wait for it, and its end complain.
         hide(task)
         task._log_destroy_pending = False  # type: ignore[attr-defined] # noqa: SLF001
-
-
-def _tell(task: asyncio.Task[Any], loop: asyncio.AbstractEventLoop) -> None:
-    """Report the error of a task that nobody waits for; errors that end a program are raised by the loop itself."""
-    error = task.exception() if task.done() and not task.cancelled() else None
-    if error is not None and not isinstance(error, LEAVING):
-        loop.call_exception_handler({"message": "a task failed while the program ended", "exception": error})
 
 
 def _factory(virtual: bool, uvloop: bool) -> Callable[[], asyncio.AbstractEventLoop] | None:

@@ -72,7 +72,9 @@ class Signals:
         self.loop = loop
         self._process = os.getpid()
         for number in _NUMBERS:
-            if _gives_way(signal.getsignal(number)):
+            handler = signal.getsignal(number)
+            is_default = handler in {signal.SIG_DFL, signal.default_int_handler} or _of_asyncio(handler)
+            if is_default or _signals_of(handler) is not None:
                 self.previous[number] = signal.signal(number, self._handle)
         if self.previous and not isinstance(loop, VirtualEventLoop):  # it tells by its files whether input can come
             self._bell = _Bell(loop)
@@ -105,10 +107,12 @@ class Signals:
     def _give_back(self) -> None:
         for number, previous in self.previous.items():
             if signal.getsignal(number) == self._handle:
-                handler = previous
+                handler: Any = previous
                 while (outer := _signals_of(handler)) is not None and not outer.takes:
                     handler = outer.previous[number]  # it was closed before those inside it
-                signal.signal(number, signal.default_int_handler if _has_run(handler) else handler)
+                if _of_asyncio(handler) and handler.keywords["main_task"].done():  # its program has ended
+                    handler = signal.default_int_handler
+                signal.signal(number, handler)
 
     def _ignore(self) -> None:
         """Ignore signals at the exit of the interpreter, which gives up Python's handlers before all else."""
@@ -193,15 +197,3 @@ def _signals_of(handler: object) -> Signals | None:
 
 def _of_asyncio(handler: object) -> bool:
     return isinstance(getattr(getattr(handler, "func", None), "__self__", None), asyncio.Runner)
-
-
-def _has_run(handler: Any) -> bool:
-    """Whether a handler is asyncio's for a program that has ended."""
-    return _of_asyncio(handler) and handler.keywords["main_task"].done()
-
-
-def _gives_way(handler: object) -> bool:
-    """Whether a handler is Python's or asyncio's default, or one of ours."""
-    if handler in {signal.SIG_DFL, signal.default_int_handler} or _signals_of(handler) is not None:
-        return True
-    return _of_asyncio(handler)

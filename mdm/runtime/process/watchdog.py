@@ -111,13 +111,11 @@ class Watchdog:
             self._emergency(f"the event loop has not turned for {self._emergency_after:g} s")
         if waited >= self._limit and not self._told:
             self._told = True
-            self._alarm("stall", f"the event loop has not turned for {self._limit:g} s: it is held {self._place()}")
+            frame = sys._current_frames().get(self._holder)  # noqa: SLF001 - public by documentation
+            place = "nowhere in Python" if frame is None else f"at {_stack(frame)}"
+            self._alarm("stall", f"the event loop has not turned for {self._limit:g} s: it is held {place}")
         next_time = self._limit if not self._told else self._emergency_after if not self._called else None
         return self._pause if next_time is None else min(self._pause, max(next_time - waited, 1e-4))
-
-    def _place(self) -> str:
-        frame = sys._current_frames().get(self._holder)  # noqa: SLF001 - public by documentation
-        return "nowhere in Python" if frame is None else f"at {_stack(frame)}"
 
     def _turned(self, asked: int) -> None:
         """Note, on the loop, that it has turned."""

@@ -211,8 +211,10 @@ class Clock(ABC):
     def call_at(self, when: int, callback: Callable[[], None], *, rank: int = 0) -> Timer:
         """Call back when the clock shows ``when`` nanoseconds, never earlier."""
         timer = Timer(when, callback)
-        if len(self._heap) >= self._sweep_at:
-            self._sweep()
+        if len(self._heap) >= self._sweep_at:  # timers taken back long before their time must not pile up
+            self._heap[:] = [entry for entry in self._heap if entry[3].waiting]
+            heapq.heapify(self._heap)
+            self._sweep_at = max(_SWEEP, 2 * len(self._heap))
         heapq.heappush(self._heap, (when, rank, next(self._order), timer))
         if when < self.due:
             if self._firing:  # what fires looks at it next
@@ -261,12 +263,6 @@ class Clock(ABC):
         while heap and not heap[0][3].waiting:
             heapq.heappop(heap)
         self.due = heap[0][0] if heap else _NEVER
-
-    def _sweep(self) -> None:
-        # Timers that are taken back long before their time, such as deadlines that were met, must not pile up.
-        self._heap[:] = [entry for entry in self._heap if entry[3].waiting]
-        heapq.heapify(self._heap)
-        self._sweep_at = max(_SWEEP, 2 * len(self._heap))
 
     def _next_rank(self) -> int:
         """Return the rank of the next timer."""

@@ -169,7 +169,14 @@ class Building(Actor):
         _check(name, radius=radius, speed=speed, reach=reach, noise=noise, beams=beams)
         start = self.floor.graph.node(at).goal if isinstance(at, str) else at
         if start is not None:
-            self._check_start(name, start, radius)
+            cell = self.grid.frame.cell(start.x, start.y)
+            if cell is None or self._clearance[cell] < radius:
+                raise MapError(f"robot {name!r} does not fit at {start.x:g}, {start.y:g}: it would stand in a wall")
+            for other in self._bodies.values():
+                if math.dist((start.x, start.y), (other.pose.x, other.pose.y)) < radius + other.radius:
+                    raise MapError(
+                        f"robot {name!r} does not fit at {start.x:g}, {start.y:g}: robot {other.name!r} is there"
+                    )
         paths = self._paths_for(radius)
         core, simulator = _navground()
         kinematics = core.kinematics.TwoWheelsDifferentialDriveKinematics(max_speed=speed, wheel_axis=1.6 * radius)
@@ -205,16 +212,6 @@ class Building(Actor):
         if places is not None:
             self._places[name] = places
         return robot
-
-    def _check_start(self, name: str, start: Pose, radius: float) -> None:
-        cell = self.grid.frame.cell(start.x, start.y)
-        if cell is None or self._clearance[cell] < radius:
-            raise MapError(f"robot {name!r} does not fit at {start.x:g}, {start.y:g}: it would stand in a wall")
-        for other in self._bodies.values():
-            if math.dist((start.x, start.y), (other.pose.x, other.pose.y)) < radius + other.radius:
-                raise MapError(
-                    f"robot {name!r} does not fit at {start.x:g}, {start.y:g}: robot {other.name!r} is there"
-                )
 
     def leave(self, name: str) -> None:
         """Take a robot off the floor, as one that goes to another one."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,6 @@ from mdm.maps import Pose
 from mdm.maps.paths import PATH_MARGIN, Paths, sees
 from mdm.simulation.building.body import Body
 from mdm.simulation.building.brakes import GAP, Brakes
-from mdm.simulation.building.drive import Aside, Drive
 from mdm.simulation.building.guest import Whereabouts
 from mdm.simulation.building.refuge import refuge, way_out
 
@@ -62,6 +62,8 @@ _MEETING = 3.0
 """Metres from one another within which robots may be in each other's way."""
 _BESIDE = 0.3
 """Metres from its way around a body within which a robot goes back to it."""
+_PASSED, _LONGEST = 2.0, 15.0
+"""Metres that the others have driven on, and seconds, after which a robot that gave way goes on."""
 
 
 class DriveError(Error):
@@ -104,8 +106,8 @@ class Robot(Body):
         self._generator = generator
         self._scanner = scanner
         self._readings: Any = None
-        self._drive: Drive | None = None
-        self._aside: Aside | None = None
+        self._drive: _Drive | None = None
+        self._aside: _Aside | None = None
         self._fields: dict[tuple[int, int], Vector] = {}
 
     @property
@@ -160,20 +162,17 @@ class Robot(Body):
         distances = self._distances_to(pose)
         if self._drive is not None:
             self.fail(f"was sent to {pose.x:g}, {pose.y:g} before it had come")
-        self._drive = drive = Drive(pose, self._paths, distances, float(distances[self.cell]))
+        self._drive = drive = _Drive(pose, self._paths, distances, float(distances[self.cell]))
         self._aside = None
         try:
             await drive.over
         finally:
             if self._drive is drive:
+                from navground.core import Target  # noqa: PLC0415 - an extra
+
                 self._drive = self._aside = None
-                self._halt()
-
-    def _halt(self) -> None:
-        from navground.core import Target  # noqa: PLC0415 - an extra
-
-        self.agent.controller.stop()
-        self.agent.behavior.target = Target.Stop()  # the controller only forgets where it was to go
+                self.agent.controller.stop()
+                self.agent.behavior.target = Target.Stop()  # the controller only forgets where it was to go
 
     def _distances_to(self, pose: Pose) -> Vector:
         if not pose.is_finite:
@@ -274,7 +273,7 @@ class Robot(Body):
         if share < 1.0 or chosen is not None:
             self.agent.last_cmd = Twist2((share * forward, 0.0), turning, Frame.relative)
 
-    def _take_care(self, drive: Drive, seconds: float, bodies: Sequence[Body]) -> None:
+    def _take_care(self, drive: _Drive, seconds: float, bodies: Sequence[Body]) -> None:
         """Follow the way itself, for a time, where nobody drives near it and what avoids walls has got it no nearer.
 
         Before the mouth of a narrow passage that turns round and round.
@@ -293,7 +292,7 @@ class Robot(Body):
         if len(drive.turns) == 1 and self._distance(drive.turns[0]) < _NEAR:
             drive.careful = 0.0
 
-    def _along(self, drive: Drive, seconds: float) -> tuple[float, float] | None:
+    def _along(self, drive: _Drive, seconds: float) -> tuple[float, float] | None:
         """Return the speeds, ahead and of turning, from the middle of a cell of its way to that of the next one.
 
         None where it was pushed to a cell from which there is no way.
@@ -314,7 +313,7 @@ class Robot(Body):
         metres = math.dist((x, y), (here.x, here.y))
         return (min(self.speed / 2, metres / seconds) if abs(off) < _AIMED else 0.0), turning
 
-    def _give_way(self, drive: Drive, bodies: Sequence[Body]) -> bool:
+    def _give_way(self, drive: _Drive, bodies: Sequence[Body]) -> bool:
         """Set out for where others can pass, if it is to let them; return whether it does."""
         here = self.agent.position
         near = [body for body in bodies if body is not self and math.dist(here, body.agent.position) < _MEETING]
@@ -325,10 +324,10 @@ class Robot(Body):
         drive.blocked = 0.0
         turns = refuge(self._paths, self.cell, [(one.cell, one.turns, self.radius + one.radius) for one in near])
         if turns is not None:
-            self._aside = Aside(turns, others)
+            self._aside = _Aside(turns, others)
         return turns is not None
 
-    def _go_round(self, drive: Drive, bodies: Sequence[Body]) -> None:
+    def _go_round(self, drive: _Drive, bodies: Sequence[Body]) -> None:
         """Find another way, around the bodies that stand in this one, where there is one."""
         standing = {
             body.cell: self.radius + body.radius + 2 * PATH_MARGIN
@@ -355,7 +354,7 @@ class Robot(Body):
             drive.remaining, drive.blocked = float(distances[self.cell]), 0.0
             drive.turns, drive.step = paths.route(distances, self.cell), None
 
-    def _set_out(self, drive: Drive, cell: Cell) -> None:
+    def _set_out(self, drive: _Drive, cell: Cell) -> None:
         """Take the shortest way from a cell; around bodies no more where it was pushed to where one stood."""
         begin = cell
         if not math.isfinite(drive.distances[cell]):
@@ -383,7 +382,7 @@ class Robot(Body):
         room = min(float(self._clearance[cell]) if cell is not None else 0.0 for cell in cells)
         return max(GAP, min(_COMFORT, room - self.radius - _TRUE * self._grid.frame.resolution))
 
-    def _frees_itself(self, drive: Drive, seconds: float, bodies: Sequence[Body]) -> bool:
+    def _frees_itself(self, drive: _Drive, seconds: float, bodies: Sequence[Body]) -> bool:
         """Drive a little away from what stands where the brakes have stopped it; return whether it does."""
         if drive.freeing <= 0 and drive.stuck > _STUCK:
             away_from = {body: self._away(body) for body in bodies if body is not self}
@@ -407,7 +406,7 @@ class Robot(Body):
             self.agent.controller.go_to_position(np.array(drive.free), _NEAR / 3)
         return True
 
-    def _find_a_way_out(self, drive: Drive, seconds: float, others: Sequence[Body]) -> None:
+    def _find_a_way_out(self, drive: _Drive, seconds: float, others: Sequence[Body]) -> None:
         """Look for a way to where it has room, once a second while there is none."""
         if (drive.stuck - _STUCK) % _STUCK > seconds:
             return
@@ -417,7 +416,7 @@ class Robot(Body):
         if found and math.dist(found[-1], here) > self._grid.frame.resolution:
             drive.way_out, drive.free, drive.freeing, drive.stuck, drive.step = found, None, _POINT, 0.0, None
 
-    def _frees_itself_beside_others(self, drive: Drive, away_from: Mapping[Body, float]) -> bool:
+    def _frees_itself_beside_others(self, drive: _Drive, away_from: Mapping[Body, float]) -> bool:
         """Set out for the nearest cell that is far enough from walls; return whether there is one."""
         near = [body for body, metres in away_from.items() if metres < self.radius + body.radius + 2 * _CLEAR]
         if self._aside is None and near:
@@ -436,7 +435,7 @@ class Robot(Body):
         drive.freeing, drive.stuck, drive.step = _FREEING, 0.0, None
         return True
 
-    def _is_held(self, drive: Drive, seconds: float, bodies: Sequence[Body]) -> bool:
+    def _is_held(self, drive: _Drive, seconds: float, bodies: Sequence[Body]) -> bool:
         """Let a drive fail that has got nowhere for long, whatever it waited for."""
         x, y = self.agent.position.tolist()
         if math.dist(drive.at, (x, y)) > _MOVED:
@@ -453,7 +452,7 @@ class Robot(Body):
         near = min(away, key=away.__getitem__, default=None)
         return f", beside {near!r}" if near is not None and away[near] < _MEETING else ""
 
-    def _stay_aside(self, aside: Aside, drive: Drive, cell: tuple[int, int], seconds: float) -> None:
+    def _stay_aside(self, aside: _Aside, drive: _Drive, cell: tuple[int, int], seconds: float) -> None:
         aside.seconds += seconds
         if aside.is_over():
             self._aside = None
@@ -464,7 +463,7 @@ class Robot(Body):
         self.agent.behavior.safety_margin = self._margin(aside.turns[0])
         self.agent.controller.go_to_position(np.array(self._paths.frame.centre(*aside.turns[0])), _NEAR / 2)
 
-    def _turn(self, drive: Drive, cell: tuple[int, int]) -> None:
+    def _turn(self, drive: _Drive, cell: tuple[int, int]) -> None:
         """Take up the next turn of the way where it is in sight, or the last one is reached."""
         drive.looks += 1
         in_time = drive.looks % _LOOKS == 1
@@ -497,3 +496,48 @@ class Robot(Body):
         """Let the drive that is under way fail, if there is one."""
         if self._drive is not None and not self._drive.over.done():
             self._drive.over.set_exception(DriveError(f"robot {self.name!r} {text}"))
+
+
+class _Drive:
+    """A drive that is under way."""
+
+    def __init__(self, goal: Pose, paths: Paths, distances: Vector, remaining: float) -> None:
+        self.goal = goal
+        self.paths = paths  # over which its way leads: around bodies that stand in it, by and by
+        self.distances = distances
+        self.turns: list[tuple[int, int]] = []
+        self.remaining = remaining
+        self.waited = 0.0
+        self.blocked = 0.0
+        self.again = 0.0  # of the seconds that it waited, when it looks again for a way around
+        self.looks = 0
+        self.stuck = 0.0  # seconds since it last moved at all
+        self.free: tuple[float, float] | None = None  # where it drives to get away from a wall, and how long
+        self.freeing = 0.0
+        self.way_out: list[tuple[float, float]] = []  # the same where nobody drives near it
+        self.held = 0.0  # seconds since it was at the next, with less than a little way from there
+        self.careful = 0.0  # seconds for which it follows its way itself, and the cell to which it drives then
+        self.step: Cell | None = None
+        self.still, self.there = 0.0, math.inf  # seconds since it was so many metres from its goal, or nearly
+        self.at = (math.inf, math.inf)
+        self.around: frozenset[Cell] = frozenset()  # where bodies stand that its way leads around
+        self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+
+
+class _Aside:
+    """A robot's stay out of the way of others.
+
+    Args:
+        turns: The cells on the way there.
+        others: Those that are to pass.
+    """
+
+    def __init__(self, turns: list[tuple[int, int]], others: Sequence[Body]) -> None:
+        self.turns = turns
+        self.seconds = 0.0
+        self._others = [(body, body.remaining) for body in others]
+
+    def is_over(self) -> bool:
+        """Whether all others have driven on or do not drive any more, or it has taken long enough."""
+        passed = all(not body.turns or abs(body.remaining - before) > _PASSED for body, before in self._others)
+        return passed or self.seconds > _LONGEST

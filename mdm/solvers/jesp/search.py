@@ -93,7 +93,11 @@ class PlanSearch:
     def expand(self) -> None:
         """Continue the most promising partial plan by one step; where the effort is used up, it stays as it was."""
         bound, _, before, decided = self._open[0]
-        partial = self._root() if before is None else self._continued(before, decided)
+        if before is None:
+            ones = (1,) * self._team.num_agents
+            partial = _Partial(0.0, np.ones(ones), np.zeros(ones, dtype=np.intp), None, (), ())
+        else:
+            partial = self._continued(before, decided)
         step = partial.step
         stage = self._stages[step]
         game = self._team.discount**step * partial.chances[..., None] * stage.values[partial.beliefs]
@@ -109,10 +113,6 @@ class PlanSearch:
             heapq.heappop(self._open)
             for child in children:
                 heapq.heappush(self._open, child)
-
-    def _root(self) -> _Partial:
-        ones = (1,) * self._team.num_agents
-        return _Partial(0.0, np.ones(ones), np.zeros(ones, dtype=np.intp), None, (), ())
 
     def _rules(self, game: Vector, value: float) -> Iterator[tuple[float, Rule]]:
         """Yield the joint decision rules that could beat the best plan known, with upper bounds of their values.

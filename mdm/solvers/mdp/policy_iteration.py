@@ -118,7 +118,10 @@ def steps(dynamics: Dynamics) -> Iterator[Step]:
         table = dynamics.q_values(values)
         best = table.argmax(axis=1)
         gains = table[states, best] - values
-        least = _least_gains(dynamics, values)
+        with np.errstate(over="ignore"):  # values near the largest number: nothing is better by more
+            parts = np.abs(dynamics.rewards) + dynamics.discount * dynamics.after(np.abs(values))
+        # By how much the value of each action in each state (S x A) may be off, and more, by rounding.
+        least = _BETTER * np.asarray(parts)
         better = table[states, best] - table[states, policy] > least[states, best] + least[states, policy]
         better &= rose
         before = values
@@ -128,13 +131,6 @@ def steps(dynamics: Dynamics) -> Iterator[Step]:
         if endless and not stable:
             policy = _ahead(dynamics, values, policy, least)
         yield Step(values, table, policy, 0.0 if stable else upper, stable)
-
-
-def _least_gains(dynamics: Dynamics, values: Vector) -> Vector:
-    """Return by how much the value of each action in each state (S x A) may be off, and more, by rounding."""
-    with np.errstate(over="ignore"):  # values near the largest number: nothing is better by more
-        parts = np.abs(dynamics.rewards) + dynamics.discount * dynamics.after(np.abs(values))
-    return _BETTER * np.asarray(parts)
 
 
 def _ahead(dynamics: Dynamics, values: Vector, policy: Actions, least: Vector) -> Actions:
@@ -161,20 +157,15 @@ def improve_policies(dynamics: Dynamics, belief: Vector, limits: Limits, solver:
         upper = lower + step.upper
         if limits.ends(lower, upper, iterations=iterations, size=dynamics.num_states):
             break
-    table = step.table if dynamics.discount < 1 else _going_on(step)
+    table = step.table
+    if dynamics.discount == 1:
+        # Other actions of the policy's value may wait for ever: those with a lower index are lowered by their last bit.
+        own = np.take_along_axis(table, step.policy[:, None], axis=1)
+        before = np.arange(table.shape[1]) < step.policy[:, None]
+        table = np.where(before, np.minimum(table, np.nextafter(own, -np.inf)), np.minimum(table, own))
     return limits.solution(
         QTable(table), solver, lower, upper, iterations=iterations, size=dynamics.num_states, exact=step.stable
     )
-
-
-def _going_on(step: Step) -> Vector:
-    """Return values of actions by which the policy's own actions are chosen.
-
-    Other actions of the same value may wait for ever: those with a lower index are lowered by their last bit.
-    """
-    own = np.take_along_axis(step.table, step.policy[:, None], axis=1)
-    before = np.arange(step.table.shape[1]) < step.policy[:, None]
-    return np.where(before, np.minimum(step.table, np.nextafter(own, -np.inf)), np.minimum(step.table, own))
 
 
 def evaluate(dynamics: Dynamics, policy: Actions) -> Vector:

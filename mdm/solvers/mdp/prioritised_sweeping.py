@@ -50,8 +50,11 @@ def prioritised_sweeping(model: MDP, *, limits: Limits | None = None) -> Solutio
         dynamics = Dynamics(model)
         if dynamics.discount == 1:
             return improve_policies(dynamics, model.initial_belief, run, _NAME)
-        before = _before(dynamics)
-        most = dynamics.num_states * sweeps_of(dynamics)
+        # The transitions by the states that they lead to: row s', column s, with an entry for each row of T.
+        size = dynamics.num_states
+        matrix = dynamics.transitions.matrix(size).T.tocsr()
+        before = csr((matrix.data, matrix.indices % size, matrix.indptr), (size, size), copy=False)
+        most = size * sweeps_of(dynamics)
 
         def improve(values: Vector, last: Round) -> None:
             # V at the lower end of its bounds: there a backup raises each value by its change above the least.
@@ -62,13 +65,6 @@ def prioritised_sweeping(model: MDP, *, limits: Limits | None = None) -> Solutio
             _sweep(dynamics, values, priorities, before, largest / 2, _SETTLED * largest, most)
 
         return bounded(dynamics, model.initial_belief, run, _NAME, improve)
-
-
-def _before(dynamics: Dynamics) -> Matrix:
-    """Return the transitions by the states that they lead to: row s', column s, with an entry for each row of T."""
-    size = dynamics.num_states
-    matrix = dynamics.transitions.matrix(size).T.tocsr()
-    return csr((matrix.data, matrix.indices % size, matrix.indptr), (size, size), copy=False)
 
 
 def _sweep(

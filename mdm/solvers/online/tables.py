@@ -99,8 +99,11 @@ def search_tables(model: MDP, *, upper: Real | None, lower: tuple[Real, Sequence
     if model.discount >= 1:
         raise ModelError("a tree search needs a discount below 1: give the model one with with_discount(...)")
     dynamics = Dynamics(model)
-    if model.pomdp is None:
-        observations, num_observations = _next_states(dynamics), dynamics.num_states
+    if model.pomdp is None:  # an MDP's observations are its next states
+        num_observations = size = dynamics.num_states
+        first = np.zeros(dynamics.num_actions, dtype=np.int64)
+        starts, columns = np.arange(size + 1, dtype=np.uint64), np.arange(size, dtype=np.uint32)
+        observations = Rows(first, starts, columns, np.ones(size))
     else:
         observations, num_observations = dynamics.observations, dynamics.num_observations
     if model.false_negative is not None:
@@ -127,10 +130,3 @@ def _rewards(dynamics: Dynamics) -> Real:
     """Return R(s, a) as an array that may be written to, which is a kind of its own to compiled code."""
     mapped: Real | None = dynamics.model.stacked.get("R")
     return np.array(dynamics.rewards) if mapped is None else mapped
-
-
-def _next_states(dynamics: Dynamics) -> Rows:
-    """Return the observations of an MDP: its next states."""
-    size = dynamics.num_states
-    first = np.zeros(dynamics.num_actions, dtype=np.int64)
-    return Rows(first, np.arange(size + 1, dtype=np.uint64), np.arange(size, dtype=np.uint32), np.ones(size))

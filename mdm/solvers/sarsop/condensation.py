@@ -176,15 +176,13 @@ class Controller:
         for part in np.split(nodes[order], np.flatnonzero(np.diff(pairs[order])) + 1):
             if not len(part):
                 continue
-            steps = self._steps_of(int(self.vectors.actions[part[0]]), int(self.vectors.blocks[part[0]]))
+            key = int(self.vectors.actions[part[0]]), int(self.vectors.blocks[part[0]])
+            if key not in self._steps:
+                self._steps[key] = _steps(self._layout, *key)
+            steps = self._steps[key]
             size = max(1, _CHUNK // max(steps.ahead.shape[1], len(self._after)))
             for begin in range(0, len(part), size):
                 yield part[begin : begin + size], steps
-
-    def _steps_of(self, action: int, block: int) -> _Steps:
-        if (action, block) not in self._steps:
-            self._steps[action, block] = _steps(self._layout, action, block)
-        return self._steps[action, block]
 
     def _followers(self, nodes: Indices, sign: _Sign) -> Indices:
         """Return the node after an observation, of each of some nodes."""
@@ -368,7 +366,9 @@ def _steps(layout: Layout, action: int, block: int) -> _Steps:
     ahead = csr((transitions.values[entries], columns, starts - starts[0]), (end - begin, len(arrivals)))
     told = arrivals + observations.first[action]
     counts = np.diff(observations.starts.astype(np.int64))[told]
-    entries_of = _stretches(observations.starts[told].astype(np.int64), counts)
+    ends = np.cumsum(counts)
+    shifts = observations.starts[told].astype(np.int64) - (ends - counts)
+    entries_of = np.arange(ends[-1]) + np.repeat(shifts, counts)
     symbols = observations.columns[entries_of].astype(np.int64)
     order = np.argsort(symbols, kind="stable")
     at = np.repeat(np.arange(len(arrivals)), counts)[order]
@@ -395,11 +395,6 @@ def _whole(indices: Indices, size: int) -> Indices | slice:
 def _product(matrix: Matrix, rows: Vector) -> Vector:
     """Return the product of a matrix with each row."""
     return np.ascontiguousarray((matrix @ rows.T).T)
-
-
-def _stretches(starts: Indices, sizes: Indices) -> Indices:
-    ends = np.cumsum(sizes)
-    return np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - sizes, sizes) + np.repeat(starts, sizes)
 
 
 def condensed(

@@ -457,6 +457,7 @@ class _Search:
             place = np.full(len(chosen) + 1, -1)  # what is not chosen among, and no vector, is the default
             place[some] = np.arange(len(some))
             after = place[self._after[some]]
+        steps, compiled = self._steps, not self._is_plain and can_compile()
         return condensed(
             self._layout,
             vectors,
@@ -465,15 +466,10 @@ class _Search:
             np.searchsorted(some, graph.best[self._roots]),
             slack=slack,
             after=after,
-            kernels=self._kernels(),
+            kernels=Kernels(steps.follow, steps.arrive, self._scratch) if compiled else None,
             fits=lambda size: size < limits.room,
             part=lambda share: limits.until(limits.seconds + share * (end - limits.seconds)),
         )
-
-    def _kernels(self) -> Kernels | None:
-        if self._is_plain or not can_compile():
-            return None
-        return Kernels(self._steps.follow, self._steps.arrive, self._scratch)
 
     def _vectors(self, which: npt.NDArray[np.intp] | slice) -> Vectors:
         graph = self._graph

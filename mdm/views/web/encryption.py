@@ -72,7 +72,7 @@ def _names(access: Access, host: str) -> list[str]:
     exact = [name for name in given if "*" not in name]
     if host in _EVERYWHERE and exact:
         return sorted(exact, key=is_loopback)
-    if any(_fits(host, name) for name in given):
+    if host in given or f"*.{host.partition('.')[2]}" in given:  # a star stands for the first part of a name
         return [host, *(name for name in exact if name != host)]
     raise Error(
         f"{access.certificate} is a certificate of {', '.join(given) or 'no host'}, of which browsers would warn: have "
@@ -115,8 +115,3 @@ def _encoded(name: str) -> str:
     with suppress(UnicodeError):
         return name.encode("idna").decode("ascii").lower()
     return ""
-
-
-def _fits(host: str, name: str) -> bool:
-    """Whether a certificate's name is a host's; a star stands for its first part."""
-    return name == host or (name.startswith("*.") and host.partition(".")[2] == name[2:])

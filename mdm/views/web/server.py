@@ -11,6 +11,7 @@ from collections import deque
 from contextlib import suppress
 from http import HTTPStatus
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
@@ -163,7 +164,8 @@ class PageServer:
         """Return the answer to a request; None where it opens a socket, and may."""
         assert self._access is not None
         path = urlsplit(request.path).path
-        headers = {name: "" if len(request.headers.get_all(name)) > 1 else value for name, value in _once(request)}
+        given = {name: request.headers.get_all(name) for name in ("Host", "Origin", "Cookie")}
+        headers = {name: values[0] if len(values) == 1 else "" for name, values in given.items() if values}
         socket = path == "/socket"
         refusal = self._access.refusal(request.path, headers, socket=socket)
         if refusal is not None:
@@ -292,17 +294,6 @@ def websockets() -> Any:
         errors = importlib.import_module("websockets.exceptions")
     except ImportError:
         raise Error("a page needs websockets: pip install 'markov-decision-making[page]'") from None
-    return _Websockets(serving.serve, serving.ServerConnection, errors.ConnectionClosed)
-
-
-class _Websockets:
-    def __init__(self, serve: Any, connection: Any, closed: type[Exception]) -> None:
-        self.serve = serve
-        self.Connection = connection
-        self.ConnectionClosed = closed
-
-
-def _once(request: Any) -> list[tuple[str, str]]:
-    """Return the headers, each name once, as it is usually written."""
-    names = ("Host", "Origin", "Cookie")
-    return [(name, request.headers.get_all(name)[0]) for name in names if request.headers.get_all(name)]
+    return SimpleNamespace(
+        serve=serving.serve, Connection=serving.ServerConnection, ConnectionClosed=errors.ConnectionClosed
+    )

@@ -7,7 +7,7 @@ import pytest
 from records import encoded
 
 from mdm.messages import Belief, Fault, ParticleUpdate, PoseUpdate, Reward
-from mdm.recording.decoding import Decoding
+from mdm.recording.reader import Decoding
 from mdm.recording.stimuli import Said
 
 DECODE = Decoding({}).decode

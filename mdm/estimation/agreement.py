@@ -38,12 +38,14 @@ class Verdict(msgspec.Struct, frozen=True):
     """What the counts of a row say about the model.
 
     Attributes:
-        says: ``differs``, ``agrees``, ``certain`` where the model leaves no choice, or ``too few`` visits to say.
+        says: ``differs``, ``agrees``, ``certain`` where the model leaves no choice, ``too few`` visits to say. Of
+            hidden states also ``unclear``: the row is not refused, but an interval leaves out the model's value, or
+            the record does not tell its states apart.
         p_value: Of the G-test; None where there was none.
         log_odds: The natural logarithm of the odds against the model; infinite where something impossible came.
     """
 
-    says: Literal["differs", "agrees", "certain", "too few"]
+    says: Literal["differs", "agrees", "certain", "too few", "unclear"]
     p_value: float | None
     log_odds: float
 

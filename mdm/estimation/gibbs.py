@@ -5,6 +5,9 @@ for hidden Markov models*, Journal of the American Statistical Association 97, 2
 forwards and samples backwards (C. K. Carter and R. Kohn, *On Gibbs sampling for state space models*, Biometrika 81,
 1994), rows from Dirichlet distributions with Jeffreys' prior on the entries that the model has. Several samplers go
 side by side as arrays, each from the estimate of `mdm.estimation.hidden`: names of states are not swapped.
+
+A row is tested by the draws of it, in which all other rows vary: held as in a wrong model, they make a wrong row look
+right. The likelihood of the best others would not do: it may have the states by each other's names.
 """
 
 from __future__ import annotations
@@ -39,10 +42,12 @@ class Intervals(msgspec.Struct, frozen=True):
     Attributes:
         transitions: The lower and the upper ends, 2 x A x S x S'.
         observations: The same of O, 2 x A x S' x O; those of events are the model's probabilities.
+        p_values: Of the hypotheses that a row of T, and of O, is as in the model, whatever the others are: A x S each.
     """
 
     transitions: npt.NDArray[np.float64]
     observations: npt.NDArray[np.float64]
+    p_values: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
 
 
 def sample(
@@ -79,7 +84,27 @@ def sample(
             kept.append(current)
     ends = [(1 - level) / 2, (1 + level) / 2]
     parts = [np.concatenate([each[place] for each in kept]) for place in (0, 1)]
-    return Intervals(*(np.quantile(part, ends, axis=0) for part in parts))
+    transitions, observations = (np.quantile(part, ends, axis=0) for part in parts)
+    first, second = (_p_values(*each) for each in zip(parts, old, possible, strict=True))
+    return Intervals(transitions, observations, (first, second))
+
+
+def _p_values(draws: Vector, model: Vector, possible: npt.NDArray[np.bool_]) -> Vector:
+    """Return the p-values of rows: the least of their entries' two tails, times their number but one.
+
+    Beyond all draws a tail is that of the normal distribution of the arcs whose sines are the roots of the draws.
+    """
+    from scipy.special import erfc  # noqa: PLC0415 - slow to import
+
+    below, count = (draws < model).sum(axis=0), len(draws)
+    tails = 2 * (np.minimum(below, count - below) + 1) / (count + 1)
+    arcs, arc = np.arcsin(np.sqrt(np.clip(draws, 0, 1))), np.arcsin(np.sqrt(np.clip(model, 0, 1)))
+    spread = np.maximum(arcs.std(axis=0), 1e-12)
+    beyond = np.minimum(tails, erfc(np.abs(arc - arcs.mean(axis=0)) / spread / np.sqrt(2)))
+    tails = np.where((below == 0) | (below == count), beyond, tails)
+    least = np.where(possible, tails, 1.0).min(axis=-1)
+    result: Vector = np.minimum(least * np.maximum(possible.sum(axis=-1) - 1, 1), 1.0)
+    return result
 
 
 def _draw(counts: Vector, possible: npt.NDArray[np.bool_], random: np.random.Generator) -> Vector:

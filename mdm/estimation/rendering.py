@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 __all__ = ["as_data", "as_text"]
 
 _SHOWN = 20
+_ODDS = 20
+"""The odds from which on a model differs: of models that are right, one in so many."""
 _NAMED = 3
 """Impossible symbols that a row names, of many."""
 
@@ -62,8 +64,18 @@ def _head(report: Report) -> list[str]:
             f"log likelihood {report.fit.before:.2f} by the model, {report.fit.after:.2f} by the estimate "
             f"({counted(report.fit.rounds, 'round')})"
         )
-    counts = ", ".join(f"{report.count(says)} {says}" for says in ("differs", "agrees", "certain", "too few"))
-    lines.append(f"rows: {counts}; {len(report.unvisited)} not visited")
+        ruled = "it differs" if report.fit.log_odds >= math.log(_ODDS) else "it agrees"
+        lines.append(f"T and O together: the odds against the model are {_odds(report.fit.log_odds)}: {ruled}")
+        for group in report.fit.alike[:_NAMED]:
+            more = f" and {len(group) - _NAMED} more" if len(group) > _NAMED else ""
+            lines.append(
+                f"these states cannot be told apart by the model in this record: {', '.join(group[:_NAMED])}{more}; "
+                f"which of them is which is not estimated"
+            )
+    kinds = ("differs", "agrees", "certain", "too few", *(["unclear"] if report.count("unclear") else []))
+    lines.append(
+        f"rows: {', '.join(f'{report.count(says)} {says}' for says in kinds)}; {len(report.unvisited)} not visited"
+    )
     return lines
 
 
@@ -74,10 +86,11 @@ def _rows_text(report: Report) -> list[str]:
         lines.append(f"impossible by the model: {row.state} -{row.action}-> {symbol}, {count} times")
     for action, symbol, count in report.impossible[:_SHOWN]:
         lines.append(f"impossible by the model: {symbol} after {action}, {count} times")
-    shown = [row for row in report.rows if row.says == "differs" and row.entries][:_SHOWN]
+    shown = [row for row in report.rows if row.says in {"differs", "unclear"} and row.entries][:_SHOWN]
     if not shown:
         return lines
-    lines += ["", "rows that differ" + " " * 24 + f"visits    model  estimate  {report.level:.0%} interval"]
+    title = "rows that differ, or are unclear" if report.count("unclear") else "rows that differ"
+    lines += ["", f"{title:40}" + f"visits    model  estimate  {report.level:.0%} interval"]
     for row in shown:
         lines.append(f"{row.matrix} {row.action} {row.state}: {_why(row)}")
         lines += [
@@ -95,6 +108,7 @@ def _why(row: RowReport) -> str:
         symbols = ", ".join(symbol for symbol, _ in row.impossible[:_NAMED])
         more = len(row.impossible) - _NAMED
         parts.append(f"{symbols}{f' and {more} more' if more > 0 else ''} followed, impossible by the model")
+    parts += ["unclear"] if row.says == "unclear" else []
     parts += [] if row.p_value is None else [f"p {row.p_value:.2g}"]
     parts += [f"odds {_odds(row.log_odds)}"] if math.isfinite(row.log_odds) else []
     parts += [] if row.loss is None else [f"loss {row.loss:.4g}"]

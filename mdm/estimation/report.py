@@ -9,11 +9,11 @@ import msgspec
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.estimation.agreement import FALSE_DISCOVERIES, LEAST, Verdict, verdicts
+from mdm.estimation.agreement import FALSE_DISCOVERIES, Verdict, verdicts
 from mdm.estimation.chains import Chains, Kind, chains_of
 from mdm.estimation.factors import pool_of
 from mdm.estimation.gibbs import sample
-from mdm.estimation.hidden import Matrices, evidence_of, fit, likelihood_ratios
+from mdm.estimation.hidden import Matrices, alike, evidence_of, fit, joint_odds
 from mdm.estimation.intervals import LEVEL, check_level
 from mdm.estimation.loss import Values, decided_policy, losses
 from mdm.estimation.observations import frequencies
@@ -129,11 +129,21 @@ class FrequencyReport(msgspec.Struct, frozen=True):
 
 
 class FitReport(msgspec.Struct, frozen=True):
-    """Expectation maximisation: the log likelihood by the model in use and by the estimate, and the rounds it took."""
+    """Expectation maximisation, and the test of all rows of T and O together.
+
+    Attributes:
+        before: The log likelihood by the model in use.
+        after: By the estimate.
+        rounds: The number of rounds.
+        log_odds: The natural logarithm of the odds against all of T and O together: `mdm.estimation.hidden.joint_odds`.
+        alike: The states that nothing in the record tells apart by the model, in groups.
+    """
 
     before: float
     after: float
     rounds: int
+    log_odds: float
+    alike: tuple[tuple[str, ...], ...]
 
 
 class Report(msgspec.Struct, frozen=True):
@@ -316,11 +326,15 @@ def _of_hidden(chains: Chains, model: MDP, *, level: float, rate: float, seed: i
     if not evidence.steps:
         raise ModelError(f"no decision of {chains.ensemble!r} follows from another: there is nothing to count")
     fitted = fit(pomdp, evidence)
-    rows = _hidden_rows(pomdp, fitted, sample(pomdp, evidence, fitted, seed=seed, level=level))
-    p_values = _p_values(pomdp, evidence, rows)
+    intervals = sample(pomdp, evidence, fitted, seed=seed, level=level)
+    rows = _hidden_rows(pomdp, fitted, intervals)
+    groups = alike(pomdp, evidence)
+    odds = joint_odds(pomdp, chains.chains, tilted=bool(groups))
+    p_values = [float(intervals.p_values["TO".index(matrix)][row.action, row.state]) for matrix, row in rows]
     told = verdicts([row for _, row in rows], rate=rate, p_values=p_values)
     reports = []
-    for (matrix, row), verdict in zip(rows, told, strict=True):
+    for (matrix, row), said in zip(rows, told, strict=True):
+        verdict = _doubted(said, matrix, row, groups)
         names = pomdp.state_space if matrix == "T" else pomdp.observation_space
         reports.append(_row(matrix, row, verdict, None, pomdp, names))
     notes = ["where states are hidden the loss of value is not computed: mdm evaluate NEW_MODEL POLICY tells it"]
@@ -341,8 +355,19 @@ def _of_hidden(chains: Chains, model: MDP, *, level: float, rate: float, seed: i
         unvisited=_unvisited(model, {(row.action, row.state) for matrix, row in rows if matrix == "T"}),
         rates=(),
         frequencies=_frequencies(pomdp, frequencies(pomdp, evidence)),
+<<<<<<< HEAD
         returns=returns_of(model, chains.chains, in_time=model.discount_of == "second"),
         fit=FitReport(fitted.before, fitted.log_likelihood, fitted.rounds),
+=======
+        returns=returns_of(model, chains.chains),
+        fit=FitReport(
+            fitted.before,
+            fitted.log_likelihood,
+            fitted.rounds,
+            odds,
+            tuple(tuple(pomdp.state_space.names[state] for state in group) for group in groups),
+        ),
+>>>>>>> b7c165c4 (Test hidden T and O together first, and each row by its own posterior)
         impossible=tuple(
             (model.action_space.names[action], _observed(pomdp, symbol), count)
             for action, symbol, count in evidence.impossible
@@ -370,13 +395,14 @@ def _hidden_rows(model: POMDP, fitted: Fit, intervals: Any) -> list[tuple[str, R
     return rows
 
 
-def _p_values(model: POMDP, evidence: Any, rows: Sequence[tuple[str, Row]]) -> list[float | None]:
-    asked = [place for place, (_, row) in enumerate(rows) if row.visits >= LEAST and len(row.symbols) > 1]
-    found = likelihood_ratios(model, evidence, [(rows[p][0], rows[p][1].action, rows[p][1].state) for p in asked])
-    result: list[float | None] = [None] * len(rows)
-    for place, value in zip(asked, found, strict=True):
-        result[place] = value
-    return result
+def _doubted(verdict: Verdict, matrix: str, row: Row, groups: Sequence[tuple[int, ...]]) -> Verdict:
+    """Return no agreement that an interval refutes, and none but doubt of states that are not told apart."""
+    names = {row.state} | (set(row.symbols.tolist()) if matrix == "T" else set())
+    mixed = any(row.state in group or len(names.intersection(group)) > 1 for group in groups)
+    refuted = bool(((row.model < row.low) | (row.model > row.high)).any())
+    if verdict.p_value is not None and (mixed or (refuted and verdict.says == "agrees")):
+        return msgspec.structs.replace(verdict, says="unclear")
+    return verdict
 
 
 def _staying(model: MDP, rows: Iterable[Row]) -> dict[tuple[int, int], float]:

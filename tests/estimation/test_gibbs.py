@@ -68,6 +68,21 @@ def test_intervals_are_those_of_the_posterior_over_all_paths(partly):
         for end, tail in zip(ends, (0.025, 0.975), strict=True):
             reached = float(weights @ scipy.stats.beta.cdf(end, *shapes.T))
             assert abs(reached - tail) < 0.012
+        if rest is not None:  # of two entries, whose tails are the same
+            below = float(weights @ scipy.stats.beta.cdf([0.2, 0.6][place[0]], *shapes.T))
+            assert abs(found.p_values[0][0, place[0]] - 2 * min(below, 1 - below)) < 0.05
+
+
+def test_beyond_all_draws_a_row_is_the_less_likely_the_farther_it_is():
+    told = heard([0] * 41, [0] * 20 + [1] * 20)
+    values = []
+    for right in (0.55, 0.9, 0.99, 0.999):
+        model = POMDP([np.eye(2)], [[[right, 1 - right], [0.5, 0.5]]], np.zeros((2, 1)), discount=0.9,
+                      initial_belief=[1, 0])  # fmt: skip
+        evidence = evidence_of(model, chains_of(told).chains)
+        values.append(sample(model, evidence, fit(model, evidence), sweeps=20).p_values[1][0, 0])
+    assert values[0] > 0.3
+    assert 1e-3 > values[1] > values[2] > values[3] > 1e-200
 
 
 def test_the_same_seed_gives_the_same_intervals_and_what_is_impossible_stays_so():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from hypothesis import given, strategies as st
 
 from mdm import ModelError, ModelWarning, problems
 from mdm.estimation import chains_of, evidence_of, fit
-from mdm.estimation.hidden import Matrices, expected, likelihood_ratios, moves, passes
+from mdm.estimation.hidden import Matrices, alike, expected, joint_odds, moves, passes
 from mdm.models import POMDP, Factor, Space
 
 
@@ -149,21 +149,43 @@ def test_a_model_that_is_too_large_is_refused():
         Matrices.of(problems.rock_sample())
 
 
-def test_a_wrong_row_is_told_by_the_likelihood_and_right_ones_are_not():
-    """The true microphone hears right in 60 %, in place of the 85 % of the model."""
-    tiger = problems.tiger()
-    random = np.random.default_rng(1)
-    actions, symbols, door = [0], [], 0
-    for step in range(600):
-        action = actions[-1]
-        if action:
-            door, right = int(random.integers(2)), 0.5
-        else:
-            right = 0.6
-        symbols.append(door if random.random() < right else 1 - door)
-        actions.append(1 if step % 10 == 9 else 0)
-    evidence = evidence_of(tiger, chains_of(heard(actions, symbols)).chains)
-    listening, opening = likelihood_ratios(tiger, evidence, [("O", 0, 0), ("O", 1, 0)])
-    assert listening < 1e-6
-    assert opening > 1e-2
-    assert likelihood_ratios(tiger, evidence, [("T", 0, 0)]) == [None]
+def rooms(right, *, initial=(0.5, 0.5)):
+    """A robot's door sensor, which is right with a probability, whatever it does."""
+    moved, seen = np.eye(2) * 0.9 + 0.05, np.array([[right, 1 - right], [1 - right, right]])
+    names = {"states": ["open", "shut"], "actions": ["look", "drive"], "observation_names": ["gap", "wall"]}
+    return POMDP([moved] * 2, [seen] * 2, np.zeros((2, 2)), discount=0.9, initial_belief=initial, **names)
+
+
+@pytest.mark.parametrize(("right", "tilted"), [(0.8, False), (0.5, True)])
+def test_who_bets_against_a_model_that_is_right_wins_nothing(right, tilted):
+    """The expectation of the odds is 1, over all that may be observed."""
+    model, actions, total = rooms(right), [0, 1, 0, 0, 1, 0], 0.0
+    for symbols in product((0, 1), repeat=5):
+        chains = chains_of(heard(actions, symbols)).chains
+        chance = sum(chance for _, chance in two_states(model, actions, symbols))
+        total += chance * np.exp(joint_odds(model, chains, tilted=tilted))
+    assert total == pytest.approx(1)
+
+
+def two_states(model, actions, symbols):
+    for path in product(range(2), repeat=len(symbols) + 1):
+        chance = model.initial_belief[path[0]]
+        for action, (before, after), symbol in zip(actions, pairwise(path), symbols, strict=False):
+            chance *= model.transition(action, before, after) * model.observation(action, after, symbol)
+        yield path, chance
+
+
+@pytest.mark.parametrize(
+    ("model", "groups"),
+    [
+        (rooms(0.85), ()),
+        (rooms(0.505), ((0, 1),)),
+        (rooms(0.5), ((0, 1),)),
+        (rooms(0.5, initial=(1.0, 0.0)), ()),  # in the first steps it is known which it is
+        (problems.tiger(), ()),
+    ],
+)
+def test_states_that_nothing_tells_apart_are_named(model, groups):
+    symbols = np.random.default_rng(1).integers(0, 2, 40).tolist()
+    evidence = evidence_of(model, chains_of(heard([0, 0, 1, 0] * 10 + [0], symbols)).chains)
+    assert alike(model, evidence) == groups

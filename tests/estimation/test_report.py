@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 import mdm
 from mdm import ModelError
-from mdm.estimation import as_data, chains_of, rate_intervals, statistics
+from mdm.estimation import as_data, as_text, chains_of, rate_intervals, statistics
 from mdm.estimation.loss import Values
 from mdm.models import MDP, Durations
 
@@ -120,6 +120,47 @@ def test_hidden_states_are_estimated_with_intervals_and_verdicts():
     assert {each.action for each in report.frequencies} == {"listen", "open-left"}
     assert report.model.observation("listen", "tiger-left", "hear-left") == listening.entries[0].estimate
     assert mdm.solve(report.model, iterations=20).policy.num_actions == 3
+
+
+def looked(right, count=360):
+    """Return what a robot hears of a door that stays as it is in nine of ten steps, by a sensor of its own."""
+    random = np.random.default_rng(4)
+    door, symbols = 0, []
+    for _ in range(count):
+        door = door if random.random() < 0.95 else 1 - door
+        symbols.append(door if random.random() < right else 1 - door)
+    return heard([0, 0, 1] * (count // 3) + [0], symbols)
+
+
+def sensor(right):
+    moved, seen = np.eye(2) * 0.9 + 0.05, np.array([[right, 1 - right], [1 - right, right]])
+    names = {"states": ["open", "shut"], "actions": ["look", "drive"], "observation_names": ["gap", "wall"]}
+    return mdm.models.POMDP([moved] * 2, [seen] * 2, np.zeros((2, 2)), discount=0.9, **names)
+
+
+@pytest.mark.parametrize(
+    ("says", "apart"),
+    [
+        (0.85, True),
+        (0.6, True),
+        (0.505, False),
+        pytest.param(0.51, True, marks=pytest.mark.slow),
+        pytest.param(0.5, False, marks=pytest.mark.slow),
+    ],
+)
+def test_no_hidden_row_agrees_that_its_interval_refutes(says, apart):
+    """The sensor is right in 85 %: each row alone, with all others held as in a wrong model, looked right."""
+    report = statistics(looked(0.85), sensor(says))
+    assert (report.fit.log_odds > np.log(1000)) == (says != 0.85)
+    assert report.fit.alike == (() if apart else (("open", "shut"),))
+    for row in report.rows:
+        refuted = any(not entry.low <= entry.model <= entry.high for entry in row.entries)
+        assert row.says in ({"differs", "unclear"} if refuted else {"agrees"}) if apart else row.says == "unclear"
+    assert (report.rows[0].says == "differs") == (says in {0.6, 0.51})
+    text = as_text(report)
+    assert ("these states cannot be told apart by the model in this record: open, shut" in text) == (not apart)
+    assert f"T and O together: the odds against the model are {'10^' if says != 0.85 else ''}" in text
+    assert ("it agrees" in text) == (says == 0.85)
 
 
 def test_the_decisions_of_a_real_loop_agree_with_the_model_that_drives_it():

@@ -59,6 +59,7 @@ class Chains(msgspec.Struct, frozen=True):
         hidden: Whether it decides on observations, so that its states are not known.
         chains: The chains, in their order.
         discarded: The number of decisions that belong to no chain: nothing is known of their state or belief.
+        unused: What else has decided in the records, by file.
     """
 
     ensemble: str
@@ -66,6 +67,7 @@ class Chains(msgspec.Struct, frozen=True):
     hidden: bool
     chains: tuple[Chain, ...]
     discarded: int = 0
+    unused: tuple[str, ...] = ()
 
     @property
     def decisions(self) -> int:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from typing import TYPE_CHECKING
+
+import msgspec
 
 from mdm.errors import ModelError
 from mdm.estimation.chains import chains_of, joined
+from mdm.estimation.teams import Told, joint_decisions
 from mdm.messages import Decision, Mode
-from mdm.recording.names import Names, names_of
+from mdm.recording.names import names_of
 from mdm.recording.reader import Record
-from mdm.recording.stimuli import TRUE_STATE
+from mdm.recording.stimuli import TRUE_STATE, Joined
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -45,74 +49,114 @@ def open_records(paths: Iterable[str | Path]) -> list[Record]:
     return kept
 
 
-def chains_of_records(records: Sequence[Record], ensemble: str | None = None) -> Chains:
-    """Return the chains of an ensemble from the records of one or several runs.
+def chains_of_records(records: Sequence[Record], ensemble: str | None = None, model: MDP | None = None) -> Chains:
+    """Return the chains of an ensemble from the records of one or several runs, of one or several agents.
 
     What cut its stays short is known from them: when it stopped, went safe, or was recorded no more. In a simulated
     world, which tells each time step, its decisions are steps; else see `chains_of`.
 
+    Agents of a communicating team are silent because of what they saw: their decisions are put together from the
+    records of all. Other teams' joint decisions are in the record of each agent, of which one counts.
+
     Args:
-        records: The records, of which those in which it has decided nothing count for nothing.
-        ensemble: Its path; it has to be given where several have decided.
+        records: The records. What is not counted of them is named in the result.
+        ensemble: Its path, or the end of several: ``robot`` is each ``.../robot``, and they are pooled. It has to be
+            given where several have decided.
+        model: Its model, of whose actions an agent of a communicating team has decided a component.
 
     Raises:
-        ModelError: If there are no decisions, or several ensembles and none is named.
+        ModelError: If there are no decisions, or several ensembles and none is named, or the record of an agent of a
+            communicating team is missing.
 
     Example::
 
         chains = chains_of_records([mdm.recording.Record("run.mcap")], "patrol")
         report = mdm.estimation.statistics(chains, model)
     """
-    told = [_Told(record) for record in records]
-    paths = sorted({path for each in told for path in each.ensembles})
+    told = [_told(record) for record in records]
+    paths = sorted({path for each in told for path in each.decisions})
     if not paths:
         raise ModelError(f"there are no decisions in {', '.join(str(record.path) for record in records)}")
     if ensemble is None and len(paths) > 1:
         raise ModelError(f"several ensembles have decided: name one of {', '.join(paths)}")
-    chosen = paths[0] if ensemble is None else ensemble
-    if chosen not in paths:
-        raise ModelError(f"no ensemble {chosen!r} has decided; there is {', '.join(paths)}")
-    return joined([each.chains(chosen) for each in told if chosen in each.ensembles])
+    name = paths[0] if ensemble is None else ensemble
+    chosen = {path for path in paths if _is_meant(path, name)}
+    agreed = {path for each in told for path in each.decisions if each.mode_of(path) == "communicating"}
+    chosen |= {path for path in agreed if any(_is_meant(path, one.rpartition("/")[2]) for one in chosen & agreed)}
+    if not chosen:
+        raise ModelError(f"no ensemble {name!r} has decided; there is {', '.join(paths)}")
+    parts: list[Chains] = []
+    agents: dict[str, list[Told]] = defaultdict(list)
+    for each in told:
+        for path in sorted(chosen & each.decisions.keys()):
+            if each.mode_of(path) is None:
+                parts.append(_chains(each, path))
+            else:
+                agents[path].append(each)
+    if agents and all(each.mode_of(path) == "communicating" for path, several in agents.items() for each in several):
+        parts.append(chains_of(joint_decisions(agents, name, model), kind="steps"))
+    elif agents:
+        most = max(agents, key=lambda path: sum(len(each.decisions[path]) for each in agents[path]))
+        parts += [_chains(each, most) for each in agents[most]]
+        chosen -= agents.keys() - {most}
+    unused = tuple(
+        f"{each.record.path}: {', '.join(rest) if (rest := sorted(each.decisions.keys() - chosen)) else 'no decisions'}"
+        for each in told
+        if not each.decisions or each.decisions.keys() - chosen
+    )
+    return msgspec.structs.replace(joined(parts), ensemble=name, unused=unused)
 
 
-class _Told:
-    """What a record tells of decisions, and of what ends them."""
+def _is_meant(path: str, name: str) -> bool:
+    return path == name or path.endswith(f"/{name}")
 
-    def __init__(self, record: Record) -> None:
-        self._record = record
-        self._decisions: list[Decision] = []
-        self._modes: list[Mode] = []
-        wanted = [topic for topic in ("decisions", "modes") if topic in record.topics]
-        for each in record.messages(wanted):
-            if isinstance(each.message, Decision):
-                self._decisions.append(each.message)
-            elif isinstance(each.message, Mode):
-                self._modes.append(each.message)
-        self.ensembles = {decision.ensemble for decision in self._decisions}
 
-    def chains(self, ensemble: str) -> Chains:
-        """Return the chains of an ensemble."""
-        stops = [mode.since for mode in self._modes if mode.ensemble == ensemble and mode.mode != "deciding"]
-        span = self._record.span
-        assert span is not None  # there are decisions
-        stepped = f"{ensemble}/{TRUE_STATE}" in self._record.topics
-        hidden = all(decision.state is None for decision in self._decisions if decision.ensemble == ensemble)
-        return chains_of(
-            self._decisions,
-            ensemble=ensemble,
-            kind="steps" if stepped and not hidden else None,
-            stops=[*stops, span[1]],
-        )
+def _told(record: Record) -> Told:
+    """Return what a record tells of decisions, and of what ends them."""
+    told = Told(record)
+    wanted = [topic for topic in ("decisions", "modes") if topic in record.topics]
+    for each in record.messages(wanted):
+        if isinstance(each.message, Decision):
+            told.decisions.setdefault(each.message.ensemble, []).append(each.message)
+        elif isinstance(each.message, Mode) and each.message.mode != "deciding":
+            told.stops.setdefault(each.message.ensemble, []).append(each.message.since)
+    if told.decisions and "stimuli" in record.topics:
+        for each in record.messages(["stimuli", "decisions"]):
+            if isinstance(each.message, Joined):
+                told.agent, told.facts = each.message.agent, each.message.facts
+            if isinstance(each.message, Joined | Decision):
+                break
+    return told
+
+
+def _chains(told: Told, ensemble: str) -> Chains:
+    """Return the chains of an ensemble from one record."""
+    span = told.record.span
+    assert span is not None  # there are decisions
+    stepped = f"{ensemble}/{TRUE_STATE}" in told.record.topics
+    hidden = all(decision.state is None for decision in told.decisions[ensemble])
+    return chains_of(
+        told.decisions[ensemble],
+        kind="steps" if stepped and not hidden else None,
+        stops=[*told.stops.get(ensemble, []), span[1]],
+    )
 
 
 def check_names(records: Iterable[Record], ensemble: str, model: MDP) -> None:
     """Check that a model has the states, actions and observations that an ensemble had in its runs.
 
+    Args:
+        records: The records.
+        ensemble: See `chains_of_records`.
+        model: The model.
+
     Raises:
         ModelError: With the first difference.
     """
-    for record in records:
-        names = names_of(record).get(ensemble, Names())
+    named = [
+        (record, names) for record in records for path, names in names_of(record).items() if _is_meant(path, ensemble)
+    ]
+    for record, names in named:
         difference = (
             _difference("action", names.actions, model.action_space)
             or _difference("state", names.states, model.state_space)

@@ -278,7 +278,7 @@ def _of_states(
     rows = transition_rows(model, counted(stays), chains.kind, level=level)
     staying = _staying(model, rows) if jumps else {}
     found = rates_of(model, stays, level=level) if jumps else ()
-    notes: list[str] = []
+    notes = [f"not counted: {each}" for each in chains.unused]
     value, lost = _losses(model, chains, rows, staying, policy, notes)
     pool = pool_of(model, stays, chains.kind)
     base = model if pool is None else pool.model()
@@ -337,7 +337,14 @@ def _of_hidden(chains: Chains, model: MDP, *, level: float, rate: float, seed: i
         verdict = _doubted(said, matrix, row, groups)
         names = pomdp.state_space if matrix == "T" else pomdp.observation_space
         reports.append(_row(matrix, row, verdict, None, pomdp, names))
-    notes = ["where states are hidden the loss of value is not computed: mdm evaluate NEW_MODEL POLICY tells it"]
+    notes = [f"not counted: {each}" for each in chains.unused]
+    notes.append("where states are hidden the loss of value is not computed: mdm evaluate NEW_MODEL POLICY tells it")
+    partly = sum(isinstance(each.observation, tuple) and None in each.observation for each in _followers(chains))
+    if partly:
+        notes.append(
+            f"in {partly} of {evidence.steps} steps a part of the observation is missing: it counts as missing by "
+            f"chance, as of a link, and not because of what was seen"
+        )
     if pomdp.event_observations:
         notes.append("observations of events, P(o | s, a, s'), are those of the model; T alone was estimated")
     durations = _durations(model, chains, notes)
@@ -376,6 +383,10 @@ def _of_hidden(chains: Chains, model: MDP, *, level: float, rate: float, seed: i
         model=replaced(model.flatten(), list(fitted.transitions), seen),
         durations=durations,
     )
+
+
+def _followers(chains: Chains) -> Iterable[Decision]:
+    return (decision for chain in chains.chains for decision in chain.decisions[1:])
 
 
 def _hidden_rows(model: POMDP, fitted: Fit, intervals: Any) -> list[tuple[str, Row]]:

@@ -11,7 +11,7 @@ from records import Writing, decision, written
 from sentences import refused
 
 from mdm import ModelError
-from mdm.estimation import chains_of_records, check_names, open_records
+from mdm.estimation import chains_of_records, check_names, open_records, statistics
 from mdm.messages import Mode
 from mdm.models import MDP
 from mdm.recording import Record
@@ -117,6 +117,22 @@ def test_an_ensemble_is_named_where_several_have_decided(tmp_path):
         chains_of_records(opened)
     with refused(ModelError):
         chains_of_records(opened, "tpo")
+
+
+def test_the_end_of_a_path_pools_robots_and_what_is_not_counted_is_named(tmp_path):
+    first, second, third = records(
+        tmp_path,
+        [*told(0, 1, ensemble="ada/robot"), *told(0, ensemble="ada/top")],
+        told(0, 1, 2, ensemble="bob/robot"),
+        told(0, 1, ensemble="autorobot"),
+    )
+    opened = open_records([first, second, third])
+    pooled = chains_of_records(opened, "robot")
+    assert (pooled.ensemble, [len(chain.decisions) for chain in pooled.chains]) == ("robot", [2, 3])
+    assert pooled.unused == (f"{first}: ada/top", f"{third}: autorobot")
+    assert chains_of_records(opened, "ada/robot").unused[1] == f"{second}: bob/robot"
+    report = statistics(pooled, MDP([np.full((3, 3), 1 / 3)] * 2, np.zeros((3, 2)), discount=0.9))
+    assert f"not counted: {third}: autorobot" in report.notes
 
 
 def test_runs_in_which_it_has_not_decided_count_for_nothing(tmp_path):

@@ -164,9 +164,12 @@ def add_statistics(verbs: Any, line: str) -> None:
         ),
         epilog="example: mdm statistics run.mcap --model top.pomdpx --ensemble top -o new.npz --durations times.npz",
     )
-    parser.add_argument("files", metavar="FILE", nargs="+", help="the record; several are runs of the same ensemble")
+    parser.add_argument(
+        "files", metavar="FILE", nargs="+", help="the record; several are runs, or agents, that are pooled"
+    )
     parser.add_argument("--model", metavar="M", required=True, help="the model that the ensemble had")
-    parser.add_argument("--ensemble", metavar="PATH", help="the ensemble, where several have decided")
+    told = "the ensemble, where several have decided: robot is each .../robot, in all records"
+    parser.add_argument("--ensemble", metavar="PATH", help=told)
     parser.add_argument("-o", "--output", metavar="NEW_MODEL", help="write the model estimated anew")
     parser.add_argument(
         "--durations", metavar="OUT.npz", help="write how long actions take, for --durations of mdm solve"

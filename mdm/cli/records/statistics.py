@@ -33,8 +33,9 @@ def run(arguments: argparse.Namespace) -> int:
     inputs = [arguments.model, *(path for record in records for path in record.paths)]
     for target in filter(None, (arguments.output, arguments.durations)):
         check_place(target, *inputs)
-    chains = chains_of_records(records, arguments.ensemble)
-    model = _model(arguments, records, chains)
+    given = load(arguments.model, arguments.discount, arguments.discount_of)
+    chains = chains_of_records(records, arguments.ensemble, given)
+    model = _model(arguments, given, records, chains)
     report = statistics(chains, model, step=arguments.step, level=arguments.level, seed=arguments.seed or 0)
     if arguments.durations is not None and report.durations is None:
         raise Error(f"{arguments.durations}: there are no durations to write: {_why_none(chains)}")
@@ -61,9 +62,8 @@ def _check_targets(output: str | None, durations: str | None) -> None:
         raise UsageError("--durations and -o are the same file")
 
 
-def _model(arguments: argparse.Namespace, records: Sequence[Record], chains: Chains) -> MDP:
+def _model(arguments: argparse.Namespace, given: MDP, records: Sequence[Record], chains: Chains) -> MDP:
     """Return the model as the ensemble had it: with the observations of what it sees of the state, or without."""
-    given = load(arguments.model, arguments.discount, arguments.discount_of)
     seen = revealed(given)
     if seen is not given and chains.hidden:
         with suppress(ModelError):

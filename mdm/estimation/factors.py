@@ -9,6 +9,9 @@ networks*, Uncertainty in Artificial Intelligence, 2002).
 
 A row of the old model weighs as much as one visit, or as the seconds of one of its time steps. How long these are is
 told by the record: as long as the model needs to leave its states as often as they were left.
+
+The new model is a network as well, with the structure of the old one, a table for each factor over its parents and its
+own value. Rates become the probabilities after a step, expm(Q * step), while the other factors are as before it.
 """
 
 from __future__ import annotations
@@ -19,9 +22,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mdm.estimation.reestimation import WEIGHT, rewritten
+from mdm.estimation.reestimation import WEIGHT
 from mdm.estimation.rows import support
-from mdm.models.factored.two_slice import Node
+from mdm.models.factored.model import FactoredMDP, FactoredPOMDP
+from mdm.models.factored.two_slice import Node, Table, TwoSliceNetwork
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -29,8 +33,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from mdm.estimation.chains import Kind, Stay
-    from mdm.estimation.rates import Rates
-    from mdm.models.factored.two_slice import TwoSliceNetwork
+    from mdm.models.factored.two_slice import Potential
     from mdm.models.matrices import Vector
     from mdm.models.mdp import MDP
 
@@ -52,7 +55,7 @@ def pool_of(model: MDP, stays: Iterable[Stay], kind: Kind) -> Pool | None:
         kind: Of the chains.
     """
     network = model.network
-    if network is None or len(network.states.factors) < 2:
+    if network is None or len(network.states.factors) < 2 or type(model) not in {FactoredMDP, FactoredPOMDP}:
         return None
     if any(len([node for node in each.scope if node.role == "next_state"]) > 1 for each in network.transitions):
         return None
@@ -87,6 +90,7 @@ class Pool:
 
     def __init__(self, model: MDP, network: TwoSliceNetwork, stays: Sequence[Stay], kind: Kind, step: float) -> None:
         self.step = step
+        self._model = model
         self._flat = model.flatten()
         self._network = network
         self._kind = kind
@@ -145,17 +149,46 @@ class Pool:
             weights *= self._chances(key)[after]
         return symbols, weights
 
-    def model(self) -> MDP:
-        """Return the model whose rows are made from the factors; of jumps, its probabilities of staying are the old."""
-        changes: dict[int, list[tuple[int, npt.NDArray[np.intp], Vector]]] = {}
-        for action in range(len(self._flat.action_space)):
-            matrix = self._flat.transition_matrix(action)
-            for state in range(len(self._flat.state_space)):
-                symbols, weights = self.weights(action, state)
-                if weights.sum() > 0:
-                    rest = 1 - float(matrix[state, state]) if self._kind == "jumps" else 1.0
-                    changes.setdefault(action, []).append((state, symbols, rest * weights / weights.sum()))
-        return rewritten(self._flat, changes)
+    def model(self, step: float | None = None) -> MDP:
+        """Return the network whose tables are made from what was counted.
+
+        Args:
+            step: Of jumps, the seconds of its time step; by default the model's.
+        """
+        old = self._network
+        tables = [self._table(place, each, step or self.step) for place, each in enumerate(old.transitions)]
+        new = TwoSliceNetwork(
+            old.states,
+            old.actions,
+            old.observations,
+            initial=old.initial,
+            transitions=tables,
+            observation=old.observation,
+            utilities=old.utilities,
+            fully_observed=old.fully_observed,
+            event_observations=old.event_observations,
+        )
+        made = type(self._model)(new, discount=self._model.discount, sparse=self._model.sparse)  # type: ignore[call-arg, arg-type]
+        return made.with_false_negatives(self._model.false_negative).timed_as(self._model)
+
+    def _table(self, place: int, potential: Potential, step: float) -> Table:
+        """Return the distribution of a factor over its parents, its own value, and its next value."""
+        from scipy.linalg import expm  # noqa: PLC0415 - slow to import
+
+        own, child, size = Node("state", place), Node("next_state", place), self._sizes[place]
+        scope = [*(node for node in potential.scope if node not in {own, child}), own]
+        sizes = [len(self._network.factor(node)) for node in scope]
+        grid = [axis.ravel() for axis in np.indices(sizes)]
+        rows = potential.rows(dict(zip(scope, grid, strict=True)), len(grid[0]), child, size).reshape(-1, size, size)
+        new = np.empty(rows.shape)
+        for number, before in enumerate(rows):  # by own value, of the same parents
+            after = np.array([self._chances((place, value, tuple(row.tolist()))) for value, row in enumerate(before)])
+            if self._kind == "jumps":
+                np.fill_diagonal(after, 0.0)
+                rates = after / self.step
+                after = np.where(before > 0, expm(step * (rates - np.diag(rates.sum(axis=1)))), 0.0)
+            new[number] = after / after.sum(axis=1, keepdims=True)
+        return Table([*scope, child], new.reshape(*sizes, size))
 
     def lasting(self) -> Vector:
         """Return how long each state lasts under each action by the rates of its factors, S x A; 0 for ever."""
@@ -164,23 +197,4 @@ class Pool:
         for state, action in np.ndindex(*result.shape):
             total = float(self.weights(action, state)[1].sum())
             result[state, action] = self.step / total if total > 0 else 0.0
-        return result
-
-    def generators(self, found: Iterable[Rates]) -> dict[int, Vector]:
-        """Return Q of each action, S x S: jumps by the time exposed, beside a step of the rates of the factors."""
-        seen = {(each.action, each.state): each for each in found}
-        size = len(self._flat.state_space)
-        result = {}
-        for action in range(len(self._flat.action_space)):
-            generator = np.zeros((size, size))
-            for state in range(size):
-                symbols, weights = self.weights(action, state)
-                rates = weights / self.step
-                if (row := seen.get((action, state))) is not None:
-                    counts = np.zeros(size)
-                    counts[row.symbols] = row.counts
-                    rates = (counts[symbols] + weights) / (row.holding.exposure + self.step)
-                generator[state, symbols] = rates
-                generator[state, state] = -rates.sum()
-            result[action] = generator
         return result

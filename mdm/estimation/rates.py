@@ -281,29 +281,16 @@ def _lasts(held: Holding) -> bool:
     return held.ends > 0 and held.mean > 0
 
 
-def transitions_after(
-    model: MDP,
-    found: Iterable[Rates],
-    step: float,
-    generators: Mapping[int, Vector] | None = None,
-) -> Mapping[int, Matrix]:
+def transitions_after(model: MDP, found: Iterable[Rates], step: float) -> Mapping[int, Matrix]:
     """Return P(s' | s, a) after a step of some seconds, expm(Q * step), for each action of which there are rates.
 
     Args:
         model: The model.
         found: The rates that were seen; those that were not are the model's to first order, (T - I) / step.
         step: The seconds that a time step of the model stands for.
-        generators: In place of these, Q of each action.
-
-    Raises:
-        ModelError: If a step takes no time.
     """
     from scipy.linalg import expm  # noqa: PLC0415 - slow to import
 
-    if not (math.isfinite(step) and step > 0):
-        raise ModelError(f"a time step of the model takes more than 0 seconds, not {step:g}")
-    if generators is not None:
-        return {action: np.asarray(expm(generator * step)) for action, generator in generators.items()}
     flat, size = model.flatten(), len(model.state_space)
     by_action: dict[int, list[Rates]] = defaultdict(list)
     for each in found:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from mdm.estimation.rows import Row
     from mdm.models.matrices import Matrix
 
-__all__ = ["WEIGHT", "blended", "expected_reward", "reestimated", "replaced", "rewritten"]
+__all__ = ["WEIGHT", "blended", "expected_reward", "reestimated", "replaced"]
 
 WEIGHT = 1.0
 """The visits that a row of the old model weighs as much as."""
@@ -62,11 +62,6 @@ def reestimated(model: MDP, transitions: Iterable[Row], observations: Iterable[R
             changes.setdefault(row.action, []).append((row.state, row.symbols, new))
     seen = None if flat.pomdp is None or flat.event_observations else _seen(flat.pomdp, observations)
     return _changed(flat, changes, seen)
-
-
-def rewritten(flat: MDP, changes: Changes) -> MDP:
-    """Return a flat model with other rows of T: by action, states with the states that follow, and probabilities."""
-    return _changed(flat, changes, None if flat.pomdp is None or flat.event_observations else _seen(flat.pomdp, ()))
 
 
 def _changed(flat: MDP, changes: Changes, observations: Sequence[Matrix] | None) -> MDP:

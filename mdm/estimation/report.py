@@ -280,19 +280,22 @@ def _of_states(
     found = rates_of(model, stays, level=level) if jumps else ()
     notes = [f"not counted: {each}" for each in chains.unused]
     value, lost = _losses(model, chains, rows, staying, policy, notes)
+    if step is not None and not jumps:
+        raise ModelError("a step in seconds is for rates, of an ensemble that decides when its state changes")
+    if step is not None and not (math.isfinite(step) and step > 0):
+        raise ModelError(f"a time step of the model takes more than 0 seconds, not {step:g}")
     pool = pool_of(model, stays, chains.kind)
-    base = model if pool is None else pool.model()
-    new = reestimated(base, rows)
+    if pool is not None:
+        new = pool.model(step)
+    else:
+        new = reestimated(model, rows) if step is None else _after(model, found, step)
     if step is not None:
-        if not jumps:
-            raise ModelError("a step in seconds is for rates, of an ensemble that decides when its state changes")
         if isinstance(model.discount_of, float) and model.discount_of != step:
             raise ModelError(f"a step of the model is {model.discount_of:g} s, not {step:g} s")
-        new = _after(model, found, step, pool)
         steps = step if model.discount_of == "second" else 1.0
         new = new.with_discount(model.discount**steps, of=step)
     told = verdicts(rows, rate=rate)
-    durations = _durations(model, chains, notes, pool) if step is None else Durations(step, MOST_STAGES)
+    durations = _durations(new, chains, notes, pool) if step is None else Durations(step, MOST_STAGES)
     names = model.state_space
     reports = [_row("T", row, verdict, loss, model, names) for row, verdict, loss in zip(rows, told, lost, strict=True)]
     return Report(
@@ -347,6 +350,8 @@ def _of_hidden(chains: Chains, model: MDP, *, level: float, rate: float, seed: i
         )
     if pomdp.event_observations:
         notes.append("observations of events, P(o | s, a, s'), are those of the model; T alone was estimated")
+    if model.network is not None:
+        notes.append("where states are hidden rows are estimated one by one: the new model is flat, and no network")
     durations = _durations(model, chains, notes)
     seen = None if pomdp.event_observations else list(fitted.observations)
     return Report(
@@ -441,19 +446,17 @@ def _losses(
     return values.start, losses(model, values, rows, staying)
 
 
-def _after(model: MDP, found: Iterable[Rates], step: float, pool: Pool | None) -> MDP:
+def _after(model: MDP, found: Iterable[Rates], step: float) -> MDP:
     """Return the model whose rows are those of rates after a step, on its support."""
     flat, listed = model.flatten(), list(found)
-    after = transitions_after(model, listed, step, None if pool is None else pool.generators(listed))
-    seen = {(each.action, each.state) for each in listed}
+    after = transitions_after(model, listed, step)
     rows = []
-    for action, matrix in after.items():
-        for state in range(len(flat.state_space)):
-            if pool is not None or (action, state) in seen:
-                symbols, probability = support(flat.transition_matrix(action), state)
-                shares = matrix[state, symbols] / matrix[state, symbols].sum()
-                # So many visits that the old row, which counts as one, tells nothing.
-                rows.append(Row(action, state, symbols, probability, shares * 1e12, shares, shares, shares))
+    for each in listed:
+        symbols, probability = support(flat.transition_matrix(each.action), each.state)
+        shares = after[each.action][each.state, symbols]
+        shares = shares / shares.sum()
+        # So many visits that the old row, which counts as one, tells nothing.
+        rows.append(Row(each.action, each.state, symbols, probability, shares * 1e12, shares, shares, shares))
     return reestimated(model, rows)
 
 

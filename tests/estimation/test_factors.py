@@ -68,9 +68,21 @@ def test_jumps_are_rates_of_each_factor_by_the_time_exposed():
     shut = (1 + 0.125) * step / (7 + step)
     assert weights == pytest.approx([off * shut, off, shut])
     assert pool.lasting()[3, 1] == pytest.approx(step / (off * shut + off + shut))
-    row = pool.model().transition("look", "on open")
-    assert row[3] == pytest.approx(flat[3, 3])  # the old probability of staying
-    assert row[:3] / row[:3].sum() == pytest.approx(weights / weights.sum())
+    lamp = np.array([[-0.25 / (3 + step), 0.25 / (3 + step)], [1.1 / (6 + step), -1.1 / (6 + step)]])
+    door = np.array([[-1.5 / (2 + step), 1.5 / (2 + step)], [1.125 / (7 + step), -1.125 / (7 + step)]])
+    new = pool.model()
+    assert isinstance(new, FactoredMDP)
+    for seconds, made in ((step, new), (2.0, pool.model(2.0))):
+        expected = np.kron(expm(lamp * seconds), expm(door * seconds))
+        assert made.transition_matrix("look") == pytest.approx(expected)
+
+
+def test_the_new_model_of_a_network_is_one_with_its_structure():
+    told = visits(wandering(network(0.4).transition_matrix("wait"), 200, seed=1))
+    new = statistics(told, network(0.05), kind="steps").model
+    assert isinstance(new, FactoredMDP)
+    assert [set(each.scope) for each in new.network.transitions] == [{LAMP, NEXT[0]}, {DOOR, NEXT[1]}]
+    assert new.rewards.tolist() == network(0.05).rewards.tolist()
 
 
 def test_a_step_in_seconds_makes_probabilities_of_all_actions():

@@ -13,7 +13,7 @@ from estimated import lived, visits
 from hypothesis import given, strategies as st
 
 from mdm import ModelError
-from mdm.estimation import Stay, chains_of, durations_of, moran, rates_of
+from mdm.estimation import Stay, chains_of, durations_of, moran, rates_of, statistics
 from mdm.estimation.rates import erlang, holding, transitions_after
 from mdm.models import MDP, Durations
 
@@ -170,7 +170,7 @@ def _with(rates, rate):
 
 def test_a_step_takes_time():
     with pytest.raises(ModelError, match="takes more than 0 seconds, not 0"):
-        transitions_after(MODEL, [], 0)
+        statistics(visits([0, 1, 0]), MODEL, step=0.0)
 
 
 def test_times_are_added_without_error():

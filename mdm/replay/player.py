@@ -56,6 +56,7 @@ class Player:
         tolerance: By how much numbers may differ.
         most: How many differences are kept.
         now: Returns the time of the replay.
+        by_time: Whether decisions are compared with those of their time, and not of their number.
 
     Attributes:
         differences: Those found so far, in the order of the record's decisions.
@@ -77,6 +78,7 @@ class Player:
         tolerance: float,
         most: int,
         now: Callable[[], int],
+        by_time: bool = False,
     ) -> None:
         self.differences: list[Difference] = []
         self.found: list[int] = []
@@ -102,7 +104,7 @@ class Player:
         within = (each.time for each in stimuli if isinstance(each, Finished) and each.within)
         self._ending = next(within, math.inf)
         self.since: deque[Stimulus] = deque(maxlen=_SINCE)
-        self._tolerance, self._most = tolerance, most
+        self._tolerance, self._most, self._by_time = tolerance, most, by_time
         self._expected: dict[str, deque[tuple[int, Decision, int]]] = defaultdict(deque)
         # Those that should have been made by now, and were not: what had led there, by their numbers.
         self._overdue: dict[int, tuple[Stimulus, ...]] = {}
@@ -367,13 +369,19 @@ class Player:
         if not expected and now >= self._ending:
             return
         self.made.append(now)
-        if not expected:
+        while self._by_time and expected and expected[0][1].time < time:
+            number, recorded, by = expected.popleft()
+            self.missed_by.append(by)
+            self._differ(Difference(number, recorded, None, (), tuple(self.since)), by)
+        if not expected or (self._by_time and expected[0][1].time > time):
             self._differ(Difference(self._next, None, made, (), tuple(self.since)), now)
             return
         number, recorded, _ = expected.popleft()
         self.paired.append(now)
         self._next = number + 1
         fields = unlike(recorded, made, self._tolerance)
+        if self._by_time:
+            fields = tuple(field for field in fields if field != "epoch")
         if fields:
             self._differ(Difference(number, recorded, made, fields, tuple(self.since)), now)
 

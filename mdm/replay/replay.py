@@ -136,6 +136,7 @@ def replay(
     most: int = 100,
     transports: Mapping[str, ReplayTransport] = {},
     listen: Callable[[Runtime], object] = lambda _: None,
+    by_time: bool = False,
 ) -> Replayed:
     """Run what a record has once more, in virtual time, and compare every decision.
 
@@ -146,11 +147,12 @@ def replay(
         most: How many differences are kept; at the last of them the replay ends.
         transports: Of agents of a team, those that `transports_of` returned, with which their members were built.
         listen: Called with the runtime before it begins, to subscribe to channels that the record does not keep.
+        by_time: Compare decisions with those of their time, as of another configuration, and not of their number.
 
     Raises:
         Error: If the record has no beginning, or an actor ticks at times at which it did not.
     """
-    run_again = _Again(record if isinstance(record, Record) else Record(record), actors, transports, most)
+    run_again = _Again(record if isinstance(record, Record) else Record(record), actors, transports, most, by_time)
 
     async def main() -> None:
         await run_again.play(listen)
@@ -237,6 +239,7 @@ class _Again:
         actors: Actor | Sequence[Actor],
         transports: Mapping[str, ReplayTransport],
         most: int,
+        by_time: bool = False,
     ) -> None:
         check_beginning(record)
         self.stimuli, decisions = _contents(record)
@@ -246,7 +249,9 @@ class _Again:
         self.clock = ReplayClock(int(record.head["epoch"]))
         self._exact = all(record.head.get(name) == now[name] for name in _BITS)
         tolerance = 0.0 if self._exact else 1e-9
-        self._player = Player(self.stimuli, decisions, tolerance=tolerance, most=most, now=self.clock.now)
+        self._player = Player(
+            self.stimuli, decisions, tolerance=tolerance, most=most, now=self.clock.now, by_time=by_time
+        )
         for name, facts in record.metadata.items():
             if name.startswith("ensemble ") and "draws" in facts:
                 self._player.draw_from(name.removeprefix("ensemble "), facts["draws"])

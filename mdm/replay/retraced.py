@@ -15,10 +15,12 @@ from mdm.errors import Error
 from mdm.messages import Decision
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
     from mdm.controller import Controller, Step
     from mdm.recording import Record
 
-__all__ = ["decisions_of", "found", "retraced"]
+__all__ = ["decisions_of", "found", "redecided", "retraced"]
 
 _CLOSE = 1e-9
 _UPDATING = {"observation", "tick", "state"}
@@ -85,23 +87,53 @@ def _listed(decisions: list[Decision], start: int) -> str:
     return ", ".join(told) + (", ..." if len(decisions) > 5 else "")
 
 
-def retraced(controller: Controller, decisions: list[Decision], place: int) -> Step:
+def retraced(controller: Controller, decisions: list[Decision], place: int, *, otherwise: bool = False) -> Step:
     """Return a decision of a record as a step, which explains itself.
 
     Args:
         controller: One of the same model, policy and options, which is not in use.
         decisions: Those of its ensemble.
         place: Which one.
+        otherwise: Whether the controller is another one, and chooses what it would have decided.
 
     Raises:
         ModelError: If a decision is none of this controller's.
     """
     first = next((at for at in range(place, -1, -1) if decisions[at].epoch <= 0), 0)
-    controller.reset()
     step: Step | None = None
-    for decision in decisions[first : place + 1]:
+    for number, decision in enumerate(_followed(controller, decisions[first : place + 1]), first):
+        step = controller.decide(None if otherwise and number == place else decision.action)
+    if step is None:
+        raise Error("the decision was not made by this ensemble's policy")
+    return step
+
+
+def redecided(controller: Controller, decisions: list[Decision]) -> Iterator[tuple[Decision, Step]]:
+    """Yield each decision with what another controller decides in the same state, or on the same belief.
+
+    Each is decided by itself: what follows is what has followed in the run, whatever the controller decides.
+
+    Args:
+        controller: Another one of as many states, actions and observations, which is not in use.
+        decisions: Those of its ensemble.
+
+    Raises:
+        ModelError: If the controller does not know a state or an observation.
+    """
+    for decision in _followed(controller, decisions):
+        step = controller.decide()
+        controller.last_action = decision.action
+        yield decision, step
+
+
+def _followed(controller: Controller, decisions: Iterable[Decision]) -> Iterator[Decision]:
+    """Yield the decisions of a controller, which has taken in then what each was made on."""
+    controller.reset()
+    for decision in decisions:
         if decision.epoch < 0:
             continue
+        if decision.epoch == 0:
+            controller.reset()
         if controller.takes == "state":
             controller.advance(decision.state)
         elif decision.cause in _UPDATING and controller.last_action is not None:
@@ -110,10 +142,7 @@ def retraced(controller: Controller, decisions: list[Decision], place: int) -> S
             controller.continue_at(decision.epoch)
         if decision.belief is not None and not _alike(controller.belief, decision.belief):
             controller.believe(decision.belief)
-        step = controller.decide(decision.action)
-    if step is None:
-        raise Error("the decision was not made by this ensemble's policy")
-    return step
+        yield decision
 
 
 def _alike(one: np.ndarray | None, other: np.ndarray) -> bool:

@@ -52,7 +52,8 @@ def add_replay(verbs: Any, line: str) -> None:
             "Run what a record has once more, in virtual time and as fast as it goes, with the configuration in the "
             "record, and compare every decision: exactly in the same environment, else actions exactly and numbers to "
             "1e-9. The first difference is told with what led to it. No function of the configuration is called. With "
-            "--config, another configuration is compared: which decisions it would have made otherwise. Of a folder, "
+            "--config, another configuration is compared: which decisions it would have made otherwise, also each by "
+            "itself, in the same state or on the same belief, as a table by state. Of a folder, "
             "each agent's record is replayed, and what it received compared with what the replays of the others sent; "
             "with --config, it tells what the team would have decided otherwise, and from when on that cannot be told. "
             "The exit status is 1 where a decision or a message differs, or something cannot be told."
@@ -120,8 +121,8 @@ def add_explain(verbs: Any, line: str) -> None:
         description=(
             "Say in words why a decision in a record was made: the values of all actions, by how much the chosen one "
             "was ahead, the observation that moved that most, the smallest change that would have decided otherwise, "
-            "and what was expected next. The model and the policy are those in the record, or of --config. No function "
-            "of the configuration is called."
+            "and what was expected next. The model and the policy are those in the record, or of --config: "
+            "of others it is explained what they would decide. No function of the configuration is called."
         ),
         epilog="example: mdm explain run.mcap --at 12.5s",
     )

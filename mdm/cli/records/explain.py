@@ -37,38 +37,44 @@ def run(arguments: argparse.Namespace) -> int:
             raise Error(
                 f"{record.path}: the configuration has no ensemble {decision.ensemble!r}: a task has started it"
             )
-        _check(record, ensemble, given=arguments.config is not None)
-        step = retraced(ensemble.controller, decisions, place)
+        other = _difference(record, ensemble, given=arguments.config is not None)
+        step = retraced(ensemble.controller, decisions, place, otherwise=other is not None)
         explanation = explain(named(ensemble, step.case(arguments.last or 10)))
     start = 0 if record.span is None else record.span[0]
     second = (decision.time - start) / 1e9
     if arguments.json:
-        print(as_json(_facts(decision, second, explanation) | {"flaws": record.flaws}))
+        facts = {} if other is None else {"configuration": other, "decided": decision.action_name}
+        print(as_json(_facts(decision, second, explanation) | facts | {"flaws": record.flaws}))
     else:
         print(f"{decision.ensemble} at {second:.6g} s, because of: {decision.cause}.")
+        if other is not None:
+            print(f"By another configuration, as it would decide now ({other}); decided was {decision.action_name!r}.")
         print(explanation)
         for sentence in record.flaws:
             print(sentence)
     return 0
 
 
-def _check(record: Record, ensemble: Ensemble, *, given: bool) -> None:
-    """Refuse to explain a decision by another model or policy than decided.
+def _difference(record: Record, ensemble: Ensemble, *, given: bool) -> str | None:
+    """Return what differs of the model, policy or options that decided, where they were given; None if nothing does.
 
     Raises:
-        Error: If it is another one.
+        Error: If they are the record's own, which are read otherwise now.
     """
     path, controller = ensemble.path, ensemble.controller
     facts = record.metadata.get(f"ensemble {path}", {})
     known, now = facts.get("configuration"), controller.configuration
-    if known is not None and known != now:
-        told = (different_entry(record, {path: ensemble}) if given else None) or different_part(facts, controller)
-        digests = f"digest {now[:12]}, then {known[:12]}"
-        whose = "of --config" if given else f"in the record, as mdm {record.head['mdm']} has read them"
-        raise Error(
-            f"{record.path}: model, policy or options {whose} are not those that decided in {path!r} "
-            f"({digests if told is None else told}): what they say of its decisions would explain nothing"
-        )
+    if known is None or known == now:
+        return None
+    told = (different_entry(record, {path: ensemble}) if given else None) or different_part(facts, controller)
+    digests = f"digest {now[:12]}, then {known[:12]}"
+    if given:
+        return told or digests
+    raise Error(
+        f"{record.path}: model, policy or options in the record, as mdm {record.head['mdm']} has read them, are not "
+        f"those that decided in {path!r} ({digests if told is None else told}): what they say of its decisions would "
+        f"explain nothing"
+    )
 
 
 def _facts(decision: Decision, second: float, explanation: Explanation) -> dict[str, object]:

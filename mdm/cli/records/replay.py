@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 import tempfile
+from collections import Counter, defaultdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mdm.cli.report import as_json
 from mdm.config.rebuilt import rebuilt_to_compare, replay_team
 from mdm.config.recorded import different_entry, different_part
+from mdm.errors import ModelError
 from mdm.recording import Record, records_of
+from mdm.recording.names import Names, names_of
 from mdm.replay import replay
+from mdm.replay.retraced import decisions_of, redecided
 from mdm.texts import counted
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from mdm.actors import Ensemble
+    from mdm.messages import Decision
     from mdm.replay import Replayed, Together
 
 __all__ = ["run"]
+
+_ROWS = 20
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -32,18 +39,74 @@ def run(arguments: argparse.Namespace) -> int:
 def _replay_one(record: Record, arguments: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory() as folder:
         run = rebuilt_to_compare(record, folder, arguments.config)
-        result = replay(record, run.actors, transports=run.transports, most=_most(arguments))
-    entry = None if arguments.config is None else _different(record, run.ensembles)
+        other = arguments.config is not None
+        result = replay(record, run.actors, transports=run.transports, most=_most(arguments), by_time=other)
+        table = _redecided(record, run.ensembles) if other else None
+    entry = _different(record, run.ensembles) if other else None
     epoch = int(record.head["epoch"])
     if arguments.json:
-        print(as_json(_facts(result, epoch) | ({} if entry is None else {"entry": entry})))
+        facts = {} if table is None else {"redecided": table}
+        print(as_json(_facts(result, epoch) | facts | ({} if entry is None else {"entry": entry})))
     else:
         print(_summary(record, result))
         for difference in result.differences:
             print(difference.describe(epoch))
+        for line in _lines(table or []):
+            print(line)
         if entry is not None:
             print(entry)
     return 0 if result.same else 1
+
+
+def _redecided(record: Record, ensembles: Mapping[str, Ensemble]) -> list[dict[str, object]]:
+    """Return what is decided otherwise in the same state, or on the same belief: a row for each state and action."""
+    names: dict[str, Names] = names_of(record)
+    rows: list[dict[str, object]] = []
+    by_ensemble: dict[str, list[Decision]] = defaultdict(list)
+    for decision in decisions_of(record) if record.counts["decisions"] else []:
+        by_ensemble[decision.ensemble].append(decision)
+    for path, decisions in by_ensemble.items():
+        ensemble = ensembles.get(path)
+        if ensemble is None or getattr(ensemble.controller.policy, "deliberates", False):
+            continue  # it was started by a task, or searches for as long as it is let
+        counts: Counter[tuple[str, str, str]] = Counter()
+        visits: Counter[str] = Counter()
+        try:
+            for decision, step in redecided(ensemble.controller, decisions):
+                known = names.get(path, Names())
+                told = _where(decision, known)
+                visits[told] += 1
+                if step.action != decision.action:
+                    counts[told, decision.action_name, ensemble.control.output.name_of(step.action)] += 1
+        except ModelError as error:
+            rows.append({"ensemble": path, "problem": str(error)})
+        for (state_name, then, now), count in counts.most_common():
+            row = {"ensemble": path, "state": state_name, "decisions": visits[state_name], "recorded": then}
+            rows.append(row | {"now": now, "count": count})
+    return rows
+
+
+def _where(decision: Decision, names: Names) -> str:
+    """Return the state of a decision, or the most likely one."""
+    if decision.belief is None or decision.state is not None:
+        return names.state(decision.state) or f"state {decision.state}"
+    most = int(decision.belief.argmax())
+    return f"most likely {names.state(most) or f'state {most}'}"
+
+
+def _lines(table: Sequence[Mapping[str, object]]) -> Iterator[str]:
+    if table:
+        yield "decided otherwise in the same state or on the same belief, each by itself:"
+    for row in table[:_ROWS]:
+        if "problem" in row:
+            yield f"  {row['ensemble']} cannot decide so: {row['problem']}"
+            continue
+        yield (
+            f"  {row['ensemble']}, {row['state']}: {row['recorded']!r}, now {row['now']!r}, in {row['count']} of "
+            f"{row['decisions']} decisions"
+        )
+    if len(table) > _ROWS:
+        yield f"  and {len(table) - _ROWS} more"
 
 
 def _different(record: Record, ensembles: Mapping[str, Ensemble]) -> str | None:

@@ -50,7 +50,7 @@ def test_states_of_a_hierarchy(mdm, record):
     assert [line for line in output if line.startswith("The smallest change")]
 
 
-def test_another_configuration_explains_nothing(mdm, record, tmp_path):
+def test_another_configuration_explains_what_it_would_decide(mdm, facts, record, tmp_path):
     path = record(TIGER, 2)
     other = tmp_path / "other.toml"
     text = TIGER.read_text().replace("drive = 2.0", "drive = 2.0\ndiscount = 0.5")
@@ -58,8 +58,11 @@ def test_another_configuration_explains_nothing(mdm, record, tmp_path):
         text = text.replace(f'"{name}"', f'"{EXAMPLES / name}"')
     other.write_text(text)
     status, output, errors = mdm("explain", path, "--config", other)
-    assert (status, output) == (1, [])
-    assert "are not those that decided in 'tiger'" in errors
+    assert (status, errors) == (0, "")
+    assert output[1].startswith("By another configuration, as it would decide now (")
+    told = facts("explain", path, "--config", other)
+    assert (told["action_name"], told["decided"]) == ("listen", "listen")
+    assert "configuration" not in facts("explain", path)
 
 
 @pytest.mark.parametrize(

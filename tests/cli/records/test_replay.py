@@ -129,6 +129,33 @@ def test_another_configuration_is_compared(mdm, run):
     assert [each["decision"] for each in json.loads(line)["differences"]] == [1, 3]
     (difference, _) = json.loads(line)["differences"]
     assert (difference["recorded"], difference["replayed"], difference["fields"]) == ("turn", "go", ["action"])
+    turns = sum(each.message.action_name == "turn" for each in Record(path).messages(["decisions"]))
+    row = {
+        "ensemble": "robot",
+        "state": "near=Near",
+        "decisions": turns,
+        "recorded": "turn",
+        "now": "go",
+        "count": turns,
+    }
+    assert json.loads(line)["redecided"] == [row]
+    assert output[-3:-1] == [
+        "decided otherwise in the same state or on the same belief, each by itself:",
+        f"  robot, near=Near: 'turn', now 'go', in {turns} of {turns} decisions",
+    ]
+
+
+def test_decisions_of_another_configuration_are_compared_with_those_of_their_time(mdm, run):
+    """One more decision after each `go` shifts all that follow by one, which makes them no others."""
+    file, path = run
+    again = 'go = { call = "walking:act", then = "decide", pause = 0.07 }'
+    file.write_text(FILE.replace('go = "walking:act"', again))
+    (line,) = mdm("replay", path, "--config", file, "--json", "--most", "1000")[1]
+    told = json.loads(line)
+    assert told["differences"]
+    assert {each["recorded"] for each in told["differences"]} == {None}
+    assert told["replayed"] == 15 + len(told["differences"])
+    assert told["redecided"] == []
 
 
 def rewritten(path, new, *, head=None, metadata=None, stimuli=True, files=True):
@@ -377,5 +404,6 @@ def test_the_entry_of_the_model_that_differs_is_named(mdm, modelled):
     assert (status, errors) == (1, "")
     assert output[-1] == "of the model of 'robot' the reward of 'turn' in 'near' was 2, and is 4"
     status, output, errors = mdm("explain", other, "--config", file, "--at", "2")
-    assert (status, output) == (1, [])
-    assert "(of the model of 'robot' the reward of 'turn' in 'near' was 2, and is 4)" in errors
+    assert (status, errors) == (0, "")
+    told = "as it would decide now (of the model of 'robot' the reward of 'turn' in 'near' was 2, and is 4)"
+    assert output[1].startswith(f"By another configuration, {told}; decided was '")

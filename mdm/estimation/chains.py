@@ -44,10 +44,13 @@ class Chain(msgspec.Struct, frozen=True):
     Attributes:
         decisions: The decisions, in their order.
         end: The time in nanoseconds at which the last action was cut short; None where that is not known.
+        succeeded: The same, where the last action was not cut short: it has succeeded, and with that the ensemble was
+            stopped, as one that another ensemble had started.
     """
 
     decisions: tuple[Decision, ...]
     end: int | None = None
+    succeeded: int | None = None
 
 
 class Chains(msgspec.Struct, frozen=True):
@@ -60,6 +63,7 @@ class Chains(msgspec.Struct, frozen=True):
         chains: The chains, in their order.
         discarded: The number of decisions that belong to no chain: nothing is known of their state or belief.
         unused: What else has decided in the records, by file.
+        ends: How actions have ended: the state that they were decided in, the action, how, and how often.
     """
 
     ensemble: str
@@ -68,6 +72,7 @@ class Chains(msgspec.Struct, frozen=True):
     chains: tuple[Chain, ...]
     discarded: int = 0
     unused: tuple[str, ...] = ()
+    ends: tuple[tuple[int | None, int, str, int], ...] = ()
 
     @property
     def decisions(self) -> int:
@@ -181,6 +186,7 @@ def joined(several: Sequence[Chains]) -> Chains:
         first.hidden,
         tuple(chain for each in several for chain in each.chains),
         sum(each.discarded for each in several),
+        ends=tuple(end for each in several for end in each.ends),
     )
 
 

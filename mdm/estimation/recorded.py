@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -14,6 +14,7 @@ from mdm.messages import Decision, Mode
 from mdm.recording.names import names_of
 from mdm.recording.reader import Record
 from mdm.recording.stimuli import TRUE_STATE, Joined
+from mdm.recording.table import rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -135,11 +136,15 @@ def _chains(told: Told, ensemble: str) -> Chains:
     assert span is not None  # there are decisions
     stepped = f"{ensemble}/{TRUE_STATE}" in told.record.topics
     hidden = all(decision.state is None for decision in told.decisions[ensemble])
-    return chains_of(
-        told.decisions[ensemble],
-        kind="steps" if stepped and not hidden else None,
-        stops=[*told.stops.get(ensemble, []), span[1]],
+    stops = told.stops.get(ensemble, [])
+    chains = chains_of(
+        told.decisions[ensemble], kind="steps" if stepped and not hidden else None, stops=[*stops, span[1]]
     )
+    ended = [row for row in rows(told.record, ensemble) if row.end is not None]
+    last = {row.decision.time: row.ended for row in ended if row.end == "succeeded" and row.ended in stops}
+    parts = (msgspec.structs.replace(chain, succeeded=last.get(chain.decisions[-1].time)) for chain in chains.chains)
+    counts = Counter((row.decision.state, row.decision.action, str(row.end)) for row in ended)
+    return msgspec.structs.replace(chains, chains=tuple(parts), ends=tuple((*key, n) for key, n in counts.items()))
 
 
 def check_names(records: Iterable[Record], ensemble: str, model: MDP) -> None:

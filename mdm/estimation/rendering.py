@@ -40,6 +40,7 @@ def _finite(value: Any) -> Any:
 def as_text(report: Report) -> str:
     """Return a report as lines for people: at most 20 rows of each kind, all of which `as_data` has."""
     lines = [*_head(report), *_rows_text(report), *_rates_text(report), *_frequencies_text(report)]
+    lines += _ends_text(report)
     lines += [f"note: {note}" for note in report.notes]
     return "\n".join(lines)
 
@@ -132,6 +133,18 @@ def _rates_text(report: Report) -> list[str]:
             f"{each.state + ', ' + each.action:40}{each.ends:6} {each.mean:9.4g}  "
             f"{each.low:.4g} to {each.high:.4g}{form}"
         )
+    return lines
+
+
+def _ends_text(report: Report) -> list[str]:
+    """Return how actions have ended that have not only succeeded, or been pre-empted."""
+    by_row: dict[str, dict[str, int]] = {}
+    for action, state, end, count in report.ends:
+        by_row.setdefault(f"{state}, {action}" if state else action, {})[end] = count
+    told = {row: ends for row, ends in by_row.items() if ends.keys() - {"succeeded", "preempted"}}
+    lines = ["", "actions that failed or were cut short"] if told else []
+    for row, ends in [*told.items()][:_SHOWN]:
+        lines.append(f"{row}: {', '.join(f'{count} {end}' for end, count in ends.items())}")
     return lines
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -10,7 +11,7 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.estimation.agreement import FALSE_DISCOVERIES, Verdict, verdicts
-from mdm.estimation.chains import Chains, Kind, chains_of
+from mdm.estimation.chains import Chain, Chains, Kind, chains_of
 from mdm.estimation.factors import pool_of
 from mdm.estimation.gibbs import sample
 from mdm.estimation.hidden import Matrices, alike, evidence_of, fit, joint_odds
@@ -165,6 +166,8 @@ class Report(msgspec.Struct, frozen=True):
         returns: The discounted return of each episode, of rewards as the model in use and its beliefs expected them.
         fit: Where states are hidden.
         impossible: Observations that the model holds impossible, by action, with their count.
+        ends: How actions have ended, of records: the action, the state that it was decided in (empty where hidden), the
+            end as ``failed``, and how often.
         notes: What was not computed, and why.
         model: The re-estimated model.
         durations: How long actions take in the re-estimated model; None where they take no time, or the period of a
@@ -186,6 +189,7 @@ class Report(msgspec.Struct, frozen=True):
     returns: tuple[float, ...]
     fit: FitReport | None
     impossible: tuple[tuple[str, str, int], ...]
+    ends: tuple[tuple[str, str, str, int], ...]
     notes: tuple[str, ...]
     model: MDP
     durations: Durations | None
@@ -243,9 +247,11 @@ def statistics(
         chains = chains_of(chains, ensemble=ensemble, kind=kind, stops=stops)
     _check_fit(model, chains)
     check_level(level)
+    notes = [f"not counted: {each}" for each in chains.unused]
     if chains.hidden:
-        return _of_hidden(chains, model, level=level, rate=false_discoveries, seed=seed)
-    return _of_states(chains, model, step=step, policy=policy, level=level, rate=false_discoveries)
+        return _of_hidden(chains, model, notes, level=level, rate=false_discoveries, seed=seed)
+    chains = _with_outcomes(chains, model, notes)
+    return _of_states(chains, model, notes, step=step, policy=policy, level=level, rate=false_discoveries)
 
 
 def _check_fit(model: MDP, chains: Chains) -> None:
@@ -268,8 +274,45 @@ def _check_fit(model: MDP, chains: Chains) -> None:
                 )
 
 
+def _with_outcomes(chains: Chains, model: MDP, notes: list[str]) -> Chains:
+    """Return chains that end in the state that is the outcome of their last action, where that is known.
+
+    An ensemble that was stopped by the success of its action decides on no outcome. If the action leads to one state
+    that nothing leads out of, this is the outcome.
+    """
+    flat, actions = model.flatten(), range(len(model.action_space))
+    stays = np.array([flat.transition_matrix(action).diagonal() for action in actions])
+    absorbing = np.flatnonzero((stays == 1).all(axis=0))
+    parts, unknown = [], 0
+    for chain in chains.chains:
+        last, at = chain.decisions[-1], chain.succeeded
+        if at is not None and last.state is not None:
+            reached = [state for state in absorbing.tolist() if flat.transition(last.action, last.state, state) > 0]
+            unknown += len(reached) != 1
+            if len(reached) == 1:
+                end = msgspec.structs.replace(
+                    last, time=at, epoch=last.epoch + 1, cause="state", state=reached[0], reward=0.0
+                )
+                parts.append(Chain((*chain.decisions, end)))
+                continue
+        parts.append(chain)
+    if unknown:
+        notes.append(
+            f"{unknown} times the success of an action ended {chains.ensemble!r} before it had decided on the outcome: "
+            f"the model has no single state there that nothing leads out of, so that the last step is not counted"
+        )
+    return msgspec.structs.replace(chains, chains=tuple(parts))
+
+
 def _of_states(
-    chains: Chains, model: MDP, *, step: float | None, policy: Sequence[int] | None, level: float, rate: float
+    chains: Chains,
+    model: MDP,
+    notes: list[str],
+    *,
+    step: float | None,
+    policy: Sequence[int] | None,
+    level: float,
+    rate: float,
 ) -> Report:
     stays = list(chains.stays())
     if not any(stay.ended for stay in stays):
@@ -278,7 +321,6 @@ def _of_states(
     rows = transition_rows(model, counted(stays), chains.kind, level=level)
     staying = _staying(model, rows) if jumps else {}
     found = rates_of(model, stays, level=level) if jumps else ()
-    notes = [f"not counted: {each}" for each in chains.unused]
     value, lost = _losses(model, chains, rows, staying, policy, notes)
     if step is not None and not jumps:
         raise ModelError("a step in seconds is for rates, of an ensemble that decides when its state changes")
@@ -314,13 +356,14 @@ def _of_states(
         returns=returns_of(model, chains.chains, in_time=model.discount_of == "second"),
         fit=None,
         impossible=(),
+        ends=_ends(chains, model),
         notes=tuple(notes),
         model=new,
         durations=durations,
     )
 
 
-def _of_hidden(chains: Chains, model: MDP, *, level: float, rate: float, seed: int) -> Report:
+def _of_hidden(chains: Chains, model: MDP, notes: list[str], *, level: float, rate: float, seed: int) -> Report:
     pomdp = model.pomdp
     assert pomdp is not None
     if any(decision.cause == "tick" for chain in chains.chains for decision in chain.decisions):
@@ -340,7 +383,6 @@ def _of_hidden(chains: Chains, model: MDP, *, level: float, rate: float, seed: i
         verdict = _doubted(said, matrix, row, groups)
         names = pomdp.state_space if matrix == "T" else pomdp.observation_space
         reports.append(_row(matrix, row, verdict, None, pomdp, names))
-    notes = [f"not counted: {each}" for each in chains.unused]
     notes.append("where states are hidden the loss of value is not computed: mdm evaluate NEW_MODEL POLICY tells it")
     partly = sum(isinstance(each.observation, tuple) and None in each.observation for each in _followers(chains))
     if partly:
@@ -384,6 +426,7 @@ def _of_hidden(chains: Chains, model: MDP, *, level: float, rate: float, seed: i
             (model.action_space.names[action], _observed(pomdp, symbol), count)
             for action, symbol, count in evidence.impossible
         ),
+        ends=_ends(chains, model),
         notes=tuple(notes),
         model=replaced(model.flatten(), list(fitted.transitions), seen),
         durations=durations,
@@ -534,6 +577,19 @@ def _frequencies(model: POMDP, found: Iterable[Any]) -> tuple[FrequencyReport, .
             each.missing,
         )
         for each in found
+    )
+
+
+def _ends(chains: Chains, model: MDP) -> tuple[tuple[str, str, str, int], ...]:
+    counts: Counter[tuple[int | None, int, str]] = Counter()
+    for state, action, end, count in chains.ends:
+        counts[state, action, end] += count
+    actions, states = model.action_space.names, model.state_space.names
+    return tuple(
+        sorted(
+            (actions[action], "" if state is None else states[state], end, n)
+            for (state, action, end), n in counts.items()
+        )
     )
 
 

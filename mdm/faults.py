@@ -160,6 +160,10 @@ KINDS: Final[dict[str, FaultKind]] = {
         "Estimate the model anew from a record (docs/statistics.md) and solve it; where something impossible happened, "
         "see to the sensors first.",
     ),
+    "unwatched": FaultKind(
+        "A drift monitor watches nothing: where beliefs come from outside, what was observed is not known here.",
+        "Take the drift monitor away, or hand in observations; mdm statistics cannot count such decisions, either.",
+    ),
     # -- Actions and safety --------------------------------------------------------------------------------------
     "action": FaultKind(
         "An action failed, timed out, was abandoned or gave up, or begins beside one that was abandoned.",

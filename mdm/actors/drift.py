@@ -71,6 +71,7 @@ class DriftMonitor(Actor):
             raise ConfigError(str(error)) from None
         self._model = given
         self._ensemble = ensemble
+        self._told = False
 
     def on_start(self) -> None:
         """Listen to decisions."""
@@ -78,6 +79,9 @@ class DriftMonitor(Actor):
 
     def _on_decision(self, decision: Decision) -> None:
         if decision.ensemble == self._ensemble.path:
+            if decision.cause == "belief" and not self._told:
+                self._told = True
+                self.report("unwatched", f"{decision.ensemble} decides on beliefs from outside", time=decision.time)
             alarm = self.test.take(decision)
             if alarm is not None:
                 self.report("drift", self._described(alarm), time=decision.time)

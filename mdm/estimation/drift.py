@@ -10,6 +10,11 @@ model has; of observations the model's own prediction under the belief, each in 
 often than predicted. A row that has drifted after a long time would hardly change its counts, so that a new bet begins
 each 200 visits; the i-th has the share 1 / i (i + 1) of the capital, and the first and the last four go on.
 
+An estimated model is a posterior: what it predicts is the mean over that, given what has followed since. Rows count as
+n + 1 visits with Jeffreys' prior, shares of observations as so many predictions. Held against its mean alone, a row
+that rests on a few visits is wrong in the end: of 200 robots with models estimated from 50 decisions 178 heard of it at
+odds of 20, and 6 do now.
+
 The alarm of a row is at the given odds times the number of rows that may be wrong: of robots whose model is right, one
 in so many ever hears of any row. A decision costs a few microseconds.
 """
@@ -26,6 +31,7 @@ from mdm.checks import is_number
 from mdm.errors import ModelError
 from mdm.estimation.chains import is_next, kind_of
 from mdm.estimation.intervals import PRIOR
+from mdm.estimation.reestimation import WEIGHT
 from mdm.estimation.rows import support, without_staying
 from mdm.models.dynamics import Dynamics
 from mdm.models.matrices import num_entries
@@ -79,7 +85,7 @@ class _Bet:
         self.expected = [0.0] * size
         self.won = 0.0
 
-    def take(self, place: int, model: Sequence[float], *, fixed: bool) -> None:
+    def take(self, place: int, model: Sequence[float], predicted: float, *, fixed: bool) -> None:
         counts = self.counts
         if fixed:  # the row is the same at each visit
             chance = (counts[place] + PRIOR) / (sum(counts) + PRIOR * len(counts))
@@ -88,7 +94,7 @@ class _Bet:
             shares = [p * (n + 1) / (e + 1) for p, n, e in zip(model, counts, expected, strict=True)]
             chance = shares[place] / math.fsum(shares)
             self.expected = [e + p for e, p in zip(expected, model, strict=True)]
-        self.won += math.log(chance / model[place])
+        self.won += math.log(chance / predicted)
         counts[place] += 1
 
 
@@ -98,6 +104,7 @@ class Capital:
     Args:
         size: The number of entries of the row.
         fixed: Whether the model's probabilities are the same at each visit.
+        weight: How many visits they rest on; infinite where they were not estimated.
 
     Example:
         >>> capital = Capital(2)
@@ -107,10 +114,11 @@ class Capital:
         68142
     """
 
-    __slots__ = ("_began", "_bets", "_fixed", "_size", "counts", "expected", "visits")
+    __slots__ = ("_began", "_bets", "_fixed", "_size", "_weight", "counts", "expected", "visits")
 
-    def __init__(self, size: int, *, fixed: bool = True) -> None:
+    def __init__(self, size: int, *, fixed: bool = True, weight: float = math.inf) -> None:
         self._size = size
+        self._weight = weight
         self._fixed = fixed
         self._bets: list[_Bet] = []
         self._began = 0
@@ -127,13 +135,25 @@ class Capital:
             self._bets.append(_Bet(self._size, 1 / (self._began * (self._began + 1))))
             if len(self._bets) > _KEPT:
                 del self._bets[1]
+        predicted = model[place] if self._weight == math.inf else self._predicted(place, model)
         self.visits += 1
         self.counts[place] += 1
         for entry, probability in enumerate(model):
             self.expected[entry] += probability
         for bet in self._bets:
-            bet.take(place, model, fixed=self._fixed)
+            bet.take(place, model, predicted, fixed=self._fixed)
         return self.value
+
+    def _predicted(self, place: int, model: Sequence[float]) -> float:
+        """Return the probability of what follows by the posterior of the estimate, and what has followed since."""
+        if self._fixed:
+            known = self._weight * model[place] + PRIOR + self.counts[place]
+            return known / (self._weight + PRIOR * self._size + self.visits)
+        shares = []
+        for p, count, expected in zip(model, self.counts, self.expected, strict=True):
+            prior = 1 + self._weight * (expected + p) / (self.visits + 1)
+            shares.append(p * (count + prior) / (expected + prior))
+        return shares[place] / math.fsum(shares)
 
     @property
     def value(self) -> float:
@@ -173,6 +193,7 @@ class DriftTest:
         if not (is_number(odds) and 1 < odds < math.inf):
             raise ModelError(f"the odds of an alarm are more than 1, as 1000, not {odds!r}")
         self._model = model.flatten()
+        self._visits = model.visits
         self._kind = kind
         self._period = period
         self._odds = float(odds)
@@ -226,7 +247,7 @@ class DriftTest:
             return None
         row = self._rows.get((action, state))
         if row is None:
-            row = self._rows[action, state] = Capital(len(symbols))
+            row = self._rows[action, state] = Capital(len(symbols), weight=self._weight(action, state, jumps=jumps))
         return self._judge(row, row.take(symbols.index(following), model), action, state, symbols)
 
     def _support(self, action: int, state: int, *, jumps: bool) -> tuple[list[int], list[float]]:
@@ -237,6 +258,13 @@ class DriftTest:
                 symbols, model = without_staying(state, symbols, model)
             found = self._supports[action, state] = symbols.tolist(), model.tolist()
         return found
+
+    def _weight(self, action: int, state: int | None = None, *, jumps: bool = False) -> float:
+        """Return how many visits a row rests on, or an action's observations; infinite where none was estimated."""
+        if self._visits is None:
+            return math.inf
+        visits = float(self._visits[:, action].sum() if state is None else self._visits[state, action])
+        return WEIGHT + visits * (1 - float(self._model.transition_matrix(action)[state, state]) if jumps else 1)
 
     def _uncertain(self) -> int:
         """Return how many rows of T have more than one entry, at most."""
@@ -262,7 +290,7 @@ class DriftTest:
         model = (np.maximum(predicted, 0) / predicted.sum()).tolist()
         row = self._rows.get((action, None))
         if row is None:
-            row = self._rows[action, None] = Capital(len(model), fixed=False)
+            row = self._rows[action, None] = Capital(len(model), fixed=False, weight=self._weight(action))
         return self._judge(row, row.take(observation, model), action, None, range(len(model)))
 
     # -- Alarms --------------------------------------------------------------------------------------------------

@@ -190,6 +190,13 @@ class Pool:
             new[number] = after / after.sum(axis=1, keepdims=True)
         return Table([*scope, child], new.reshape(*sizes, size))
 
+    def visits(self) -> Vector:
+        """Return on how many changes each state and action rests, by the factor that has the fewest: S x A."""
+        result = np.zeros((len(self._flat.state_space), len(self._flat.action_space)))
+        for state, action in np.ndindex(*result.shape):
+            result[state, action] = min(self._counts.get(key, np.zeros(1)).sum() for key in self._keys(action, state))
+        return result
+
     def lasting(self) -> Vector:
         """Return how long each state lasts under each action by the rates of its factors, S x A; 0 for ever."""
         flat = self._flat

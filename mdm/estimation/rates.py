@@ -43,6 +43,7 @@ __all__ = [
     "holding",
     "moran",
     "rates_of",
+    "staying_of",
     "transitions_after",
 ]
 
@@ -265,12 +266,12 @@ def durations_of(
             table[state, action], counts[state, action] = held.mean, held.stages
     if kind == "steps":
         return Durations(table, counts)
-    leaves = 1 - _staying(model)
+    leaves = 1 - staying_of(model)
     leaves[leaves <= 0] = 1  # it never leaves, however long its steps take
     return Durations(table * leaves, np.where(leaves < 1, 1, counts))
 
 
-def _staying(model: MDP) -> Vector:
+def staying_of(model: MDP) -> Vector:
     """Return the probability of staying in each state under each action, S x A."""
     flat = model.flatten()
     matrices = (flat.transition_matrix(action) for action in range(len(flat.action_space)))

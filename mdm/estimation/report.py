@@ -18,7 +18,7 @@ from mdm.estimation.hidden import Matrices, alike, evidence_of, fit, joint_odds
 from mdm.estimation.intervals import LEVEL, check_level
 from mdm.estimation.loss import Values, decided_policy, losses
 from mdm.estimation.observations import frequencies
-from mdm.estimation.rates import MOST_STAGES, durations_of, rates_of, transitions_after
+from mdm.estimation.rates import MOST_STAGES, durations_of, rates_of, staying_of, transitions_after
 from mdm.estimation.reestimation import reestimated, replaced
 from mdm.estimation.returns import returns_of
 from mdm.estimation.rows import Row, counted, support, transition_rows
@@ -336,6 +336,11 @@ def _of_states(
             raise ModelError(f"a step of the model is {model.discount_of:g} s, not {step:g} s")
         steps = step if model.discount_of == "second" else 1.0
         new = new.with_discount(model.discount**steps, of=step)
+    new.visits = np.zeros((len(model.state_space), len(model.action_space))) if pool is None else pool.visits()
+    for row in rows:
+        new.visits[row.state, row.action] = max(new.visits[row.state, row.action], row.visits)
+    if jumps:  # as steps, of which some stay
+        new.visits /= np.maximum(1 - staying_of(new), 1e-9)
     told = verdicts(rows, rate=rate)
     durations = _durations(new, chains, notes, pool) if step is None else Durations(step, MOST_STAGES)
     names = model.state_space
@@ -370,7 +375,9 @@ def _of_hidden(chains: Chains, model: MDP, notes: list[str], *, level: float, ra
         pomdp = pomdp.step_by_step()
     evidence = evidence_of(pomdp, chains.chains)
     if not evidence.steps:
-        raise ModelError(f"no decision of {chains.ensemble!r} follows from another: there is nothing to count")
+        outside = any(chain.decisions[0].cause == "belief" for chain in chains.chains)
+        why = ": it decides on beliefs from outside, and what was observed is not known" if outside else ""
+        raise ModelError(f"no decision of {chains.ensemble!r} follows from another{why}: there is nothing to count")
     fitted = fit(pomdp, evidence)
     intervals = sample(pomdp, evidence, fitted, seed=seed, level=level)
     rows = _hidden_rows(pomdp, fitted, intervals)
@@ -396,6 +403,8 @@ def _of_hidden(chains: Chains, model: MDP, notes: list[str], *, level: float, ra
         notes.append("where states are hidden rows are estimated one by one: the new model is flat, and no network")
     durations = _durations(model, chains, notes)
     seen = None if pomdp.event_observations else list(fitted.observations)
+    new = replaced(model.flatten(), list(fitted.transitions), seen)
+    new.visits = fitted.transition_counts.sum(axis=2).T
     return Report(
         ensemble=chains.ensemble,
         kind=chains.kind,
@@ -409,10 +418,8 @@ def _of_hidden(chains: Chains, model: MDP, notes: list[str], *, level: float, ra
         unvisited=_unvisited(model, {(row.action, row.state) for matrix, row in rows if matrix == "T"}),
         rates=(),
         frequencies=_frequencies(pomdp, frequencies(pomdp, evidence)),
-<<<<<<< HEAD
         returns=returns_of(model, chains.chains, in_time=model.discount_of == "second"),
         fit=FitReport(fitted.before, fitted.log_likelihood, fitted.rounds),
-=======
         returns=returns_of(model, chains.chains),
         fit=FitReport(
             fitted.before,
@@ -421,14 +428,13 @@ def _of_hidden(chains: Chains, model: MDP, notes: list[str], *, level: float, ra
             odds,
             tuple(tuple(pomdp.state_space.names[state] for state in group) for group in groups),
         ),
->>>>>>> b7c165c4 (Test hidden T and O together first, and each row by its own posterior)
         impossible=tuple(
             (model.action_space.names[action], _observed(pomdp, symbol), count)
             for action, symbol, count in evidence.impossible
         ),
         ends=_ends(chains, model),
         notes=tuple(notes),
-        model=replaced(model.flatten(), list(fitted.transitions), seen),
+        model=new,
         durations=durations,
     )
 

@@ -91,6 +91,8 @@ class MDP:
     """The network of a factored model; None for one that is its matrices."""
     observed: tuple[int, ...] = ()
     """The indices of the state factors that the observations include; see `MixedPOMDP`."""
+    visits: Vector | None = None
+    """Of an estimated model, how many decisions each row of T rests on, S x A; None where nothing was estimated."""
     _keeper: Keeper | None = None
     is_sparing: bool = False
     """Whether memory counts for more than microseconds; see `sparingly`."""

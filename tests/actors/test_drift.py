@@ -104,6 +104,24 @@ def test_what_other_ensembles_decide_is_not_looked_at():
     assert run_virtual(main) == []
 
 
+def test_beliefs_from_outside_are_said_not_to_be_watched():
+    model = hearing(0.9)
+    options = {"policy": mdm.policies.AlphaVectors([[0.0, 0.0], [-1.0, -1.0]], [0, 1])}
+    robot = ensemble(model, actions={"listen": nothing, "look": nothing}, **options)
+
+    async def main(runtime):
+        faults = probe(runtime.faults)
+        await runtime.start(DriftMonitor(robot))
+        await runtime.start(robot)
+        for _ in range(3):
+            robot.publish_belief([0.5, 0.5])
+            await asyncio.sleep(1)
+        return faults
+
+    (fault,) = run_virtual(main)
+    assert (fault.kind, fault.detail) == ("unwatched", "robot decides on beliefs from outside")
+
+
 def test_a_monitor_needs_a_model_whose_steps_are_known_and_odds():
     with pytest.raises(ConfigError, match="ensemble 'robot' has none: give it one"):
         DriftMonitor(Ensemble("robot", policy=[0, 0], actions={"go": nothing}))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from itertools import product
+from itertools import groupby, pairwise, product
 
 import msgspec
 import numpy as np
@@ -13,7 +13,7 @@ from hypothesis import given, strategies as st
 
 import mdm
 from mdm import ModelError
-from mdm.estimation import DriftTest, drift
+from mdm.estimation import DriftTest, drift, statistics
 from mdm.estimation.agreement import log_odds
 from mdm.estimation.drift import Capital
 from mdm.models import MDP
@@ -163,3 +163,75 @@ def test_observations_need_a_model_that_has_them_and_tells_its_steps():
         alarms(DriftTest(MDP([np.eye(2)] * 3, np.zeros((2, 3)), discount=0.9)), told)
     with pytest.raises(ModelError, match="steps without a detection are not known"):
         alarms(DriftTest(mdm.problems.tiger().with_false_negatives(0)), told)
+
+
+RIGHT = np.array([[0.6, 0.3, 0.1], [0.1, 0.7, 0.2], [0.3, 0.3, 0.4]])
+
+
+def of_states(seed):
+    """Return a model estimated from 50 decisions, and what follows by the same truth."""
+    used = MDP([np.full((3, 3), 1 / 3)], np.zeros((3, 1)), discount=0.9)
+    told = visits(wandering(RIGHT, 51, seed=2 * seed))
+    return statistics(told, used, kind="steps").model, visits(wandering(RIGHT, 400, seed=2 * seed + 1))
+
+
+def of_jumps(seed):
+    """The same of changes of the state alone, half of which do not stay."""
+    used = MDP([np.full((3, 3), 1 / 3)], np.zeros((3, 1)), discount=0.9)
+    told = visits([state for state, _ in groupby(wandering(RIGHT, 102, seed=2 * seed))])
+    return statistics(told, used).model, visits(
+        [state for state, _ in groupby(wandering(RIGHT, 800, seed=2 * seed + 1))]
+    )
+
+
+def of_observations(seed):
+    model = statistics(tiger(50, 0.85, 2 * seed), mdm.problems.tiger()).model
+    tracker, told = mdm.BeliefTracker(model), []
+    for previous, each in pairwise([None, *tiger(400, 0.85, 2 * seed + 1)]):
+        if previous is not None:
+            tracker.update(previous.action, each.observation)
+        told.append(msgspec.structs.replace(each, belief=np.array(tracker.belief)))
+    return model, told
+
+
+@pytest.mark.parametrize(
+    ("made", "runs", "most"),
+    [
+        (of_jumps, 20, 5),
+        (of_states, 20, 5),  # more in one of a thousand suites, by the binomial distribution, if one of 20 is told
+        pytest.param(of_states, 1_000, 72, marks=pytest.mark.slow),
+        pytest.param(of_jumps, 1_000, 72, marks=pytest.mark.slow),
+        pytest.param(of_observations, 200, 20, marks=pytest.mark.slow),
+        (of_observations, 4, 2),
+    ],
+)
+def test_an_estimate_is_held_against_its_posterior(made, runs, most):
+    """At odds of 20 at most one robot of 20 hears of drift; against its mean alone nearly each did."""
+    kind = "steps" if made is of_states else None
+    told = [bool(alarms(DriftTest(model, odds=20, kind=kind), after)) for model, after in map(made, range(runs))]
+    assert sum(told) <= most
+
+
+def test_an_estimate_from_many_decisions_is_still_told_to_be_wrong():
+    model, _ = of_states(0)
+    assert model.visits.sum() == 50
+    model.visits = model.visits * 10
+    test = DriftTest(model, odds=20, kind="steps")
+    (alarm, *_) = alarms(test, visits(wandering(RIGHT[::-1], 2_000, seed=3)))
+    assert alarm.odds >= 60
+    unvisited = MDP([RIGHT], np.zeros((3, 1)), discount=0.9)
+    unvisited.visits = np.zeros((3, 1))
+    assert not alarms(DriftTest(unvisited, odds=20, kind="steps"), visits(wandering(RIGHT[::-1], 30, seed=3)))
+
+
+@given(st.floats(1, 100), st.booleans())
+def test_who_bets_against_a_posterior_wins_nothing_on_its_average(weight, fixed):
+    """Of the predictions, one after another, whose product is the probability of all that follows."""
+    total = 0.0
+    for sequence in product(range(2), repeat=6):
+        capital, chance = Capital(2, fixed=fixed, weight=weight), 1.0
+        for place in sequence:
+            chance *= capital._predicted(place, [0.7, 0.3])
+            value = capital.take(place, [0.7, 0.3])
+        total += value * chance
+    assert total == pytest.approx(1)

@@ -103,6 +103,11 @@ def _print(arguments: argparse.Namespace, records: Sequence[Record], report: Rep
         if record.lost:
             print(f"{record.path}: nothing is counted across a lost decision")
     if arguments.output is not None:
-        print(f"{arguments.output}: the model estimated anew")
+        kept = (
+            ""
+            if Path(arguments.output).suffix.lower() == ".npz"
+            else "; how often rows were seen is kept in .npz alone"
+        )
+        print(f"{arguments.output}: the model estimated anew{kept}")
     if arguments.durations is not None:
         print(f"{arguments.durations}: how long actions take, for --durations of mdm solve and mdm evaluate")

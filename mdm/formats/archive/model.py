@@ -97,6 +97,8 @@ def write(model: MDP, path: str | Path) -> None:
             elif isinstance(events, TransitionEvents):
                 header.events = _pack("E", [csr(matrix.tocsr()) for matrix in events.events], arrays)
         _pack_outcomes(model, arrays)
+    if model.visits is not None:
+        arrays["visits"] = model.visits
     npz.write(Path(path), header, arrays)
 
 
@@ -127,6 +129,13 @@ def _pack(prefix: str, matrices: Any, arrays: dict[str, Any]) -> list[str]:
 
 
 def _model(header: _Header, arrays: Mapping[str, Any], sparse: bool | None) -> MDP | POMDP:
+    model = _dynamics(header, arrays, sparse)
+    if "visits" in arrays:
+        model.visits = _floats(arrays["visits"]).reshape(len(model.state_space), len(model.action_space))
+    return model
+
+
+def _dynamics(header: _Header, arrays: Mapping[str, Any], sparse: bool | None) -> MDP | POMDP:
     states, actions = space_of(header.states), space_of(header.actions)
     observations = None if header.observations is None else space_of(header.observations)
     if header.network is not None:

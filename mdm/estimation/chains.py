@@ -46,11 +46,13 @@ class Chain(msgspec.Struct, frozen=True):
         end: The time in nanoseconds at which the last action was cut short; None where that is not known.
         succeeded: The same, where the last action was not cut short: it has succeeded, and with that the ensemble was
             stopped, as one that another ensemble had started.
+        paid: What a simulated world has paid for each decision; none where it is not told.
     """
 
     decisions: tuple[Decision, ...]
     end: int | None = None
     succeeded: int | None = None
+    paid: tuple[float, ...] = ()
 
 
 class Chains(msgspec.Struct, frozen=True):

@@ -140,9 +140,18 @@ def _chains(told: Told, ensemble: str) -> Chains:
     chains = chains_of(
         told.decisions[ensemble], kind="steps" if stepped and not hidden else None, stops=[*stops, span[1]]
     )
-    ended = [row for row in rows(told.record, ensemble) if row.end is not None]
+    listed = rows(told.record, ensemble)
+    ended = [row for row in listed if row.end is not None]
+    paid = {row.decision.time: row.true_reward for row in listed if row.true_reward is not None}
     last = {row.decision.time: row.ended for row in ended if row.end == "succeeded" and row.ended in stops}
-    parts = (msgspec.structs.replace(chain, succeeded=last.get(chain.decisions[-1].time)) for chain in chains.chains)
+    parts = (
+        msgspec.structs.replace(
+            chain,
+            succeeded=last.get(chain.decisions[-1].time),
+            paid=tuple(paid.get(each.time, 0.0) for each in chain.decisions) if paid else (),
+        )
+        for chain in chains.chains
+    )
     counts = Counter((row.decision.state, row.decision.action, str(row.end)) for row in ended)
     return msgspec.structs.replace(chains, chains=tuple(parts), ends=tuple((*key, n) for key, n in counts.items()))
 

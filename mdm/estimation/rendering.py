@@ -11,6 +11,8 @@ import numpy as np
 from mdm.texts import counted
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from mdm.estimation.report import Report, RowReport
 
 __all__ = ["as_data", "as_text"]
@@ -55,11 +57,12 @@ def _head(report: Report) -> list[str]:
     if report.discarded:
         lines.append(f"{counted(report.discarded, 'decision')} left out: neither state nor observation is known")
     if report.returns:
-        values = np.asarray(report.returns)
-        spread = f" ± {values.std(ddof=1) / math.sqrt(len(values)):.4g} (standard error)" if len(values) > 1 else ""
         expected = f"expected by {'beliefs in ' if report.hidden else ''}the model in use"
         promised = "" if report.value is None else f"; the model promises {report.value:.4g}"
-        lines.append(f"returns of {counted(len(values), 'episode')}, {expected}: {values.mean():.4g}{spread}{promised}")
+        episodes = f"returns of {counted(len(report.returns), 'episode')}"
+        lines.append(f"{episodes}, {expected}: {_mean(report.returns)}{promised}")
+        if report.paid:
+            lines.append(f"{episodes}, as the simulated world has paid: {_mean(report.paid)}")
     if report.fit is not None:
         lines.append(
             f"log likelihood {report.fit.before:.2f} by the model, {report.fit.after:.2f} by the estimate "
@@ -78,6 +81,12 @@ def _head(report: Report) -> list[str]:
         f"rows: {', '.join(f'{report.count(says)} {says}' for says in kinds)}; {len(report.unvisited)} not visited"
     )
     return lines
+
+
+def _mean(returns: Sequence[float]) -> str:
+    values = np.asarray(returns)
+    spread = f" ± {values.std(ddof=1) / math.sqrt(len(values)):.4g} (standard error)" if len(values) > 1 else ""
+    return f"{values.mean():.4g}{spread}"
 
 
 def _rows_text(report: Report) -> list[str]:

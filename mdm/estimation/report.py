@@ -164,6 +164,7 @@ class Report(msgspec.Struct, frozen=True):
         rates: Rates and holding times, of jumps.
         frequencies: Observations, where states are hidden.
         returns: The discounted return of each episode, of rewards as the model in use and its beliefs expected them.
+        paid: The same of the rewards that a simulated world has paid; none where no record tells them.
         fit: Where states are hidden.
         impossible: Observations that the model holds impossible, by action, with their count.
         ends: How actions have ended, of records: the action, the state that it was decided in (empty where hidden), the
@@ -187,6 +188,7 @@ class Report(msgspec.Struct, frozen=True):
     rates: tuple[RateReport, ...]
     frequencies: tuple[FrequencyReport, ...]
     returns: tuple[float, ...]
+    paid: tuple[float, ...]
     fit: FitReport | None
     impossible: tuple[tuple[str, str, int], ...]
     ends: tuple[tuple[str, str, str, int], ...]
@@ -293,7 +295,7 @@ def _with_outcomes(chains: Chains, model: MDP, notes: list[str]) -> Chains:
                 end = msgspec.structs.replace(
                     last, time=at, epoch=last.epoch + 1, cause="state", state=reached[0], reward=0.0
                 )
-                parts.append(Chain((*chain.decisions, end)))
+                parts.append(Chain((*chain.decisions, end), paid=chain.paid))
                 continue
         parts.append(chain)
     if unknown:
@@ -358,7 +360,8 @@ def _of_states(
         unvisited=_unvisited(model, {(row.action, row.state) for row in rows}),
         rates=tuple(_rates(each, model, step) for each in found),
         frequencies=(),
-        returns=returns_of(model, chains.chains, in_time=model.discount_of == "second"),
+        returns=_returns(model, chains),
+        paid=_returns(model, chains, paid=True),
         fit=None,
         impossible=(),
         ends=_ends(chains, model),
@@ -418,9 +421,8 @@ def _of_hidden(chains: Chains, model: MDP, notes: list[str], *, level: float, ra
         unvisited=_unvisited(model, {(row.action, row.state) for matrix, row in rows if matrix == "T"}),
         rates=(),
         frequencies=_frequencies(pomdp, frequencies(pomdp, evidence)),
-        returns=returns_of(model, chains.chains, in_time=model.discount_of == "second"),
-        fit=FitReport(fitted.before, fitted.log_likelihood, fitted.rounds),
-        returns=returns_of(model, chains.chains),
+        returns=_returns(model, chains),
+        paid=_returns(model, chains, paid=True),
         fit=FitReport(
             fitted.before,
             fitted.log_likelihood,
@@ -468,6 +470,12 @@ def _doubted(verdict: Verdict, matrix: str, row: Row, groups: Sequence[tuple[int
     if verdict.p_value is not None and (mixed or (refuted and verdict.says == "agrees")):
         return msgspec.structs.replace(verdict, says="unclear")
     return verdict
+
+
+def _returns(model: MDP, chains: Chains, *, paid: bool = False) -> tuple[float, ...]:
+    if paid and not any(chain.paid for chain in chains.chains):
+        return ()
+    return returns_of(model, chains.chains, in_time=model.discount_of == "second", paid=paid)
 
 
 def _staying(model: MDP, rows: Iterable[Row]) -> dict[tuple[int, int], float]:

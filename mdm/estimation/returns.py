@@ -1,7 +1,4 @@
-"""Returns: the rewards of each episode's decisions, which the model in use and its beliefs expected.
-
-Nothing in a record tells what was earned in the world.
-"""
+"""Returns: the rewards of each episode's decisions, as the model in use expected, or as a simulated world has paid."""
 
 from __future__ import annotations
 
@@ -20,7 +17,7 @@ __all__ = ["returns_of"]
 _EPISODES = BREAKS - {"resume", "release", "belief"}
 
 
-def returns_of(model: MDP, chains: Iterable[Chain], *, in_time: bool = False) -> tuple[float, ...]:
+def returns_of(model: MDP, chains: Iterable[Chain], *, in_time: bool = False, paid: bool = False) -> tuple[float, ...]:
     """Return the discounted return of each episode, in their order.
 
     An episode goes on across ticks that were missed, safe modes and beliefs from outside; a start, a reset or the
@@ -31,6 +28,7 @@ def returns_of(model: MDP, chains: Iterable[Chain], *, in_time: bool = False) ->
         model: The model; its discount is that of a decision.
         chains: The chains.
         in_time: Whether the model's discount is that of a second.
+        paid: Whether rewards are those that a simulated world has paid, of chains that tell these, and not the model's.
     """
     rewards = model.rewards
     returns: list[float] = []
@@ -40,7 +38,7 @@ def returns_of(model: MDP, chains: Iterable[Chain], *, in_time: bool = False) ->
             if not returns or (place == 0 and (decision.cause in _EPISODES or decision.epoch == 0)):
                 returns.append(0.0)
                 began, count = decision.time, 0
-            earned = decision.reward
+            earned = decision.reward if not paid else chain.paid[place] if place < len(chain.paid) else 0.0
             if earned is None and decision.state is not None:
                 earned = float(rewards[decision.state, decision.action])
             elif earned is None and decision.belief is not None:

@@ -25,6 +25,7 @@ from mdm.errors import ConfigError, Error
 from mdm.messages import ActionLife, Decision, Fault
 from mdm.recording import schemas
 from mdm.recording.stimuli import (
+    TRUE_REWARD,
     TRUE_STATE,
     Began,
     Behind,
@@ -361,7 +362,7 @@ class Recorder:
         assert self._runtime is not None
         if step == "run":
             for channel in self._runtime.channels:
-                wanted = channel.name in self.channels or channel.name.endswith(f"/{TRUE_STATE}")
+                wanted = channel.name in self.channels or channel.name.rpartition("/")[2] in {TRUE_REWARD, TRUE_STATE}
                 if wanted and channel.name not in self._topics:
                     self._hear(channel.name, channel)
 

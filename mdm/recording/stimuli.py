@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 __all__ = [
+    "TRUE_REWARD",
     "TRUE_STATE",
     "Acknowledged",
     "Answered",
@@ -97,7 +98,7 @@ class Delays:
         return number
 
 
-TRUE_STATE = "true_state"
+TRUE_REWARD, TRUE_STATE = "true_reward", "true_state"
 """The name of the channel, behind an ensemble's path, on which a simulated world tells its state: a record keeps it."""
 
 

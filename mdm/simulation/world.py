@@ -9,9 +9,9 @@ import numpy as np
 
 from mdm.actors import Ensemble, FixedRate
 from mdm.errors import ConfigError
-from mdm.messages import Action, Belief, Fault, Observation, State
+from mdm.messages import Action, Belief, Fault, Observation, Reward, State
 from mdm.models.units import seconds_in
-from mdm.recording.stimuli import TRUE_STATE
+from mdm.recording.stimuli import TRUE_REWARD, TRUE_STATE
 from mdm.runtime import Actor
 from mdm.simulation.sampler import Lengths, Sampler
 
@@ -31,6 +31,7 @@ _LONGEST = 10_000
 class World(Actor):
     """A simulated world for an ensemble. Start it before the ensemble.
 
+    What it pays for a decision is told on the channel ``true_reward`` of the ensemble, which records keep.
     After each decision it samples the next state and, for a POMDP, an observation. It sets the sensors of the
     ensemble's state factors, or raises the events of its observation factors; if there are none that code may set, it
     publishes on the ensemble's channels. For a `MixedPOMDP` it sets the initial belief to what is observed of the first
@@ -131,7 +132,7 @@ class World(Actor):
         self._rewards: list[list[float]] = given.rewards.tolist()
         self._return = 0.0
         self._weight = 1.0
-        self._step = 0
+        self._step = self._epoch = 0
         self._began = 0
         self._unfinished: Timer | None = None
         self.moves = 0
@@ -144,6 +145,7 @@ class World(Actor):
         self._observations = channel(f"{path}/observation", Observation)
         self._initial_beliefs = channel(f"{path}/initial_belief", Belief, retain=True)
         self._true_states = channel(f"{path}/{TRUE_STATE}", State, retain=True)
+        self._true_rewards = channel(f"{path}/{TRUE_REWARD}", Reward)
         begin = self._on_action if self._lengths is None else self._on_lasting_action
         self.subscribe(channel(f"{path}/action", Action), begin)
         self._begin_episode()
@@ -162,7 +164,7 @@ class World(Actor):
 
     def _on_action(self, action: Action) -> None:
         self.runtime.dispatcher.count_afresh()  # with a period of 0 all episodes are one turn
-        self._return += self._weight * self._rewards[self.state][action.index]
+        self._reward(self._weight, self._rewards[self.state][action.index], action.epoch)
         self._weight *= self.model.discount
         self._step += 1
         self.moves += 1
@@ -172,7 +174,7 @@ class World(Actor):
             self._later(lambda: self._show(observation=0, changed=True))
             return
         before = self.state
-        observation, steps = self._move(action.index)
+        observation, steps = self._move(action)
         if observation is not None:
             self._later(lambda: self._show(observation, changed=self.state != before), steps)
         elif self._waits:
@@ -184,6 +186,7 @@ class World(Actor):
         if self._unfinished is not None:
             self._unfinished.cancel()
             self._earn(self._seconds)
+        self._epoch = action.epoch
         self._pay(action.index)
         self._step += 1
         last = self._step == self.steps or self.ensemble.controller.over
@@ -207,7 +210,7 @@ class World(Actor):
         return float(self.model.discount ** (seconds / self._second))
 
     def _pay(self, action: int) -> None:
-        self._return += self._discount(self._seconds) * self._rewards[self.state][action]
+        self._reward(self._discount(self._seconds), self._rewards[self.state][action], self._epoch)
         self.moves += 1
 
     def _earn(self, until: float) -> None:
@@ -219,7 +222,9 @@ class World(Actor):
         weight = until - began
         if interest:
             weight = (self._discount(began) - self._discount(until)) / interest
-        self._return += self._rates[state][action] * weight
+        seconds, rate = until - began, self._rates[state][action]
+        if seconds > 0:
+            self._reward(weight / seconds, rate * seconds, self._epoch)
 
     def _show_beginning(self) -> None:
         self._began = self.runtime.now()
@@ -254,8 +259,15 @@ class World(Actor):
         if self._true_states.heard or not self._true_states.published:
             self._true_states.derive(State(self.runtime.now(), state, self.model.state_space.unravel(state)))
 
-    def _move(self, action: int) -> tuple[int | None, int]:
+    def _reward(self, weight: float, reward: float, epoch: int) -> None:
+        """Pay for a decision, and tell it where somebody wants to know."""
+        self._return += weight * reward
+        if self._true_rewards.heard:
+            self._true_rewards.publish(Reward(self.runtime.now(), epoch, reward))
+
+    def _move(self, decided: Action) -> tuple[int | None, int]:
         """Advance until something is observed; return the observation or None, and the number of time steps."""
+        action = decided.index
         for steps in range(1, _LONGEST):
             before = self.state
             self._be_in(self._sampler.next_state(before, action))
@@ -266,7 +278,7 @@ class World(Actor):
                 observation = None
             if observation is not None or not self._waits:
                 return observation, steps
-            self._return += self._weight * self._rewards[self.state][action]
+            self._reward(self._weight, self._rewards[self.state][action], decided.epoch)
             self.moves += 1
             self._weight *= self.model.discount
         return None, _LONGEST

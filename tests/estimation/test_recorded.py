@@ -10,8 +10,8 @@ from estimated import ran as recorded_run
 from records import Writing, decision, written
 from sentences import refused
 
-from mdm import ModelError
-from mdm.estimation import chains_of_records, check_names, open_records, statistics
+from mdm import Ensemble, ModelError, Runtime, World, run
+from mdm.estimation import as_text, chains_of_records, check_names, open_records, statistics
 from mdm.messages import Mode
 from mdm.models import MDP
 from mdm.recording import Record
@@ -41,6 +41,30 @@ def test_chains_are_those_of_the_decisions_as_they_were_made(tmp_path):
     *ended, last = chains.stays()
     assert all(stay.seconds == 3 and stay.ended for stay in ended)
     assert (last.seconds, last.ended) == (3.0, False)  # cut short when it stopped, and not at the record's end
+
+
+def test_what_a_simulated_world_has_paid_is_told_beside_what_the_model_expected(tmp_path):
+    """The model in use expects 1 for each decision in `dry`, where the world pays 3."""
+    path = tmp_path / "run.mcap"
+    names = {"discount": 0.9, "states": ["dry", "wet"], "actions": ["go"]}
+    used, true = (MDP([MODEL.transition_matrix(0)], [[pay], [0.0]], **names) for pay in (1.0, 3.0))
+
+    async def main():
+        async with Runtime(record=path, log=False) as runtime:
+            robot = Ensemble("robot", policy=[0, 0], model=used, actions={"go": lambda: None}, horizon=20)
+            await runtime.start(World(robot, true, seed=1, period=1.0, finished=returns.append))
+            await runtime.start(robot)
+            await runtime.clock.sleep(99.5)
+
+    returns = []
+    run(main, virtual=True)
+    report = statistics(chains_of_records([Record(path)]), used)
+    assert report.paid[: len(returns)] == pytest.approx(returns)
+    assert report.paid == pytest.approx([3 * each for each in report.returns])
+    assert "as the simulated world has paid" in as_text(report)
+    plain = tmp_path / "plain.mcap"
+    ran(plain)
+    assert statistics(chains_of_records([Record(plain)]), MODEL).paid == ()
 
 
 def test_in_a_simulated_world_decisions_are_steps(tmp_path):

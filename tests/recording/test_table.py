@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from records import Writing, decision, tiger
 
-from mdm.messages import ActionLife, State
+from mdm.messages import ActionLife, Reward, State
 from mdm.recording.reader import Record
 from mdm.recording.table import rows
 
@@ -83,6 +83,22 @@ def test_ensembles_are_apart(tmp_path):
     assert [row.end for row in table(tmp_path, told)] == ["succeeded", "failed"]
     assert [row.end for row in table(tmp_path, told, ensemble="below")] == ["failed"]
     assert table(tmp_path, told, ensemble="nobody") == []
+
+
+def test_true_rewards_belong_to_the_decision_of_their_number(tmp_path):
+    """They come before the decision is told, or after it, and more than once where a step tells nothing."""
+    pairs = [
+        ("patrol/true_reward", Reward(0, 0, 2.0)),
+        ("decisions", decision(0)),
+        ("patrol/true_reward", Reward(0, 0, 0.5)),
+        ("decisions", decision(1)),
+        ("other/true_reward", Reward(1, 1, 9.0)),
+        ("patrol/true_reward", Reward(2, 2, -1.0)),
+        ("decisions", decision(2)),
+        ("decisions", decision(3)),
+        ("patrol/true_reward", Reward(3, 2, 0.25)),
+    ]
+    assert [row.true_reward for row in table(tmp_path, pairs)] == [2.5, None, -0.75, None]
 
 
 def test_true_states_and_names(tmp_path):

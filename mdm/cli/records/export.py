@@ -27,7 +27,7 @@ _MOST = 5000
 """Columns of beliefs, at most."""
 
 _WHOLE = {"time", "epoch", "state", "action", "life", "true_state"}
-_REAL = {"seconds", "reward", "end_seconds"}
+_REAL = {"seconds", "reward", "end_seconds", "true_reward"}
 """Columns of numbers, beside those of beliefs; the others are text."""
 
 Columns = dict[str, list[Any]]
@@ -82,6 +82,7 @@ def _columns(record: Record, found: list[Row], *, beliefs: bool) -> Columns:
         "true_state": [row.true_state for row in found],
         "true_state_name": [names.get(row.decision.ensemble, Names()).state(row.true_state) for row in found],
     }
+    columns["true_reward"] = [row.true_reward for row in found]
     return columns | (dict(_beliefs(record, found, names)) if beliefs else {})
 
 

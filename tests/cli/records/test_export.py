@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from records import Writing, decision, tiger, written
 
-from mdm.messages import State
+from mdm.messages import Reward, State
 
 
 def exported(mdm, record, table, *arguments):
@@ -80,8 +80,10 @@ def test_the_true_state_is_there_where_it_was_told(mdm, tmp_path):
     record.write("decisions", decision(1))
     record.write("patrol/true_state", State(1, 2, (2,)))
     record.write("decisions", decision(2))
+    record.write("patrol/true_reward", Reward(2, 2, -1.5))
     table = exported(mdm, record.close(), tmp_path / "run.csv")
     assert [row["true_state"] for row in table] == ["", "2"]
+    assert [row["true_reward"] for row in table] == ["", "-1.5"]
 
 
 @pytest.mark.parametrize(

@@ -122,7 +122,11 @@ def _why(row: RowReport) -> str:
     parts += [] if row.p_value is None else [f"p {row.p_value:.2g}"]
     parts += [f"odds {_odds(row.log_odds)}"] if math.isfinite(row.log_odds) else []
     parts += [] if row.loss is None else [f"loss {row.loss:.4g}"]
-    if not row.impossible and all(entry.low <= (entry.model or 0) <= entry.high for entry in row.entries):
+    if (
+        row.says == "differs"
+        and not row.impossible
+        and all(entry.low <= (entry.model or 0) <= entry.high for entry in row.entries)
+    ):
         parts.append("by all entries together, of which each alone has the model's value in its interval")
     return ", ".join(parts)
 

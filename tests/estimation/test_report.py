@@ -161,6 +161,7 @@ def test_no_hidden_row_agrees_that_its_interval_refutes(says, apart):
     assert ("these states cannot be told apart by the model in this record: open, shut" in text) == (not apart)
     assert f"T and O together: the odds against the model are {'10^' if says != 0.85 else ''}" in text
     assert ("it agrees" in text) == (says == 0.85)
+    assert "by all entries together" not in text
 
 
 def test_the_decisions_of_a_real_loop_agree_with_the_model_that_drives_it():

@@ -19,7 +19,7 @@ from mdm import (
     simulate,
     solve,
 )
-from mdm.messages import State
+from mdm.messages import Reward, State
 from mdm.models import MDP, POMDP, Durations, Factor, Space
 from mdm.policies import AlphaVectors, DeterministicPolicy
 from mdm.testing import capture_decisions, run_virtual
@@ -184,3 +184,26 @@ def test_durations_take_the_place_of_a_period():
         World(ticking, durations=Durations(1.0))
     with refused(ModelError):
         World(robot, durations=Durations([1.0] * 7))
+
+
+@pytest.mark.parametrize("durations", [None, Durations(2.0, 200, rates=1.5)])
+def test_what_it_pays_for_each_decision_is_told(durations):
+    """Of 3 for a decision, and of 1.5 a second where actions last; without a discount the sum is the return."""
+    model = MDP([[[0.5, 0.5], [0.5, 0.5]]], [[3.0], [3.0]], discount=1.0)
+    returns, paid = [], []
+
+    async def main(runtime):
+        robot = Ensemble("robot", policy=[0, 0], model=model, actions={0: int}, horizon=4)
+        world = World(robot, seed=1, durations=durations, finished=returns.append)
+        runtime.channel("robot/true_reward", Reward).subscribe(paid.append)
+        await runtime.start(world)
+        await runtime.start(robot)
+        while not returns:
+            await runtime.clock.sleep(0.25)
+
+    run_virtual(main)
+    of_first = [each.value for each in paid if each.epoch in range(4)][: 4 if durations is None else 8]
+    assert sum(of_first) == pytest.approx(returns[0])
+    assert {each.epoch for each in paid} == {0, 1, 2, 3}
+    assert of_first.count(3.0) == 4
+    assert (sum(of_first) > 12) == (durations is not None)

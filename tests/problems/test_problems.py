@@ -61,4 +61,4 @@ def test_the_package_is_loaded_when_it_is_asked_for_and_takes_models_alone():
         "print(sorted({name.split('.')[1] for name in sys.modules if name.startswith('mdm.')}), 'scipy' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout == "['checks', 'errors', 'models', 'problems'] False\n"
+    assert done.stdout == "['checks', 'errors', 'models', 'problems', 'texts'] False\n"

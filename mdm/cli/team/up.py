@@ -23,12 +23,12 @@ from mdm.team.transport.settings import address, resolve
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import AsyncIterator, Mapping, Sequence
+    from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
     from contextlib import AbstractAsyncContextManager
 
-    from mdm.team import Team
+    from mdm.team.team import Agent
 
-__all__ = ["run"]
+__all__ = ["check_ports", "run"]
 
 _SLACK = 15.0
 """Seconds that an agent's process may take to end, beside the limits of its ensembles."""
@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     systems = sound_systems_of(arguments.file, team)  # whatever is wrong is told once, and not by each agent
     patience = _SLACK + max(ensemble.patience for system in systems.values() for ensemble in system.top)
     check_zenoh()
-    _check_ports(team)
+    check_ports(team.agents)
     shown = _page_options(arguments)
     folder = None if arguments.decisions is None else _folder(arguments.decisions, team.names)
     if arguments.record is not None:
@@ -156,14 +156,14 @@ def _command(arguments: argparse.Namespace, agent: str, folder: Path | None) -> 
     return [*command, "--agent", agent, "--attached", "--log", "json", *options]
 
 
-def _check_ports(team: Team) -> None:
+def check_ports(agents: Iterable[Agent]) -> None:
     """Refuse to start where an agent cannot listen: the team itself may run already, or the agent be elsewhere at home.
 
     Raises:
         Error: If an agent's port is taken, or its address is none of this machine.
     """
     with ExitStack() as taken:  # all at once: two agents of it may want one port
-        for agent in team.agents:
+        for agent in agents:
             protocol, host, port = address(agent.listens or "")
             if protocol == "unixsock-stream" or not port:
                 continue

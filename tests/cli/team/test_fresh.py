@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
+import socket
 from argparse import Namespace
 
 import pytest
 from cli.team.test_up import CODE, PRINTING, pid
 from team.test_storage import KEPT
 
+from mdm.cli.team.agent import run as run_agent
 from mdm.cli.team.file import forget_state
 from mdm.cli.team.up import _command
+from mdm.errors import Error
 from mdm.team.storage import path_of, write
 
 
@@ -31,6 +35,16 @@ def test_what_agents_forget_is_said(free, capsys):
 def test_an_agent_that_is_started_again_after_a_failure_forgets_nothing():
     arguments = Namespace(file="team.toml", record=None, debug=False, fresh=True)
     assert "--fresh" not in _command(arguments, "a", None)
+
+
+def test_an_agent_that_runs_and_was_stopped_is_not_forgotten_by_a_second_process(free):
+    team = free()
+    [port] = re.findall(r'"a".*?:(\d+)"', team.read_text())
+    kept = path_of(team.parent, "rooms", "a")
+    write(kept, "rooms", "a", KEPT)
+    with socket.create_server(("127.0.0.1", int(port))), pytest.raises(Error, match="agent 'a' cannot listen at"):
+        run_agent(Namespace(file=str(team), agent="a", fresh=True))
+    assert kept.exists()
 
 
 @pytest.mark.slow

@@ -51,6 +51,8 @@ class StoredStop(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __str__(self) -> str:
         """Return since when the agent is stopped, in words."""
+        if not self.since:
+            return "stopped since a time that is not known"
         day = datetime.fromtimestamp(self.since / 1e9, UTC).astimezone()
         by = f", asked for at {self.by} in term {self.term}" if self.by else ""
         return f"stopped since {day:%Y-%m-%d %H:%M:%S}{by}"

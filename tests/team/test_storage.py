@@ -202,6 +202,7 @@ def test_who_cannot_read_its_file_starts_stopped_and_names_it(mode, tmp_path):
         [told] = squad.told("storage")["r0"]
         assert told.startswith(f"{path_of(tmp_path, 'squad', 'r0')}: it is damaged: ")
         assert told.endswith(": r0 starts stopped")
+        assert squad.told("held")["r0"][0].startswith("r0 is stopped since a time that is not known: start")
         squad.tell("start", "r1")
         await asyncio.sleep(3.0)
         assert squad.modes == ["deciding"] * 3

@@ -51,7 +51,8 @@ class World(Actor):
             how long it takes is a second. An action that another one replaces before it is over has no outcome, and the
             other one begins in the same state.
         steps: Decisions per episode; by default the ensemble's horizon. An episode also ends with the policy's plan.
-        finished: Called with each episode's discounted return.
+        finished: Called with each episode's discounted return. Without it a period of 0 has an end in virtual time:
+            after 100,000 messages at one instant the runtime ends.
 
     Raises:
         ConfigError: If there is no model, it does not fit the ensemble, or durations are given beside a period or for
@@ -163,7 +164,8 @@ class World(Actor):
             self._initial_beliefs.publish(Belief(self.runtime.now(), self._belief_at_start(self.state)))
 
     def _on_action(self, action: Action) -> None:
-        self.runtime.dispatcher.count_afresh()  # with a period of 0 all episodes are one turn
+        if self._finished is not None:  # with a period of 0 all episodes are one turn, until who counts them ends it
+            self.runtime.dispatcher.count_afresh()
         self._reward(self._weight, self._rewards[self.state][action.index], action.epoch)
         self._weight *= self.model.discount
         self._step += 1

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import numpy as np
 import pytest
 from random_models import random_mdp
 from sentences import refused
 
 from mdm import (
+    ActorFailure,
     ConfigError,
     Ensemble,
     FixedRate,
@@ -207,3 +210,26 @@ def test_what_it_pays_for_each_decision_is_told(durations):
     assert {each.epoch for each in paid} == {0, 1, 2, 3}
     assert of_first.count(3.0) == 4
     assert (sum(of_first) > 12) == (durations is not None)
+
+
+def test_a_world_without_an_end_in_one_turn_ends_the_runtime(monkeypatch):
+    monkeypatch.setattr("mdm.runtime.dispatcher._AT_ONCE", 1_000)
+    model, _ = random_mdp(1, states=2)
+    count = []
+
+    async def main(runtime):
+        robot = Ensemble("robot", policy=[0, 1], model=model, actions=dict.fromkeys((0, 1), lambda: None))
+
+        def take(decision):
+            count.append(decision)
+            if len(count) == 40_000:  # it would go on for ever
+                robot.stop()
+
+        runtime.decisions.subscribe(take)
+        await runtime.start(World(robot, seed=4, period=0.0))
+        await runtime.start(robot)
+        await asyncio.sleep(1)
+
+    with pytest.raises(ActorFailure, match="^time stands still: "):
+        run_virtual(main)
+    assert len(count) < 40_000

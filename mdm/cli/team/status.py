@@ -61,7 +61,9 @@ def _doubles(found: dict[str, dict[str, Any]], team: Team) -> list[str]:
     known = team.endpoints()
     statuses = [status for ensembles in found.values() for status in ensembles.values()]
     doubles = {double for status in statuses for double in status.get("doubles", {}).items() if double[0] in known}
-    return [f"two robots are called {agent}: at {known[agent]} and {where}" for agent, where in sorted(doubles)]
+    # Those who have another file than the one who asks know the one that answers as the second.
+    apart = sorted((agent, where) for agent, where in doubles if where != known[agent])
+    return [f"two robots are called {agent}: at {known[agent]} and {where}" for agent, where in apart]
 
 
 def _troubles(found: dict[str, dict[str, Any]]) -> Iterator[str]:

@@ -9,6 +9,9 @@ import time
 import msgspec
 import pytest
 
+from mdm.cli.team.status import _doubles
+from mdm.team.team import Team
+
 
 def lines(output):
     """The lines of a table, word by word."""
@@ -174,6 +177,13 @@ def test_what_it_waits_for_stands_beside_the_mode():
 
     shown = {"mode": "deciding", "causes": [], "live": ["a"], "idle": None, "waiting": ["agent b", "room_b (of b)"]}
     assert status._row("a", "joint", shown)[2] == "deciding (waits for agent b, room_b (of b))"
+
+
+def test_a_second_robot_is_never_told_to_be_at_the_address_of_the_first():
+    team = Team("pair", [("ada", "tcp/10.0.0.1:7447"), ("bob", "tcp/10.0.0.2:7447")])
+    here, elsewhere = "tcp/10.0.0.1:7447", "tcp/10.0.0.9:7447"
+    found = {"ada": {"joint": {"doubles": {"ada": elsewhere}}}, "bob": {"joint": {"doubles": {"ada": here}}}}
+    assert _doubles(found, team) == [f"two robots are called ada: at {here} and {elsewhere}"]
 
 
 @pytest.mark.slow

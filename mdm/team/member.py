@@ -312,14 +312,14 @@ def _session(team: Team, agent: str, allowance: Allowance | None, access: Access
     from mdm.team.transport.session import Session  # noqa: PLC0415 - the one that needs Zenoh
 
     configuration = ceiling_settings(team.ceilings)
+    endpoints = team.endpoints("tcp" if access is None else "tls")
+    for name, endpoint in endpoints.items():
+        if endpoint.startswith(("tls/", "quic/")) == (access is None):
+            needs = "access needs endpoints that begin with tls/, but"
+            if access is None:
+                needs = "endpoints that begin with tls/ or quic/ need access, the folder of certificates, and"
+            raise ConfigError(f"{needs} {name!r} has {endpoint}", key="team.agents")
     if access is not None:
-        endpoints = team.endpoints("tls")
-        plain = [name for name, endpoint in endpoints.items() if not endpoint.startswith(("tls/", "quic/"))]
-        if plain:
-            raise ConfigError(
-                f"access needs endpoints that begin with tls/, but {plain[0]!r} has {endpoints[plain[0]]}",
-                key="team.agents",
-            )
         configuration |= access_settings(access, team.name, agent, team.names, routed=team.router is not None)
     return Session(
         *(team.name, agent),

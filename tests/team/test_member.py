@@ -285,6 +285,17 @@ def test_a_member_behind_a_router_is_a_client_that_believes_it(tmp_path):
         )
 
 
+@pytest.mark.parametrize(
+    "where", [{"router": "tls/r.test:7447"}, {"agents": [("left", "quic/10.0.0.7:7447"), "right"]}]
+)
+def test_encrypted_endpoints_need_certificates(where):
+    class Nobody:
+        act = staticmethod(lambda name: lambda: None)
+
+    with refused(mdm.ConfigError):
+        Team("tigers", **{"agents": ["left", "right"], **where}).member("right", over_beliefs(MODEL)(Nobody(), 1))
+
+
 def test_who_asks_is_told_for_how_long_certificates_are_valid():
     async def main(runtime):
         network = Network(runtime.clock, team="tigers")

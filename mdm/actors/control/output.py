@@ -28,6 +28,10 @@ Observed = int | tuple[int | None, ...] | None
 """An observation by its index, or by components, None where one is missing."""
 
 
+_EACH = 16
+"""Decisions from one call to the next that looks at more than a length: what is read for each would be far apart."""
+
+
 def _ignore(_: Action) -> None:
     """Discard a decided action."""
 
@@ -60,7 +64,7 @@ class Output:
         "_deadline",
         "_decisions",
         "_do",
-        "_full",
+        "_due",
         "_has_belief",
         "_latencies",
         "_now",
@@ -96,7 +100,7 @@ class Output:
         self.record = self._latencies.record
         self._pending = self._latencies.pending
         self.look: Callable[[], int] = lambda: FULL
-        self._full = 1
+        self._due = 0
         # Whether actions are emitted, and nobody is told of each besides.
         self._alone = True
         self._actions: Channel[Action] | None = None
@@ -151,7 +155,7 @@ class Output:
         # Hot path.
         latency = self._now() - time
         self._pending.append(latency)
-        if len(self._pending) >= self._full:
+        if not len(self._pending) % _EACH:
             self._fold()
         if self._deadline is not None and self._is_refused(step, latency, time):
             return
@@ -187,7 +191,7 @@ class Output:
         # Hot path.
         latency = self._now() - time
         self._pending.append(latency)
-        if len(self._pending) >= self._full:
+        if not len(self._pending) % _EACH:
             self._fold()
         if self._deadline is not None and self._is_refused(step, latency, time):
             return
@@ -216,7 +220,7 @@ class Output:
             return False
         # Hot path.
         self._pending.append(self._now() - time)
-        if len(self._pending) >= self._full:
+        if not len(self._pending) % _EACH:
             self._fold()
         if self._tape is not None:
             self._tape.decided(self, time, epoch, "state", state, None, None, action, None)
@@ -227,9 +231,12 @@ class Output:
         return True
 
     def _fold(self) -> None:
+        """Count the latencies where many wait, and look how quickly decisions come where that is due."""
         if len(self._pending) >= FULL:
             self._latencies.fold()
-        self._full = min(len(self._pending) + self.look(), FULL)
+            self._due = 0
+        if len(self._pending) >= self._due:
+            self._due = len(self._pending) + self.look()
 
     def _is_refused(self, step: Step, latency: int, time: int) -> bool:
         """Whether a decision comes past its deadline, and is not published."""

@@ -46,7 +46,13 @@ def test_a_tracker_that_changes_its_array_in_place_changes_nothing_that_was_told
 
 @pytest.mark.parametrize(
     ("belief", "words"),
-    [("left", "is not an array of numbers, but 'left'"), ([0.2, 0.3, 0.5], r"has the shape \(3,\), but there are 2")],
+    [
+        ("left", "is not an array of numbers, but 'left'"),
+        ([0.2, 0.3, 0.5], r"has the shape \(3,\), but there are 2"),
+        ([0.5, 0.5 + 2e-6], "is not a distribution"),
+        ([0.6, 0.6], "is not a distribution"),
+        ([1.5, -0.5], "is not a distribution"),
+    ],
 )
 def test_what_is_no_belief_of_a_tracker_is_refused(belief, words):
     tracker = Halving()

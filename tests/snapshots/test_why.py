@@ -7,6 +7,7 @@ import asyncio
 import pytest
 from decided import ensemble
 
+from mdm.problems import tiger
 from mdm.recording import Record
 from mdm.snapshots import LiveRun, RecordedRun
 from mdm.testing import run_virtual
@@ -33,6 +34,10 @@ def test_live_and_from_the_record_it_is_the_same(tmp_path):
     run = RecordedRun(Record(tmp_path / "run.mcap"), ensembles={"robot": robot})
     assert asyncio.run(run.explain("robot", 1.5)) == told
     assert asyncio.run(run.explain("nobody", 1.5)) is None
+    other = RecordedRun(Record(tmp_path / "run.mcap"), ensembles={"robot": ensemble(model=tiger(discount=0.5))})
+    assert asyncio.run(other.explain("robot", 1.5)).text == (
+        "Nothing tells why: model, policy or options that can be loaded are not those that decided."
+    )
 
 
 def test_before_anything_is_decided_it_says_so():

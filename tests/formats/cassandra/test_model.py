@@ -59,6 +59,7 @@ def test_an_mdp_and_costs(tmp_path):
         ("0.8 0.2", "0.8 0.3", None, "sums to 1.1"),
         ("T: stay identity\n", "", None, "no 'T' statement is given for action 'stay'"),
         ("values: reward", "values reward", 1, "colon"),
+        ("values: reward", "values: reward start uniform", 2, "a ':' was expected after 'start'"),
         ("states: left right", "states: left left", 3, "'left' is named twice"),
     ],
 )

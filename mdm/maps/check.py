@@ -12,6 +12,7 @@ from mdm.checks import check_metres
 from mdm.maps.map import Floors, place_of
 from mdm.maps.paths import drivable, leads, needed_clearance, passages, route_sentence, undivided, widest
 from mdm.maps.raster import border_distance
+from mdm.texts import counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -169,7 +170,7 @@ def examine_lifts(
 def _strays(labels: Labels, colours: NDArray[np.uint32] | None) -> Iterator[Problem]:
     for colour, count in sorted(labels.strays.items(), key=lambda item: -item[1]):
         cells = [] if colours is None else np.argwhere(colours == colour)[:_SHOWN].tolist()
-        text = f"the colour {colour} is no place's, and has {_counted(count, 'cell')}: a slip of the brush?"
+        text = f"the colour {colour} is no place's, and has {counted(count, 'cell')}: a slip of the brush?"
         yield Problem("colours", text, (), [(row, column) for row, column in cells])
 
 
@@ -289,7 +290,10 @@ def _ways(labels: Labels, graph: Graph, grid: Grid, radius: float) -> Iterator[P
             wanted.setdefault(frozenset(ends), ends)
     driven = drivable(grid, radius)
     open_pairs = {frozenset(passage.places) for passage in found if leads(passage, driven)}
-    parts = _parts(labels, graph, driven)
+    # In which part of what the robot can drive over each goal lies; 0 where it does not fit.
+    numbers, _ = scipy.ndimage.label(driven)
+    cells = {node.name: labels.frame.cell(node.goal.x, node.goal.y) for node in graph.nodes}
+    parts = {name: int(numbers[cell]) for name, cell in cells.items() if cell is not None}
     needed = 2 * needed_clearance(grid, radius)
     robot = f"a robot of {2 * radius:g} m"
     for pair, (source, target) in wanted.items():
@@ -315,13 +319,6 @@ def _unused(found: Sequence[Passage], crowded: Sequence[str]) -> Iterator[Proble
         if not (one in crowded and other in crowded):
             text = f"{one!r} and {other!r} touch by a passage of {passage.width:.2f} m, and no way leads through it"
             yield Problem("ways", text, (one, other), [passage.middle])
-
-
-def _parts(labels: Labels, graph: Graph, driven: NDArray[np.bool_]) -> dict[str, int]:
-    """Return in which part of what the robot can drive over each goal lies; 0 where it does not fit."""
-    numbers, _ = scipy.ndimage.label(driven)
-    cells = {node.name: labels.frame.cell(node.goal.x, node.goal.y) for node in graph.nodes}
-    return {name: int(numbers[cell]) for name, cell in cells.items() if cell is not None}
 
 
 def _apart(graph: Graph) -> Iterator[Problem]:
@@ -362,7 +359,3 @@ def _reached(start: str, following: dict[str, set[str]]) -> set[str]:
         seen |= new
         left.extend(new)
     return seen
-
-
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"

@@ -147,7 +147,8 @@ def joined(graphs: Mapping[str, Graph], lifts: Iterable[Lift]) -> Graph:
         raise MapError("there are no floors: name one or more")
     nodes, edges = [], []
     for floor, graph in graphs.items():
-        _check_name(floor)
+        if not floor.strip() or not floor.isprintable() or "." in floor or "/" in floor:
+            raise MapError(f"a floor is called {floor!r}: give it a name without '.' and '/'")
         nodes += [
             replace(node, name=f"{floor}.{node.name}", goal=replace(node.goal, floor=floor)) for node in graph.nodes
         ]
@@ -159,7 +160,8 @@ def joined(graphs: Mapping[str, Graph], lifts: Iterable[Lift]) -> Graph:
         for stop in lift.stops:
             floor, _ = place_of(stop)
             if floor not in graphs:
-                raise MapError(f"{lift.name!r} stops at {stop!r}, and there is no such floor; {_there_are(graphs)}")
+                there = ", ".join(graphs)
+                raise MapError(f"{lift.name!r} stops at {stop!r}, and there is no such floor; there are {there}")
             if stop not in places:
                 there = ", ".join(f"{floor}.{name}" for name in graphs[floor].names)
                 raise MapError(f"{lift.name!r} stops at {stop!r}, and there is no such place; there are {there}")
@@ -214,12 +216,3 @@ def place_of(name: str) -> tuple[str, str]:
     if not floor or not dot or not place:
         raise MapError(f"{name!r} names no place of a floor: write the floor first, with a dot, as in ground.Hall")
     return floor, place
-
-
-def _check_name(floor: str) -> None:
-    if not floor.strip() or not floor.isprintable() or "." in floor or "/" in floor:
-        raise MapError(f"a floor is called {floor!r}: give it a name without '.' and '/'")
-
-
-def _there_are(names: Iterable[str]) -> str:
-    return f"there are {', '.join(names)}"

@@ -125,7 +125,9 @@ class Picture:
             line = self._line(start, between, end)
             self._arrow(line)
             if edge.label != f"to {edge.target}":  # which the arrow says
-                self._write(edge.label, _along(line, 0.3), fill=_PAPER, rank=1)
+                passed = list(accumulate(math.dist(one, other) for one, other in pairwise(line)))
+                place = next(index for index, length in enumerate(passed) if length >= 0.3 * passed[-1])
+                self._write(edge.label, line[place], fill=_PAPER, rank=1)
         for node in graph.nodes:
             self._goal(node)
             x, y = places[node.name]
@@ -142,7 +144,13 @@ class Picture:
 
     def ring(self, cells: Sequence[tuple[int, int]]) -> None:
         """Draw rings around cells."""
-        for row, column in _apart(cells, 30 * self._unit / self._cell):
+        # No two rings are near each other, and all other cells are near one.
+        distance = 30 * self._unit / self._cell
+        chosen: list[tuple[int, int]] = []
+        for cell in cells:
+            if all(math.dist(cell, other) > distance for other in chosen):
+                chosen.append(cell)
+        for row, column in chosen:
             x, y = self._at(row, column)
             for radius, width, ink in ((24, 7, _PAPER), (23, 4, _MARK)):
                 self._ring(x, y, radius * self._unit, round(width * self._unit), ink)
@@ -306,7 +314,11 @@ class Picture:
         gap = min(18 * self._unit, math.dist(start, end) / 3)
         corners[0] = start[0] + gap * first[0], start[1] + gap * first[1]
         corners[-1] = end[0] - gap * last[0], end[1] - gap * last[1]
-        corners = _moved_aside(corners, 5 * self._unit)
+        # The line runs on its right.
+        distance = 5 * self._unit
+        ahead = [_towards(one, other) for one, other in pairwise(corners)]
+        turns = [ahead[0], *(_towards((0, 0), (a[0] + b[0], a[1] + b[1])) for a, b in pairwise(ahead)), ahead[-1]]
+        corners = [_beside(corner, direction, distance) for corner, direction in zip(corners, turns, strict=True)]
         line = [corners[0]]
         for before, corner, after in zip(corners, corners[1:], corners[2:], strict=False):
             smooth = min(math.dist(before, corner), math.dist(corner, after), 60 * self._unit) / 2
@@ -409,20 +421,6 @@ def _curve(start: Point, bend: Point, end: Point, part: float) -> Point:
     return a * start[0] + b * bend[0] + c * end[0], a * start[1] + b * bend[1] + c * end[1]
 
 
-def _moved_aside(corners: list[Point], distance: float) -> list[Point]:
-    """Return the corners of a line moved to its right."""
-    ahead = [_towards(one, other) for one, other in pairwise(corners)]
-    turns = [ahead[0], *(_towards((0, 0), (a[0] + b[0], a[1] + b[1])) for a, b in pairwise(ahead)), ahead[-1]]
-    return [_beside(corner, direction, distance) for corner, direction in zip(corners, turns, strict=True)]
-
-
-def _along(line: list[Point], part: float) -> Point:
-    """Return the point of a line after a part of its length."""
-    steps = [math.dist(one, other) for one, other in pairwise(line)]
-    passed = list(accumulate(steps))
-    return line[next(index for index, length in enumerate(passed) if length >= part * passed[-1])]
-
-
 def _towards(start: Point, end: Point) -> Point:
     """Return the direction from a point to another one."""
     length = math.dist(start, end) or 1.0
@@ -436,15 +434,6 @@ def _beside(point: Point, direction: Point, distance: float) -> Point:
 
 def _overlap(one: Box, other: Box) -> bool:
     return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
-
-
-def _apart(cells: Sequence[tuple[int, int]], distance: float) -> list[tuple[int, int]]:
-    """Return cells no two of which are near each other, near one of which all others are."""
-    chosen: list[tuple[int, int]] = []
-    for cell in cells:
-        if all(math.dist(cell, other) > distance for other in chosen):
-            chosen.append(cell)
-    return chosen
 
 
 def _pillow() -> tuple[Any, Any, Any]:

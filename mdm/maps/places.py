@@ -234,7 +234,11 @@ class Places(Actor):
     def _on_journey(self, journey: Journey) -> None:
         goal = None if journey.place is None else self._nodes.get(journey.place)
         if journey.arrived and goal is not None:
-            self._reach(goal)
+            self._heads_for = None
+            if goal not in self._at or self._reached != goal:
+                self._at |= {goal}
+                self._reached = goal
+                self._tell()
         else:
             self._heads_for = goal
             self._near_since = None
@@ -283,19 +287,6 @@ class Places(Actor):
     def _is_near(self, goal: int, pose: Pose) -> bool:
         """Whether a robot at a pose counts as come to a goal when its drive has ended."""
         return self._distance(goal, pose) <= math.sqrt(self._goals[goal][3])
-
-    def _look_whether_there(self, arrives: asyncio.Future[bool], pose: Pose) -> None:
-        goal = self._heads_for
-        if goal is not None and not arrives.done() and self._is_near(goal, pose):
-            arrives.set_result(True)
-
-    def _reach(self, goal: int) -> None:
-        """Let the goal of the drive that has ended count as reached."""
-        self._heads_for = None
-        if goal not in self._at or self._reached != goal:
-            self._at |= {goal}
-            self._reached = goal
-            self._tell()
 
     def _distance(self, goal: int, pose: Pose) -> float:
         if not any(index == goal for index, *_ in self._levels[pose.floor].goals):
@@ -357,7 +348,9 @@ class Places(Actor):
         if self._timer is None:
             self._wait()
         if self._arrives is not None:
-            self._look_whether_there(self._arrives, here)
+            goal = self._heads_for
+            if goal is not None and not self._arrives.done() and self._is_near(goal, here):
+                self._arrives.set_result(True)
 
     def _room_of(self, code: int, before: int) -> tuple[int, bool]:
         """Return the label of the place where the robot is, by that of the cell, and whether it is only the nearest."""

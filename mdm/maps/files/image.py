@@ -136,7 +136,10 @@ def _check_size(rows: int, columns: int, path: Path) -> None:
 
 
 def _drawn(data: bytes, path: Path) -> Image:
-    pillow = _pillow(path)
+    try:
+        from PIL import Image as pillow  # noqa: N813, PLC0415 - a module, of an extra
+    except ImportError:
+        raise MapError(f"{path}: PNG and BMP images need Pillow: pip install 'markov-decision-making[maps]'") from None
     bits, kind = (data[24], data[25]) if data.startswith(_PNG) and len(data) > 25 else (8, -1)
     if bits == 16 and kind != 0:
         raise FormatError(_DEEP, file=path)
@@ -167,14 +170,6 @@ def _pixels(picture: Any, bits: int, path: Path) -> Image:
         case "LA":
             return Image(np.array(picture.convert("RGBA")), 255)
     raise FormatError(f"images of the kind {picture.mode!r} are not read: save it as grey, RGB or RGBA", file=path)
-
-
-def _pillow(path: Path) -> Any:
-    try:
-        from PIL import Image as pillow  # noqa: N813, PLC0415 - a module, of an extra
-    except ImportError:
-        raise MapError(f"{path}: PNG and BMP images need Pillow: pip install 'markov-decision-making[maps]'") from None
-    return pillow
 
 
 def save_labels(labels: Labels, path: str | PathLike[str]) -> None:

@@ -313,7 +313,12 @@ def labels_of(graph: Graph, frame: Frame, reach: float | None, grid: Grid | None
         window, inside = _inside([frame.locate(*point) for point in _outline(node, reach)], frame)
         if not inside.size:
             continue
-        place, distance = raster[window], _distances(frame, window, node)
+        # In metres, to the goal of the place.
+        row, column = frame.locate(node.goal.x, node.goal.y)
+        down = np.arange(window[0].start, window[0].stop)[:, None] - row
+        across = np.arange(window[1].start, window[1].stop)[None, :] - column
+        distances: NDArray[np.float64] = np.hypot(down, across) * frame.resolution
+        place, distance = raster[window], distances
         if node.zone is None:
             held = np.array([True, *(each.zone is None for each in graph.nodes)])[place]
             inside = held & (distance <= (reach or 0.0))  # a circle, not its outline
@@ -366,15 +371,6 @@ def _inside(corners: list[tuple[float, float]], frame: Frame) -> tuple[tuple[sli
             crossing = column + (down - row) * (next_column - column) / (next_row - row)
             inside ^= between & (across < crossing)
     return window, inside
-
-
-def _distances(frame: Frame, window: tuple[slice, slice], node: Node) -> NDArray[np.float64]:
-    """Return the distance of the cells of a window to the goal of a place, in metres."""
-    row, column = frame.locate(node.goal.x, node.goal.y)
-    down = np.arange(window[0].start, window[0].stop)[:, None] - row
-    across = np.arange(window[1].start, window[1].stop)[None, :] - column
-    distances: NDArray[np.float64] = np.hypot(down, across) * frame.resolution
-    return distances
 
 
 def _by_free_cells(

@@ -82,7 +82,14 @@ def read_route_graph(source: Source) -> Graph:
     for index, feature in enumerate(features):
         kind, fail = feature.geometry.type, _failing(source, index, feature)
         if kind in {"MultiLineString", "LineString"}:
-            edge = _edge(feature, names, fail)
+            start, end = feature.properties.startid, feature.properties.endid
+            if start is None or end is None:
+                fail("an edge needs startid and endid")
+            for number in (start, end):
+                if number not in names:
+                    fail(f"the edge leads from {start} to {end}, and there is no node {number}")
+            label = _text(feature, "name", fail) or f"to {names[end]}"
+            edge = Edge(names[start], names[end], label, feature.properties.cost)
             if edge.source != edge.target or feature.properties.startid == feature.properties.endid:
                 gathered.add_edge(edge, fail)
         elif kind != "Point":
@@ -145,17 +152,6 @@ def _add_places(source: Source, features: list[_Feature], gathered: Gathered) ->
         text = f"{source.path}: nodes on one point are one place: {', '.join(twins[:_TOLD])}"
         warnings.warn(MapWarning(text + (f" and {len(twins) - _TOLD} more" * (len(twins) > _TOLD))), stacklevel=2)
     return names
-
-
-def _edge(feature: _Feature, names: dict[int, str], fail: Callable[[str], NoReturn]) -> Edge:
-    start, end = feature.properties.startid, feature.properties.endid
-    if start is None or end is None:
-        fail("an edge needs startid and endid")
-    for number in (start, end):
-        if number not in names:
-            fail(f"the edge leads from {start} to {end}, and there is no node {number}")
-    label = _text(feature, "name", fail) or f"to {names[end]}"
-    return Edge(names[start], names[end], label, feature.properties.cost)
 
 
 def _failing(source: Source, index: int, feature: _Feature) -> Callable[[str], NoReturn]:

@@ -125,7 +125,13 @@ class _Judge:
                 continue
             text = given.string(f"{key} of {what}")
             try:
-                allowed = self._holds(text)
+                # Capitals do not count; what is not known of the robot is None.
+                formula = parse(text)
+                values: dict[str, bool | None] = {"True": True, "False": False}
+                for name in formula.names - values.keys():
+                    kind, _, value = name.partition("_")
+                    values[name] = value.lower() == self._robot[kind].lower() if kind in self._robot else None
+                allowed = formula.evaluate(values)
             except FormatError as error:
                 given.fail(f"{key} of {what}, {text[:80]!r}, is no formula of conditions such as robot_short: {error}")
             if allowed is False:
@@ -139,15 +145,6 @@ class _Judge:
             if allowed is None:
                 self.left.leave(f"{key} {text!r}", f"line {given.line}")
         return True
-
-    def _holds(self, text: str) -> bool | None:
-        """Return whether a restriction holds for the robot; None where that is not known. Capitals do not count."""
-        formula = parse(text)
-        values: dict[str, bool | None] = {"True": True, "False": False}
-        for name in formula.names - values.keys():
-            kind, _, value = name.partition("_")
-            values[name] = value.lower() == self._robot[kind].lower() if kind in self._robot else None
-        return formula.evaluate(values)
 
 
 class _Transformation:

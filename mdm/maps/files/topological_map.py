@@ -72,7 +72,12 @@ def _add(node: Element, gathered: Gathered) -> None:
             child.fail(f"<Goal>, <Connections> or <Connection> was expected, not <{child.tag}>")
     if len(node.all("Goal")) > 1:
         node.all("Goal")[1].fail(f"{name!r} has a second <Goal>")
-    gathered.add_node(Node(name, _pose(node.need("Goal"))), node.fail)
+    goal = node.need("Goal")
+    words = goal.text.split()
+    numbers = [value for value in map(number, words) if value is not None]
+    if len(numbers) != len(words) or len(words) not in {2, 3} or not Pose(*numbers).is_finite:
+        goal.fail(f"x, y and yaw were expected, not {goal.text.strip()!r}")
+    gathered.add_node(Node(name, Pose(*numbers)), node.fail)
     for connection in connections:
         if connection.tag != "Connection":
             connection.fail(f"<Connection> was expected, not <{connection.tag}>")
@@ -80,11 +85,3 @@ def _add(node: Element, gathered: Gathered) -> None:
         if not target:
             connection.fail("the connection names no place that it leads to")
         gathered.add_edge(Edge(name, target, connection.attribute("label")), connection.fail)
-
-
-def _pose(goal: Element) -> Pose:
-    words = goal.text.split()
-    numbers = [value for value in map(number, words) if value is not None]
-    if len(numbers) != len(words) or len(words) not in {2, 3} or not Pose(*numbers).is_finite:
-        goal.fail(f"x, y and yaw were expected, not {goal.text.strip()!r}")
-    return Pose(*numbers)

@@ -14,7 +14,6 @@ from mdm.formats.source import Source, number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
 __all__ = ["Entry", "read_yaml"]
 
@@ -92,7 +91,10 @@ def read_yaml(source: Source) -> Entry:
             than 50 deep, or stands for more than a million values.
         MapError: If PyYAML is not installed.
     """
-    yaml = _yaml(source.path)
+    try:
+        import yaml  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise MapError(f"{source.path}: YAML files need PyYAML: pip install 'markov-decision-making[maps]'") from None
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
         return _Composer(source, yaml.parse(source.text, Loader=loader)).document()
@@ -104,14 +106,6 @@ def read_yaml(source: Source) -> Entry:
             line=None if mark is None else mark.line + 1,
             column=None if mark is None else mark.column + 1,
         )
-
-
-def _yaml(path: Path) -> Any:
-    try:
-        import yaml  # noqa: PLC0415 - an extra
-    except ImportError:
-        raise MapError(f"{path}: YAML files need PyYAML: pip install 'markov-decision-making[maps]'") from None
-    return yaml
 
 
 class _Composer:

@@ -64,7 +64,7 @@ def load_model(path: str | Path, *, sparse: bool | None = None, normalize: bool 
     Raises:
         FormatError: If the file cannot be read or is malformed, with the place and what was expected.
     """
-    reader = _reader(Path(path))
+    reader: _Reader = format_of(_form(Path(path))).read
     if not normalize:
         return reader(path, sparse=sparse)
     with collect_problems(sums_only=True) as problems:
@@ -108,12 +108,6 @@ def save_model(model: MDP | POMDP, path: str | Path) -> None:
         warnings.warn(text, ModelWarning, stacklevel=2)
     write: Callable[[MDP, str | Path], None] = format_of(_BY_SUFFIX[suffix]).write
     write(model, path)
-
-
-def _reader(path: Path) -> _Reader:
-    """Return a file's reader."""
-    reader: _Reader = format_of(_form(path)).read
-    return reader
 
 
 def _form(path: Path) -> str:

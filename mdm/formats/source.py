@@ -107,18 +107,14 @@ class Words:
 def _split(text: str) -> list[str]:
     words = text.replace(":", " : ").replace("*", " * ").split()
     if "+" in words or "-" in words:
-        return _join_signs(words)
+        joined: list[str] = []
+        for word in words:
+            if joined and joined[-1] in {"+", "-"} and _SIGNED.match(word):
+                joined[-1] += word
+            else:
+                joined.append(word)
+        return joined
     return words
-
-
-def _join_signs(words: list[str]) -> list[str]:
-    joined: list[str] = []
-    for word in words:
-        if joined and joined[-1] in {"+", "-"} and _SIGNED.match(word):
-            joined[-1] += word
-        else:
-            joined.append(word)
-    return joined
 
 
 def _read(path: Path) -> str:

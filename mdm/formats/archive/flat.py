@@ -66,7 +66,8 @@ def mapped(model: MDP, make: Callable[[], _Flat]) -> _Flat:
         folder = user_folder()
         if folder is None:
             return make()
-        key = _key(model)
+        # The digest of all that the matrices follow from.
+        key = of_parts([__version__, _FORM, np.__version__, type(model).__name__, model.sparse, digest(model)])
         known = _here.get(key)
         if known is None:
             _, arrays = Store(folder).obtain(key, written)
@@ -76,11 +77,6 @@ def mapped(model: MDP, make: Callable[[], _Flat]) -> _Flat:
         warnings.warn(text, ModelWarning, stacklevel=2)
         return own[0] if own else make()
     return cast("_Flat", known)
-
-
-def _key(model: MDP) -> str:
-    """Return the digest of all that the matrices follow from."""
-    return of_parts([__version__, _FORM, np.__version__, type(model).__name__, model.sparse, digest(model)])
 
 
 def _packed(model: MDP) -> dict[str, npt.NDArray[Any]]:

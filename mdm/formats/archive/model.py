@@ -158,7 +158,12 @@ def _flat(
     rewards = _floats(arrays["rewards"])
     if rewards.shape != (size, count):
         raise ModelError(f"the rewards have the shape {rewards.shape}, not {(size, count)}")
-    _check_outcomes(arrays.get("outcomes"), size, count, observations)
+    outcomes = arrays.get("outcomes")
+    shapes: list[tuple[int, ...]] = [(count, size, size)]
+    if observations is not None:
+        shapes.append((count, size, size, len(observations)))
+    if outcomes is not None and (outcomes.shape not in shapes or not np.isfinite(outcomes).all()):
+        raise ModelError("the rewards of outcomes have the wrong shape or are not finite")
     common: dict[str, Any] = {
         "discount": header.discount,
         "states": states,
@@ -198,14 +203,6 @@ def _converted(model: MDP, sparse: bool) -> MDP | POMDP:
         else [pomdp.observation_matrix(action) for action in actions]
     )
     return POMDP(transitions, seen, model.rewards, **common)
-
-
-def _check_outcomes(outcomes: Any, size: int, count: int, observations: Space | None) -> None:
-    shapes: list[tuple[int, ...]] = [(count, size, size)]
-    if observations is not None:
-        shapes.append((count, size, size, len(observations)))
-    if outcomes is not None and (outcomes.shape not in shapes or not np.isfinite(outcomes).all()):
-        raise ModelError("the rewards of outcomes have the wrong shape or are not finite")
 
 
 def _matrices(names: list[str], arrays: Mapping[str, Any], shape: tuple[int, int], count: int) -> Checked:

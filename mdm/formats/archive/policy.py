@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP, Space
     from mdm.policies import Policy
-    from mdm.policies.policy import Arrays
 
 __all__ = ["read", "write"]
 
@@ -52,7 +51,11 @@ def read(path: str | Path, model: MDP | None = None, *, seed: int | None = None)
     written, arrays = npz.read(Path(path))
     try:
         header = msgspec.json.decode(written, type=_Header)
-        policy: Any = _unpacked(header, arrays, seed)
+        if any(not 0 <= size <= LARGEST for size in header.sizes.values()):
+            raise ModelError(f"a size is not between 0 and {LARGEST}")
+        if header.kind not in PACKABLE:
+            raise ModelError(f"the kind of policy {header.kind[:40]!r} is unknown")
+        policy: Any = PACKABLE[header.kind].unpacked(header.sizes, arrays, seed)
         policy.discount_of = checked_unit(header.discount_of)
         wrong = None if model is None else mismatch(policy, model) or _name_mismatch(header, model)
     except KeyError as error:
@@ -89,14 +92,6 @@ def write(policy: Policy, path: str | Path, model: MDP | None = None) -> None:
         header.states, header.actions = names_of(model.state_space), names_of(model.action_space)
         header.observations = None if model.observation_space is None else names_of(model.observation_space)
     npz.write(Path(path), header, packed[1])
-
-
-def _unpacked(header: _Header, arrays: Arrays, seed: int | None) -> Policy:
-    if any(not 0 <= size <= LARGEST for size in header.sizes.values()):
-        raise ModelError(f"a size is not between 0 and {LARGEST}")
-    if header.kind not in PACKABLE:
-        raise ModelError(f"the kind of policy {header.kind[:40]!r} is unknown")
-    return PACKABLE[header.kind].unpacked(header.sizes, arrays, seed)
 
 
 def _name_mismatch(header: _Header, model: MDP) -> str | None:

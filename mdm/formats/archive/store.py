@@ -91,7 +91,13 @@ class Store:
             StoreError: If there is no file, and none can be made.
         """
         try:
-            folder = self._opened()
+            # Nobody else may write in the folder.
+            self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            folder = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+            wrong = _unsafe(os.fstat(folder))
+            if wrong is not None:
+                os.close(folder)
+                raise StoreError(f"{self._folder}: {wrong}")
             try:
                 found = self._read(folder, name)
                 if found is None:
@@ -102,16 +108,6 @@ class Store:
         except (OSError, FormatError) as error:
             raise StoreError(f"{self._folder}: {getattr(error, 'strerror', None) or error}") from None
         return found
-
-    def _opened(self) -> int:
-        """Return a descriptor of the folder, after making sure that nobody else can write there."""
-        self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        folder = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        wrong = _unsafe(os.fstat(folder))
-        if wrong is not None:
-            os.close(folder)
-            raise StoreError(f"{self._folder}: {wrong}")
-        return folder
 
     def _read(self, folder: int, name: str, *, tells: bool = False) -> tuple[bytes, dict[str, npt.NDArray[Any]]] | None:
         """Return the contents of a file; None where there is none that may be mapped, which can be told."""

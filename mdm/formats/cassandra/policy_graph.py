@@ -53,8 +53,9 @@ def read(
             source.fail(f"node {node} was expected, not {row[0][:40]}", line=line)
         actions.append(alpha.action_index(source, line, row[1], num_actions))
         successors.append([_successor(source, line, node, word, len(rows)) for word in row[2:]])
-    companion = _companion(source.path)
-    if companion is None:
+    graph = source.path.with_suffix("") if source.path.suffix.lower() == ".gz" else source.path
+    companion = graph.with_suffix(".alpha")
+    if companion == graph or not companion.is_file():
         return FiniteStateController(actions, successors, num_actions)
     vectors, of = alpha.read_in_order(companion, num_actions=num_actions)
     if of != actions:
@@ -126,10 +127,3 @@ def _successor(source: Source, line: int, node: int, word: str, num_nodes: int) 
             line=line,
         )
     return int(word)
-
-
-def _companion(path: Path) -> Path | None:
-    """Return the ``.alpha`` file beside a graph, or None."""
-    path = path.with_suffix("") if path.suffix.lower() == ".gz" else path
-    beside = path.with_suffix(".alpha")
-    return beside if beside != path and beside.is_file() else None

@@ -321,18 +321,15 @@ class _Reader:
         if kind in _TREES:
             return self._tree(element, depth)
         if kind == "Uniform":
-            return self._uniform()
+            if self._child is None:
+                return Table([], 0.0)
+            size = len(self._child.names)
+            return Table([self._nodes[self._child.key]], np.full(size, 1 / size))
         if kind in _TABLES:
             return self._table(element)
         return element.fail(
             f"a potential of type {kind!r} is not supported; Table, ProbTable, Exact, Uniform and Tree/ADD are"
         )
-
-    def _uniform(self) -> Potential:
-        if self._child is None:
-            return Table([], 0.0)
-        size = len(self._child.names)
-        return Table([self._nodes[self._child.key]], np.full(size, 1 / size))
 
     def _scope(self, element: Element) -> list[Variable]:
         listed = element.find("Variables")

@@ -106,7 +106,13 @@ class _Document:
     def _read_variables(self, element: Element) -> None:
         for variable in element.children:
             if variable.tag == "StateVar":
-                self._add_state(variable)
+                seen = variable.attributes.get("fullyObs", "false").strip().lower()
+                if seen not in {"true", "false", "0", "1"}:
+                    variable.fail(f"fullyObs is true or false, not {seen!r}")
+                factor = self._add(variable, "vnamePrev", "state", "s")
+                self._fully_observed.append(seen in {"true", "1"})
+                name = variable.attribute("vnameCurr")
+                self._name(variable, name, Variable(Node("next_state", len(self._fully_observed) - 1), factor))
             elif variable.tag == "ActionVar":
                 self._add(variable, "vname", "action", "a")
             elif variable.tag == "ObsVar":
@@ -115,15 +121,6 @@ class _Document:
                 self._rewards.add(variable.attribute("vname"))
             else:
                 variable.fail(f"StateVar, ActionVar, ObsVar or RewardVar was expected, not <{variable.tag}>")
-
-    def _add_state(self, element: Element) -> None:
-        seen = element.attributes.get("fullyObs", "false").strip().lower()
-        if seen not in {"true", "false", "0", "1"}:
-            element.fail(f"fullyObs is true or false, not {seen!r}")
-        factor = self._add(element, "vnamePrev", "state", "s")
-        self._fully_observed.append(seen in {"true", "1"})
-        name = element.attribute("vnameCurr")
-        self._name(element, name, Variable(Node("next_state", len(self._fully_observed) - 1), factor))
 
     def _add(self, element: Element, attribute: str, role: Role, prefix: str) -> Factor:
         name = element.attribute(attribute)
@@ -357,7 +354,12 @@ class _Diagram:
     def _shortcut(self, element: Element, depth: int) -> Potential:
         kind = element.attribute("type")
         if kind == "template":
-            return self._template(element, depth)
+            name = element.attribute("idref")
+            if name not in self._templates:
+                element.fail(f"there is no template {name!r}; there are {', '.join(self._templates) or 'none'}")
+            if name not in self._read:
+                self._read[name] = self._inside(self._templates[name], depth)
+            return self._read[name]
         if kind not in {"uniform", "deterministic", "persistent"}:
             element.fail(
                 f"a <SubDAG> has the type {kind!r}: uniform, deterministic, persistent or template was expected"
@@ -373,14 +375,6 @@ class _Diagram:
             element.fail(f"{variable.factor.name!r} is not a state variable, so 'persistent' has no previous value")
         place = variable.node.place
         return Table([Node("state", place), Node("next_state", place)], np.eye(size))
-
-    def _template(self, element: Element, depth: int) -> Potential:
-        name = element.attribute("idref")
-        if name not in self._templates:
-            element.fail(f"there is no template {name!r}; there are {', '.join(self._templates) or 'none'}")
-        if name not in self._read:
-            self._read[name] = self._inside(self._templates[name], depth)
-        return self._read[name]
 
     def _variable(self, element: Element) -> Variable:
         name = element.attribute("var")

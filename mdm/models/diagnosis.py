@@ -37,10 +37,11 @@ def diagnose(model: MDP) -> list[str]:
     if not reached.all():
         found.append(f"{_some(states.names, ~reached, 'state')} cannot be reached from the start")
         found += _unused(states, reached, "value", "state factor")
-    absorbing = _absorbing(model)
+    absorbing = np.asarray(np.all([_stays(matrix) for matrix in _distinct(model)], axis=0))
     if absorbing.any():
         found.append(f"{_some(states.names, absorbing, 'state')} are never left (absorbing)")
-    idle = _idle(model)
+    actions = range(len(model.action_space))
+    idle = np.array([_stays(model.transition_matrix(action)).all() for action in actions])
     if idle.any() and not absorbing.all():
         found.append(f"{_some(model.action_space.names, idle, 'action')} never change the state")
     if (pomdp := model.pomdp) is not None:
@@ -67,15 +68,6 @@ def reachable_states(model: MDP) -> Mask:
 def _distinct(model: MDP) -> list[Any]:
     every = (model.transition_matrix(action) for action in range(len(model.action_space)))
     return list({id(matrix): matrix for matrix in every}.values())
-
-
-def _absorbing(model: MDP) -> Mask:
-    return np.asarray(np.all([_stays(matrix) for matrix in _distinct(model)], axis=0))
-
-
-def _idle(model: MDP) -> Mask:
-    actions = range(len(model.action_space))
-    return np.array([_stays(model.transition_matrix(action)).all() for action in actions])
 
 
 def _stays(matrix: Any) -> Mask:

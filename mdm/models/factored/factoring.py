@@ -149,7 +149,8 @@ def unlinked(network: TwoSliceNetwork, role: Role) -> TwoSliceNetwork | None:
     Raises:
         ModelError: If the tables would be too large.
     """
-    if not _are_linked(network, role):
+    places = range(len(network.potentials(role)))
+    if not any(parent.role == role for place in places for parent in network.parents(Node(role, place))):
         return network
     given, joint = _joint(network, role)
     own = range(given, joint.ndim)
@@ -209,11 +210,6 @@ def _with(network: TwoSliceNetwork, changed: dict[str, Any]) -> TwoSliceNetwork:
         "event_observations": network.event_observations,
     }
     return TwoSliceNetwork(actions=network.actions, **(parts | changed))
-
-
-def _are_linked(network: TwoSliceNetwork, role: Role) -> bool:
-    places = range(len(network.potentials(role)))
-    return any(parent.role == role for place in places for parent in network.parents(Node(role, place)))
 
 
 def _parents(network: TwoSliceNetwork, role: Role) -> list[Node]:

@@ -239,7 +239,7 @@ class Ensembles:
     def _parts(self, name: str, table: EnsembleTable, above: tuple[str, ...]) -> dict[str, Any] | None:
         """Return the parts of an ensemble; None if one has problems, which are noted."""
         key = f"ensembles.{name}"
-        given = self._given_actions(table, key)
+        given = table.actions if self._share is None else self._share.actions(table.actions, f"{key}.actions")
         actions = None if given is None else self._actions(name, given, above)
         indices = table.model is None
         states = self._factors(StateFactor, StateTable, table.states, f"{key}.states", indices=indices)
@@ -253,7 +253,7 @@ class Ensembles:
         model = self._model(table, key)
         if table.model is not None and model is None:
             return None
-        memory = self._memory(table)
+        memory = self._share.team.memory if table.memory is None and self._share is not None else table.memory
         with sparing(wanted=memory is not None):
             if is_reference(table.policy):
                 policy = self._own_policy(table, model, key, (states or [], observations or []))
@@ -288,10 +288,6 @@ class Ensembles:
         return {**parts, "model": model, **own}
 
     # -- A team's --------------------------------------------------------------------------------------------------
-
-    def _given_actions(self, table: EnsembleTable, key: str) -> Mapping[str, Any] | None:
-        """Return the actions of this agent; None where the others have theirs, and it has none."""
-        return table.actions if self._share is None else self._share.actions(table.actions, f"{key}.actions")
 
     def _seat(self, name: str, table: EnsembleTable, model: MDP | POMDP | None) -> Seat:
         key = f"ensembles.{name}"
@@ -405,12 +401,6 @@ class Ensembles:
         with self._problems.collecting(key):
             return Binding(function or nothing).target
         return nothing
-
-    def _memory(self, table: EnsembleTable) -> float | None:
-        """Return how many megabytes an ensemble's model may take; None where nothing limits it but the machine."""
-        if table.memory is not None or self._share is None:
-            return table.memory
-        return self._share.team.memory
 
     def _search(
         self, table: EnsembleTable, model: MDP | POMDP | None, policy: Any, key: str, memory: float | None

@@ -29,22 +29,18 @@ def scores_at(case: Case, at: Any, belief: Vector | None) -> Scores | None:
     """
     policy: Any = case.policy
     if getattr(policy, "input", "belief") == "observation":
-        return _of_nodes(policy, at, belief)
+        if belief is None or len(policy.controllers) > 1 or policy.controllers[0].values is None:
+            return None
+        (controller,), (node,) = policy.controllers, at
+        values = controller.values.dot(belief)
+        numbers = np.full(controller.num_actions, -np.inf)
+        np.maximum.at(numbers, list(controller.actions), values)
+        numbers[controller.actions[node]] = values[node]
+        return Scores("value", numbers)
     found: Scores | None = policy.scores(at) if hasattr(policy, "scores") else None
     if found is None and hasattr(policy, "q_values"):
         return Scores("value", np.asarray(policy.q_values(at), dtype=np.float64))
     return found
-
-
-def _of_nodes(policy: Any, at: Any, belief: Vector | None) -> Scores | None:
-    if belief is None or len(policy.controllers) > 1 or policy.controllers[0].values is None:
-        return None
-    (controller,), (node,) = policy.controllers, at
-    values = controller.values.dot(belief)
-    numbers = np.full(controller.num_actions, -np.inf)
-    np.maximum.at(numbers, list(controller.actions), values)
-    numbers[controller.actions[node]] = values[node]
-    return Scores("value", numbers)
 
 
 def second(numbers: Vector, action: int) -> int | None:

@@ -65,7 +65,8 @@ def _lines(e: Explanation) -> Iterator[str]:
         yield _influence(e, e.moved_by)
     if e.otherwise:
         more = f" ({e.ways} such changes)" if e.ways > 1 else ""
-        yield f"The smallest change that decides otherwise{more}: {_otherwise(e)}."
+        changes = "; or ".join(_change(change) for change in e.otherwise)
+        yield f"The smallest change that decides otherwise{more}: {changes}."
     if e.next_states:
         seen = f"; of observations {_chances(e.next_observations)}" if e.next_observations else ""
         yield f"It expects next, of states {_chances(e.next_states)}{seen}."
@@ -127,10 +128,6 @@ def _influence(e: Explanation, influence: Influence) -> str:
         margin = f"it would have been behind by {-influence.without:.4g}"
     decision = f", and the decision {influence.action!r}" if influence.decisive else ""
     return f"{told}: without it, {margin}{decision}."
-
-
-def _otherwise(e: Explanation) -> str:
-    return "; or ".join(_change(change) for change in e.otherwise)
 
 
 def _change(change: BeliefChange | StateChange | ObservationChange) -> str:

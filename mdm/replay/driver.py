@@ -78,7 +78,8 @@ class Driver:
             for place, stimulus in enumerate(stimuli):
                 if not place % _BREATH:
                     await asyncio.sleep(0)  # so that signals are heard
-                await self._move_to(stimulus.time)
+                while self._clock.step(stimulus.time):
+                    await self._settle()
                 player.comes_to(place)
                 if isinstance(stimulus, Finished) or len(player.differences) >= most:
                     break
@@ -92,11 +93,6 @@ class Driver:
         finally:
             player.release()
             self._runtime.dispatcher.resume_later()
-
-    async def _move_to(self, time: int) -> None:
-        """Let timers fire that are due by then; what they begin takes its first step."""
-        while self._clock.step(time):
-            await self._settle()
 
     async def _settle(self) -> None:
         while any(not work.begun and not work.done for _, work in self._player.fresh):  # noqa: ASYNC110 - likewise

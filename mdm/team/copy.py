@@ -216,7 +216,12 @@ class Copy:
     def _state(self, said: Mapping[str, Part], silent: set[str], time: int) -> State | None:
         """Return the joint state of a step; None where events alone make steps and it is the same as before."""
         ownership = self.ownership
-        self._advance_time(said)
+        # Clocks may differ: each counts from its agent's first word, and anew when it comes back; it may have been set.
+        before = self._now
+        for agent, part in said.items():
+            if agent in self._gone or agent not in self._ahead:
+                self._ahead[agent] = part.time - before
+            self._now = max(self._now, part.time - self._ahead[agent])
         for agent, part in said.items():
             for place, value in zip(ownership.of[agent], part.values, strict=True):
                 self._kept[place] = value
@@ -232,17 +237,6 @@ class Copy:
         )
         same, self._last = values == self._last, values
         return None if same and self._event_driven else State(time, ownership.index(values), values)
-
-    def _advance_time(self, said: Mapping[str, Part]) -> None:
-        """Move the time of this process on by the agents' clocks, which may differ: each counts from its first word.
-
-        One that comes back counts anew, since its clock may have been set.
-        """
-        before = self._now
-        for agent, part in said.items():
-            if agent in self._gone or agent not in self._ahead:
-                self._ahead[agent] = part.time - before
-            self._now = max(self._now, part.time - self._ahead[agent])
 
     def named(self, inputs: Mapping[str, bytes]) -> dict[str, str | tuple[str | None, ...] | None]:
         """Return the parts of a step in names: of one factor its symbol, of several a tuple."""

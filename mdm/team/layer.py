@@ -140,7 +140,12 @@ class TeamLayer(Layer):
     def _on_live(self, link: Link) -> None:
         if link.refusal is not None:
             self.pause()
-        self._meet()
+        # Wait no longer: the team says what is next.
+        if self._missing and not self.unmet:
+            self._missing = False
+            now = self.runtime.now()
+            self.ensemble.safety.stop(now)
+            self.ensemble.safety.reopen(_UNMET, now)
         self.update_live(link)
         self.assess(self.runtime.now())
 
@@ -174,14 +179,6 @@ class TeamLayer(Layer):
         if self.unmet and not self.still and self.stopped is None and self.refusal is None:
             self._missing = True
             self.ensemble.safety.wait("missing_teammate", text, self.runtime.now())
-
-    def _meet(self) -> None:
-        """Wait no longer: the team says what is next."""
-        if self._missing and not self.unmet:
-            self._missing = False
-            now = self.runtime.now()
-            self.ensemble.safety.stop(now)
-            self.ensemble.safety.reopen(_UNMET, now)
 
     def pause(self) -> None:
         """Decide on nothing that was begun: this agent takes no part in the team now."""

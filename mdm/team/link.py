@@ -144,7 +144,8 @@ class Link(Actor):
             facts = dict(self.configuration.facts)
             self.runtime.tape.note(Joined(self.runtime.now(), self.agent, self.transport.incarnation, facts))
         self.transport.supervise(self.fail, self.report)
-        self.transport.watch(self._in_turn(self._on_seen))
+        turn: Subscription[Any] = Subscription(None, self, self._on_seen)
+        self.transport.watch(lambda message: self.runtime.dispatcher.deliver(turn, message))
         self.listen(join(self.team.name, "*", FAREWELL), self._on_farewell, self)
         self.listen(join(self.team.name, "*", BEAT), self._on_beat, self)
         self.every(BEATS / self.team.lease, self._on_tick)
@@ -291,10 +292,6 @@ class Link(Actor):
         if self.opened:
             self.runtime.dispatcher.deliver(subscription, self)
         return subscription
-
-    def _in_turn(self, handler: Callable[[Any], None]) -> Callable[[Any], None]:
-        turn: Subscription[Any] = Subscription(None, self, handler)
-        return lambda message: self.runtime.dispatcher.deliver(turn, message)
 
     def _on_seen(self, seen: Mapping[str, int]) -> None:
         if self.runtime.tape is not None:

@@ -451,7 +451,11 @@ class ReplicatedLayer(TeamLayer):
         try:
             self.copy.restore(snapshot)
         except Exception as error:
-            self._report_snapshot(describe(error), now)
+            # It comes again and again, and is told once a second at most.
+            text = describe(error)
+            if self._complaint is None or (self._complaint[0] != text and now - self._complaint[1] >= 1_000_000_000):
+                self._complaint = text, now
+                self.report("snapshot", text)
             return
         self._complaint = None
         self._restored = True
@@ -464,12 +468,6 @@ class ReplicatedLayer(TeamLayer):
         else:
             self.ensemble.safety.stop(now)
         self.keep()
-
-    def _report_snapshot(self, text: str, now: int) -> None:
-        """Report why a snapshot cannot be taken; it comes again and again, and is told once a second at most."""
-        if self._complaint is None or (self._complaint[0] != text and now - self._complaint[1] >= 1_000_000_000):
-            self._complaint = text, now
-            self.report("snapshot", text)
 
     def statistics(self) -> ReplicatedStatistics:
         """Return where it stands."""

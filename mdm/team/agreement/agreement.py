@@ -205,7 +205,10 @@ class Agreement:
         elif isinstance(message, Stale) or (term > state.term and sender == term.leader):
             self._hear_of(term, now)
         else:
-            self._refuse(sender, message)
+            # Of an older term: a sender that takes part in that is told of the present one.
+            self.late += 1
+            if isinstance(message, Begin | Commit | Component | Command | Applied):
+                self._send(sender, Stale(self.state.term))
         return self._flush()
 
     def tick(self, now: int) -> list[Send]:
@@ -323,19 +326,14 @@ class Agreement:
             case Entries() if sender == state.fetching and state.sound:
                 if self._apply_all(message, now):
                     state.fetching = None
-                    if not message.commits and self._claims_more(sender):
+                    joined = self._ballot.joined.get(sender)
+                    if not (message.commits or joined is None or contains(self.log.lineage, joined.lineage[-1])):
                         self._call(now)  # it has not what it joined with: have all answer anew
                     else:
                         self._join_own(now)
             case Snapshot() if sender == state.fetching:
                 if self._restore(sender, message):
                     self._join_own(now)
-
-    def _refuse(self, sender: str, message: Message) -> None:
-        """Drop a message of an older term; where its sender takes part in that, tell it of the present one."""
-        self.late += 1
-        if isinstance(message, Begin | Commit | Component | Command | Applied):
-            self._send(sender, Stale(self.state.term))
 
     # -- Proposals, and the leader's commits ---------------------------------------------------------------------
 
@@ -799,11 +797,6 @@ class Agreement:
     def _begin(self) -> Begin:
         return Begin(self.state.term, self.log.position, self.replica.digest(), self.state.members)
 
-    def _claims_more(self, agent: str) -> bool:
-        """Return whether an agent joined this one's term with steps that it does not have."""
-        joined = self._ballot.joined.get(agent)
-        return joined is not None and not contains(self.log.lineage, joined.lineage[-1])
-
     # -- Sending again -------------------------------------------------------------------------------------------
 
     def _retry(self, now: int) -> None:
@@ -818,7 +811,11 @@ class Agreement:
         elif state.role == "leading":
             self._retry_last_step()
         elif state.role == "following":
-            self._retry_proposals()
+            proposals, leader = self.proposals, self.state.term.leader
+            if proposals.commanded is not None:
+                self._send(leader, self._command(proposals.commanded[1]))
+            if proposals.offered is not None:
+                self._send(leader, Component(*proposals.offered, proposals.components[0]))
         elif state.role == "joining" and state.led and not state.released:
             self._send(state.term.leader, self._joined())
         if len(self._out) > before:
@@ -833,11 +830,3 @@ class Agreement:
                 continue
             last = commits[-1] if applied == step - 1 and commits else None
             self._send(agent, self._begin() if last is None or last.term != state.term else last)
-
-    def _retry_proposals(self) -> None:
-        """Send this agent's proposals for the next step again."""
-        proposals, leader = self.proposals, self.state.term.leader
-        if proposals.commanded is not None:
-            self._send(leader, self._command(proposals.commanded[1]))
-        if proposals.offered is not None:
-            self._send(leader, Component(*proposals.offered, proposals.components[0]))

@@ -179,7 +179,9 @@ class CentralisedLeader(TeamLayer):
         except UNREADABLE as error:
             self._drop(sample, f"is none of a centralised team: {error}")
             return
-        if not self._is_possible(proposal):
+        # Its sender's clock is an hour ahead at most.
+        period = round((self.team.period or 1.0) * 1e9)
+        if not (can_be(proposal.tick - self.tick, 0, period) and can_be(proposal.number, self.runtime.now(), 1000)):
             self._drop(sample, f"is of tick {proposal.tick} and number {proposal.number}, which cannot be yet")
             return
         if proposal.tick > self.tick + _MOST_TICKS:
@@ -199,11 +201,6 @@ class CentralisedLeader(TeamLayer):
             self._receive_command(sample, proposal, proposal.command)
         elif proposal.part is not None:
             self._decide({sample.owner: proposal.part})
-
-    def _is_possible(self, proposal: Proposal) -> bool:
-        """Return whether the numbers of a proposal can be, where its sender's clock is an hour ahead at most."""
-        period = round((self.team.period or 1.0) * 1e9)
-        return can_be(proposal.tick - self.tick, 0, period) and can_be(proposal.number, self.runtime.now(), 1000)
 
     def _receive_command(self, sample: Sample, proposal: Proposal, command: str) -> None:
         """Carry out a command of another agent, unless a stop came between."""
@@ -337,17 +334,12 @@ class CentralisedLeader(TeamLayer):
         told = msgspec.structs.replace(decision, taken=taken, bars=self._bars, void=self._void)
         self.link.send(self._key, encode(told), priority="step")
 
-    @property
-    def _role(self) -> str:
-        if self.refusal is not None or self._outvoted:
-            return "refused"
-        return "leading" if self._ready else "waiting" if self.unmet else "joining"
-
     def statistics(self) -> CentralisedStatistics:
         """Return where it stands."""
+        role = "leading" if self._ready else "waiting" if self.unmet else "joining"
         return CentralisedStatistics(
             **msgspec.structs.asdict(super().statistics()),
-            role=self._role,
+            role="refused" if self.refusal is not None or self._outvoted else role,
             leader=self.agent,
             step=self._last.step,
             digest=self._last.digest,

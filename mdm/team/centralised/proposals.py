@@ -127,7 +127,15 @@ class Proposals:
             if taken <= self._number and (bar >= first.number or first.command not in BARS):
                 self._waiting.popleft()
             else:
-                self._renumber(max(taken, self._number))
+                # Those that wait get the numbers after the last one taken.
+                last = max(taken, self._number)
+                numbers = {proposal.number: last + place for place, proposal in enumerate(self._waiting, 1)}
+                self._waiting = deque(
+                    msgspec.structs.replace(proposal, number=numbers[proposal.number]) for proposal in self._waiting
+                )
+                self._number = last + len(numbers)
+                if self._told is not None:
+                    self._told = numbers.get(self._told, self._told)
             self.due = True
 
     @property
@@ -194,13 +202,3 @@ class Proposals:
             self._waiting.remove(proposal)
             if proposal.command != HOLD:
                 self.void.append((proposal.token, reason))
-
-    def _renumber(self, last: int) -> None:
-        """Give the pending proposals the numbers after another."""
-        numbers = {proposal.number: last + place for place, proposal in enumerate(self._waiting, 1)}
-        self._waiting = deque(
-            msgspec.structs.replace(proposal, number=numbers[proposal.number]) for proposal in self._waiting
-        )
-        self._number = last + len(numbers)
-        if self._told is not None:
-            self._told = numbers.get(self._told, self._told)

@@ -253,7 +253,7 @@ class Imports(Actor):
             life = link.live.get(agent)
             if life == self._lives.get(agent):
                 continue
-            for name in self._of(agent):
+            for name in [name for name in self._wires if name.split("/")[0] == agent]:
                 if name in self._asking:
                     self._asking.pop(name).cancel()
                 if life is None:
@@ -264,9 +264,6 @@ class Imports(Actor):
                 del self._lives[agent]
             else:
                 self._lives[agent] = life
-
-    def _of(self, agent: str) -> list[str]:
-        return [name for name in self._wires if name.split("/")[0] == agent]
 
     async def _ask(self, name: str, agent: str) -> None:
         """Ask for the last message, until there is an answer; a newer one may come before."""

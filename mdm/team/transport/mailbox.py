@@ -86,7 +86,12 @@ class Mailbox:
         items = self.items
         items.append((carrier, key, data))
         if len(data) > _LARGE or len(items) > self._bound:
-            self._crowded(len(data))
+            size = len(data)
+            with self._lock:
+                if size > _LARGE:
+                    self._large += size
+                if len(self.items) > self._bound or self._large > _MOST_BYTES:
+                    self._condense()
         if not self.armed:
             self._arm()
 
@@ -115,13 +120,6 @@ class Mailbox:
             else:
                 with suppress(RuntimeError):  # the loop is closed
                     self._loop.call_soon_threadsafe(self._drain)
-
-    def _crowded(self, size: int) -> None:
-        with self._lock:
-            if size > _LARGE:
-                self._large += size
-            if len(self.items) > self._bound or self._large > _MOST_BYTES:
-                self._condense()
 
     def _condense(self) -> None:
         """Keep half of the messages that may wait: first all that is urgent, then the newest value of each key."""

@@ -52,7 +52,9 @@ def stale(model: MDP, policy: Any, model_file: str, policy_file: str, durations:
         if isinstance(policy, QTable):
             found = _of_values(model, policy, backed_up)
         else:
-            values = backed_up(_values(model, policy, durations))
+            from mdm.solvers.evaluation import state_values  # noqa: PLC0415 - values of actions need no solver
+
+            values = backed_up(state_values(model, policy, durations=durations))
             found = _of_actions(model, policy, values)
     except Error:
         return None  # there may be no value at a discount of 1, nor at one of a second without times
@@ -95,12 +97,6 @@ def _of_values(model: MDP, policy: QTable, backed_up: Callable[[Vector], Vector]
         return None
     pair = f"{model.action_space.names[int(action)]!r} in {model.state_space.names[int(state)]!r}"
     return f"of {pair} it says {policy.values[state, action]:.4g}, where that model gives {values[state, action]:.4g}"
-
-
-def _values(model: MDP, policy: DeterministicPolicy, durations: Durations | None) -> Vector:
-    from mdm.solvers.evaluation import state_values  # noqa: PLC0415 - values of actions need no solver
-
-    return state_values(model, policy, durations=durations)
 
 
 def _of_actions(model: MDP, policy: DeterministicPolicy, values: Vector) -> str | None:

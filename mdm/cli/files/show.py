@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mdm.cli.files.document import is_policy
 from mdm.cli.report import as_json, printable
@@ -108,7 +108,14 @@ def _network(model: MDP, arguments: argparse.Namespace) -> int:
         from mdm.views.picture import draw  # noqa: PLC0415
 
         draw(network, arguments.picture)
-    lines = _dependencies(network)
+    # Each variable, its number of values (0 for a reward), and its parents.
+    lines: list[tuple[str, int, list[str]]] = [(f.name, len(f), []) for f in network.actions.factors]
+    for role in ("state", "next_state", "observation"):
+        for place, factor in enumerate(network.factors(role)):
+            node = Node(role, place)
+            lines.append((network.name(node), len(factor), [network.name(other) for other in network.parents(node)]))
+    for index, utility in enumerate(network.utilities):
+        lines.append((f"reward {index + 1}", 0, [network.name(node) for node in utility.scope]))
     if arguments.json:
         print(as_json([{"variable": name, "values": size, "depends_on": on} for name, size, on in lines]))
         return 0
@@ -120,15 +127,3 @@ def _network(model: MDP, arguments: argparse.Namespace) -> int:
     if arguments.picture is not None:
         print(f"{arguments.picture}: drawn")
     return 0
-
-
-def _dependencies(network: Any) -> list[tuple[str, int, list[str]]]:
-    """Return each variable's name, its number of values (0 for a reward), and its parents."""
-    lines: list[tuple[str, int, list[str]]] = [(f.name, len(f), []) for f in network.actions.factors]
-    for role in ("state", "next_state", "observation"):
-        for place, factor in enumerate(network.factors(role)):
-            node = Node(role, place)
-            lines.append((network.name(node), len(factor), [network.name(other) for other in network.parents(node)]))
-    for index, utility in enumerate(network.utilities):
-        lines.append((f"reward {index + 1}", 0, [network.name(node) for node in utility.scope]))
-    return lines

@@ -13,6 +13,7 @@ from mdm.errors import Error
 from mdm.maps.check import MARGIN, RADIUS, Problem, examine, examine_lifts, missing
 from mdm.maps.files.building import load_building
 from mdm.maps.files.occupancy import free_grey
+from mdm.texts import counted
 
 if TYPE_CHECKING:
     import argparse
@@ -53,9 +54,9 @@ def run(arguments: argparse.Namespace) -> int:
             of = f"{name}: " if name else ""
             for colour, count in background.items():
                 print(f"note: {of}the colour {colour} is no place's: the background, of {count:,} cells")
-        on = f" on {_number(len(floors), 'floor')}" if is_building else ""
-        found = _number(len(problems), "problem") if problems else "no problems"
-        print(f"{_number(len(names), 'place')}{on}, {found}")
+        on = f" on {counted(len(floors), 'floor')}" if is_building else ""
+        found = counted(len(problems), "problem") if problems else "no problems"
+        print(f"{counted(len(names), 'place')}{on}, {found}")
     return 1 if problems else 0
 
 
@@ -84,7 +85,16 @@ def _check_floors(
 
 def _problems(parts: Parts, path: str | Path, radius: float, margin: float, *, alone: bool = True) -> Iterator[Problem]:
     """Yield the errors of a floor, whose map has a path."""
-    yield from _greys(path)
+    # Unknown cells that are free by the threshold.
+    found = free_grey(path)
+    if found is not None:
+        grey, count, free = found
+        smaller = (math.ceil((255 - grey) / 255 * 1000 - 1e-6) - 1) / 1000
+        text = (
+            f"free_thresh, {free:g}, makes all {count:,} cells of the grey {grey:g} free, and there are brighter ones: "
+            f"is that what is unknown? Then give a smaller one: {smaller:g}"
+        )
+        yield Problem("greys", text, ())
     yield from parts.problems
     options: dict[str, Any] = {"radius": radius, "margin": margin, "colours": parts.colours, "alone": alone}
     yield from examine(parts.labels, parts.graph, parts.grid, **options)
@@ -97,23 +107,6 @@ def _background(parts: Parts) -> dict[int, int]:
     if parts.grid is not None and parts.colours is not None:
         wrong |= missing(labels, parts.grid, parts.colours).keys()
     return {colour: count for colour, count in labels.unnamed.items() if colour not in wrong}
-
-
-def _greys(path: str | Path) -> Iterator[Problem]:
-    """Yield a problem where the unknown cells of a map are free by its threshold."""
-    found = free_grey(path)
-    if found is not None:
-        grey, count, free = found
-        smaller = (math.ceil((255 - grey) / 255 * 1000 - 1e-6) - 1) / 1000
-        text = (
-            f"free_thresh, {free:g}, makes all {count:,} cells of the grey {grey:g} free, and there are brighter ones: "
-            f"is that what is unknown? Then give a smaller one: {smaller:g}"
-        )
-        yield Problem("greys", text, ())
-
-
-def _number(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 def _tell(problems: Sequence[Problem], files: dict[int, str]) -> None:

@@ -96,7 +96,8 @@ def floor_picture(
         picture.coordinates()
     else:
         picture.scale()
-    _furnish(picture, parts, [passage for passage in _passages(parts) if passage.width >= 2 * radius], radius)
+    found = () if parts.grid is None else passages(parts.labels, parts.grid)
+    _furnish(picture, parts, [passage for passage in found if passage.width >= 2 * radius], radius)
     for place, text in (notes or {}).items():
         picture.note(parts.graph.node(place).goal, text)
     return picture.finished()
@@ -170,10 +171,6 @@ def _routes(parts: Parts, radius: float) -> dict[frozenset[str], list[tuple[int,
                 routes[pair] = way
                 break
     return routes
-
-
-def _passages(parts: Parts) -> tuple[Passage, ...]:
-    return () if parts.grid is None else passages(parts.labels, parts.grid)
 
 
 def _goals(parts: Parts, names: tuple[str, ...]) -> list[tuple[float, float]]:

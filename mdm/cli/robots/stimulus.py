@@ -60,7 +60,12 @@ class Stimulus:
         self._state = None if line.state is None else _state(ensemble, line.state)
         self._observation = None if line.observation is None else _observation(ensemble, line.observation)
         if line.belief is not None:
-            _check_belief(ensemble, line.belief)
+            size = ensemble.controller.symbols.num_states
+            if ensemble.controller.takes == "state":
+                raise Error("the policy decides on states: give a state, not a belief")
+            if size is None:
+                raise Error("the policy is a controller whose nodes have no values: give no belief")
+            distribution(line.belief, what="the belief", size=size)
         for name in line.predicates or ():
             system.predicates.declared.check_input(name, "predicate")
         for name in line.events or ():
@@ -122,15 +127,6 @@ def _state(ensemble: Ensemble, given: Any) -> tuple[int, tuple[int, ...]]:
 def _observation(ensemble: Ensemble, given: Any) -> tuple[int | None, tuple[int | None, ...], tuple[bool, ...]]:
     index, values = ensemble.controller.symbols.observed(given)
     return index, values, tuple(value is not None for value in values)
-
-
-def _check_belief(ensemble: Ensemble, given: list[float]) -> None:
-    size = ensemble.controller.symbols.num_states
-    if ensemble.controller.takes == "state":
-        raise Error("the policy decides on states: give a state, not a belief")
-    if size is None:
-        raise Error("the policy is a controller whose nodes have no values: give no belief")
-    distribution(given, what="the belief", size=size)
 
 
 _LATEST = 1_000_000_000

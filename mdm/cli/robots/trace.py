@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import argparse
 
     from mdm.cli.robots.stimulus import Stimulus
-    from mdm.messages import Decision, Fault
+    from mdm.messages import Decision
 
 __all__ = ["run"]
 
@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     async def main() -> None:
         async with Runtime(log=False, clock=VirtualClock(epoch=epoch)) as runtime:
-            runtime.faults.subscribe(_tell)
+            runtime.faults.subscribe(lambda fault: print(f"mdm trace: {fault.detail}", file=sys.stderr))
             runtime.decisions.subscribe(_printer(runtime, epoch, several=len(system.ensembles) > 1))
             await runtime.start(system)
             await _feed(runtime, system, stimuli, epoch)
@@ -69,11 +69,6 @@ def run(arguments: argparse.Namespace) -> int:
     if problem is not None:
         raise Error(problem)
     return 0
-
-
-def _tell(fault: Fault) -> None:
-    """Print a fault."""
-    print(f"mdm trace: {fault.detail}", file=sys.stderr)
 
 
 def _system(arguments: argparse.Namespace) -> System:

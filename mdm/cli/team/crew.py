@@ -69,21 +69,18 @@ class Crew:
                 async with asyncio.timeout(seconds):
                     await self._ended(lives)
             self.end()
-            await self._wait_for_end(lives)
+            # Wait as long as they may take, and print the agents that are waited for.
+            clock, late = asyncio.get_running_loop(), set(lives)
+            until, told = clock.time() + self._patience, clock.time() + _SILENCE
+            while late and (left := until - clock.time()) > 0:
+                _, late = await asyncio.wait(late, timeout=max(min(left, told - clock.time()), 0))
+                if late and told <= clock.time() < until:
+                    told += _AGAIN
+                    self._tell_late(until - clock.time())
             self.kill()
             await asyncio.gather(*lives)
         finally:
             self.kill()
-
-    async def _wait_for_end(self, lives: Sequence[asyncio.Task[None]]) -> None:
-        """Wait until all have ended, as long as they may take; print the agents that it waits for."""
-        clock, late = asyncio.get_running_loop(), set(lives)
-        until, told = clock.time() + self._patience, clock.time() + _SILENCE
-        while late and (left := until - clock.time()) > 0:
-            _, late = await asyncio.wait(late, timeout=max(min(left, told - clock.time()), 0))
-            if late and told <= clock.time() < until:
-                told += _AGAIN
-                self._tell_late(until - clock.time())
 
     def _tell_late(self, left: float) -> None:
         for agent, process in self._processes.items():

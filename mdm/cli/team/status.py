@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(as_json({"team": team.name, "agents": found, "silent": silent}))
     elif found:
-        rows = [row for agent, ensembles in found.items() for row in _rows(agent, ensembles)]
+        rows = [_row(agent, name, status) for agent, ensembles in found.items() for name, status in ensembles.items()]
         columns = _COLUMNS[: max(len(_COLUMNS) - 1, *map(len, rows))]  # the last where there are certificates
         print("\n".join(table(columns, rows)))
     troubles = [*_doubles(found, team), *_troubles(found)]
@@ -126,10 +126,6 @@ def _carried(transport: dict[str, Any]) -> dict[str, Any]:
         "dropped": transport["dropped"],
         **carried,
     }
-
-
-def _rows(agent: str, ensembles: dict[str, Any]) -> list[list[str]]:
-    return [_row(agent, name, status) for name, status in ensembles.items()]
 
 
 def _row(agent: str, name: str, status: dict[str, Any]) -> list[str]:

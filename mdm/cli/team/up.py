@@ -44,7 +44,11 @@ def run(arguments: argparse.Namespace) -> int:
     shown = _page_options(arguments)
     folder = None if arguments.decisions is None else _folder(arguments.decisions, team.names)
     if arguments.record is not None:
-        _record_folder(arguments.record)
+        try:
+            Path(arguments.record).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            reason = "that is a file, and no folder" if isinstance(error, FileExistsError) else error.strerror
+            raise Error(f"records cannot be written to {arguments.record!r}: {reason}") from None
     if arguments.fresh:  # once: an agent that is started again after a failure remembers
         forget_state(arguments.file, team.names)
     commands = {agent: _command(arguments, agent, folder) for agent in team.names}
@@ -137,15 +141,6 @@ def _folder(name: str, agents: Sequence[str]) -> Path:
         except OSError as error:
             raise Error(f"decisions cannot be written to {file}: {error.strerror}") from None
     return folder
-
-
-def _record_folder(name: str) -> None:
-    """Make the folder of records, where there is none; a file an agent is added at each of its starts."""
-    try:
-        Path(name).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        reason = "that is a file, and no folder" if isinstance(error, FileExistsError) else error.strerror
-        raise Error(f"records cannot be written to {name!r}: {reason}") from None
 
 
 def _command(arguments: argparse.Namespace, agent: str, folder: Path | None) -> list[str]:

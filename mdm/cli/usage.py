@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mdm.errors import Error, ModelError
 
@@ -23,6 +23,7 @@ __all__ = [
     "add_import",
     "add_live_page",
     "add_page_hosts",
+    "add_verb",
     "certificate",
     "complete",
     "count",
@@ -41,6 +42,12 @@ LATEST = 10_000_000_000
 
 class UsageError(Error):
     """The arguments are inconsistent; the command prints its usage and exits with 2."""
+
+
+def add_verb(verbs: Any, name: str, line: str, about: str, example: str) -> argparse.ArgumentParser:
+    """Add a verb with a line of help, what its own help says about it, and an example; return its parser."""
+    parser: argparse.ArgumentParser = verbs.add_parser(name, help=line, description=about, epilog=f"example: {example}")
+    return parser
 
 
 def complete(parser: argparse.ArgumentParser, command: str, module: str) -> None:

@@ -6,7 +6,7 @@ import argparse
 import math
 from typing import Any
 
-from mdm.cli.usage import add_discount, complete, count, finite, seconds
+from mdm.cli.usage import add_discount, add_verb, complete, count, finite, seconds
 
 __all__ = ["DISCOUNT", "RADIUS", "STAGES", "SUCCESS", "VERBS", "add_map"]
 
@@ -25,15 +25,11 @@ VERBS = {
 
 def add_map(verbs: Any, line: str) -> None:
     """Add the verb, its own verbs and their arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "map",
-        help=line,
-        description=(
-            "Propose, draft, check and show the map of a floor: its grid, the labels of its places, their graph; and "
-            "make a model from it, which mdm solve takes."
-        ),
-        epilog="example: mdm map show map.yaml labels.png graph.xml -o floor.png",
+    about = (
+        "Propose, draft, check and show the map of a floor: its grid, the labels of its places, their graph; and make "
+        "a model from it, which mdm solve takes."
     )
+    parser = add_verb(verbs, "map", line, about, "mdm map show map.yaml labels.png graph.xml -o floor.png")
     kinds = parser.add_subparsers(dest="map_verb", metavar="VERB", required=True)
     for name, add in zip(VERBS, (_add_goals, _add_draft, _add_check, _add_show, _add_model), strict=True):
         kind = add(kinds, VERBS[name])
@@ -42,16 +38,12 @@ def add_map(verbs: Any, line: str) -> None:
 
 
 def _add_goals(verbs: Any, line: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "goals",
-        help=line,
-        description=(
-            "Divide a map at its doors into rooms, put a goal into each where the robot fits well, and lead ways "
-            "through the doors; and write this as a graph. It is a proposal: rename the rooms, move goals, leave rooms "
-            "out or add some; then see mdm map draft, which divides the map by them. mdm map show tells coordinates."
-        ),
-        epilog="example: mdm map goals map.yaml -o graph.xml --picture rooms.png",
+    about = (
+        "Divide a map at its doors into rooms, put a goal into each where the robot fits well, and lead ways through "
+        "the doors; and write this as a graph. It is a proposal: rename the rooms, move goals, leave rooms out or add "
+        "some; then see mdm map draft, which divides the map by them. mdm map show tells coordinates."
     )
+    parser = add_verb(verbs, "goals", line, about, "mdm map goals map.yaml -o graph.xml --picture rooms.png")
     parser.add_argument("map", metavar="MAP.yaml", help="ROS's map.yaml, whose image is a PGM, PNG or BMP")
     parser.add_argument(
         "-o", "--output", metavar="GRAPH.xml", required=True, help="the graph, as the original's TopologicalMap"
@@ -68,16 +60,12 @@ def _add_goals(verbs: Any, line: str) -> argparse.ArgumentParser:
 
 
 def _add_draft(verbs: Any, line: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "draft",
-        help=line,
-        description=(
-            "Divide a map into the places of a graph, whose goals say where they are, and write an image with a colour "
-            "for each place. It is a draft: rooms are divided at narrow passages, and where there is none, the border "
-            "is a convention. Correct it in a paint program, then see mdm map check."
-        ),
-        epilog="example: mdm map draft map.yaml graph.xml -o labels.png",
+    about = (
+        "Divide a map into the places of a graph, whose goals say where they are, and write an image with a colour for "
+        "each place. It is a draft: rooms are divided at narrow passages, and where there is none, the border is a "
+        "convention. Correct it in a paint program, then see mdm map check."
     )
+    parser = add_verb(verbs, "draft", line, about, "mdm map draft map.yaml graph.xml -o labels.png")
     parser.add_argument("map", metavar="MAP.yaml", help="ROS's map.yaml, whose image is a PGM, PNG or BMP")
     parser.add_argument(
         "graph",
@@ -92,17 +80,15 @@ def _add_draft(verbs: Any, line: str) -> argparse.ArgumentParser:
 
 
 def _add_check(verbs: Any, line: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "check",
-        help=line,
-        description=(
-            "List what is wrong with a map: goals that are not in their own place, or where the robot does not fit; "
-            "places that are nowhere deep enough to be entered; ways between places that do not touch, or by a passage "
-            "that is too narrow; places that touch and have no way; places that cannot be reached from each other; "
-            "stray colours, and two names of one colour. Of a building's floors also: lifts that stop where the robot "
-            "does not fit. The exit status is 1 where something is wrong."
-        ),
-        epilog="example: mdm map check map.yaml labels.png graph.xml --radius 0.3 --pictures problems",
+    about = (
+        "List what is wrong with a map: goals that are not in their own place, or where the robot does not fit; places "
+        "that are nowhere deep enough to be entered; ways between places that do not touch, or by a passage that is "
+        "too narrow; places that touch and have no way; places that cannot be reached from each other; stray colours, "
+        "and two names of one colour. Of a building's floors also: lifts that stop where the robot does not fit. The "
+        "exit status is 1 where something is wrong."
+    )
+    parser = add_verb(
+        verbs, "check", line, about, "mdm map check map.yaml labels.png graph.xml --radius 0.3 --pictures problems"
     )
     _add_floor(parser)
     _add_robot(parser)
@@ -113,16 +99,12 @@ def _add_check(verbs: Any, line: str) -> argparse.ArgumentParser:
 
 
 def _add_show(verbs: Any, line: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "show",
-        help=line,
-        description=(
-            "Show a map: its places with their areas, goals and ways, and how wide the passages between them are. A "
-            "passage's width is twice its largest clearance, true to a cell. Without a graph, show the map alone with "
-            "lines of coordinates, by which goals can be chosen. Of a building show each floor, and where lifts lead."
-        ),
-        epilog="example: mdm map show map.yaml labels.png graph.xml -o floor.png",
+    about = (
+        "Show a map: its places with their areas, goals and ways, and how wide the passages between them are. A "
+        "passage's width is twice its largest clearance, true to a cell. Without a graph, show the map alone with "
+        "lines of coordinates, by which goals can be chosen. Of a building show each floor, and where lifts lead."
     )
+    parser = add_verb(verbs, "show", line, about, "mdm map show map.yaml labels.png graph.xml -o floor.png")
     _add_floor(parser)
     parser.add_argument("-o", "--output", metavar="PNG", help="draw the map into a file (needs mdm[maps])")
     parser.add_argument(
@@ -133,18 +115,19 @@ def _add_show(verbs: Any, line: str) -> argparse.ArgumentParser:
 
 
 def _add_model(verbs: Any, line: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = verbs.add_parser(
+    about = (
+        "Make a model whose states are the places of a map, with latches and factors of your own, and whose actions "
+        "are the labels of its ways: a way is gone in a step with a probability of success, or else the robot stays. "
+        "With --noise it is a POMDP, whose observations are the places that are seen. How long ways take is known from "
+        "the lengths of their paths with --speed: for decisions at a fixed rate (--period) as probabilities of "
+        "success, or for decisions after each action as durations, which mdm solve --durations takes."
+    )
+    parser = add_verb(
+        verbs,
         "model",
-        help=line,
-        description=(
-            "Make a model whose states are the places of a map, with latches and factors of your own, and whose "
-            "actions are the labels of its ways: a way is gone in a step with a probability of success, or else the "
-            "robot stays. With --noise it is a POMDP, whose observations are the places that are seen. How long ways "
-            "take is known from the lengths of their paths with --speed: for decisions at a fixed rate (--period) as "
-            "probabilities of success, or for decisions after each action as durations, which mdm solve --durations "
-            "takes."
-        ),
-        epilog="example: mdm map model map.yaml labels.png graph.xml --latch half=Hall/Kitchen -o patrol.npz",
+        line,
+        about,
+        "mdm map model map.yaml labels.png graph.xml --latch half=Hall/Kitchen -o patrol.npz",
     )
     _add_floor(parser, "; or a FILE.toml to write, of a robot that does this, which mdm run takes")
     parser.add_argument("-o", "--output", metavar="MODEL", required=True, help="the model: .pomdpx, .pgmx or .npz")

@@ -11,6 +11,7 @@ from mdm.cli.usage import (
     add_durations,
     add_false_negative,
     add_file,
+    add_verb,
     complete,
     count,
     limit,
@@ -21,16 +22,12 @@ from mdm.cli.usage import (
 
 def add_compare(verbs: Any, line: str) -> None:
     """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "compare",
-        help=line,
-        description=(
-            "Compare the values of several policies at the initial belief of a model. All are simulated with the same "
-            "random numbers, so that their differences are known far better than their values. Differences are from "
-            "the first policy, with their 95 % confidence."
-        ),
-        epilog="example: mdm compare tiger.pomdp tiger.vf tiger.npz --seed 1",
+    about = (
+        "Compare the values of several policies at the initial belief of a model. All are simulated with the same "
+        "random numbers, so that their differences are known far better than their values. Differences are from the "
+        "first policy, with their 95 % confidence."
     )
+    parser = add_verb(verbs, "compare", line, about, "mdm compare tiger.pomdp tiger.vf tiger.npz --seed 1")
     parser.add_argument("model", metavar="MODEL", help="a model")
     parser.add_argument("policies", metavar="POLICY", nargs="+", help="policies for it; the first is the reference")
     add_arguments(parser)
@@ -39,17 +36,13 @@ def add_compare(verbs: Any, line: str) -> None:
 
 def add_evaluate(verbs: Any, line: str) -> None:
     """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "evaluate",
-        help=line,
-        description=(
-            "Compute the value of a policy at the initial belief of its model. Tables and controllers have an exact "
-            "value. For policies over beliefs, print the value that they claim and an estimate from simulated "
-            "episodes with a 95 % confidence interval, and whether the two contradict each other. Ctrl-C ends the "
-            "simulation, with what is known by then."
-        ),
-        epilog="example: mdm evaluate tiger.pomdp tiger.vf --seed 1",
+    about = (
+        "Compute the value of a policy at the initial belief of its model. Tables and controllers have an exact value. "
+        "For policies over beliefs, print the value that they claim and an estimate from simulated episodes with a 95 "
+        "% confidence interval, and whether the two contradict each other. Ctrl-C ends the simulation, with what is "
+        "known by then."
     )
+    parser = add_verb(verbs, "evaluate", line, about, "mdm evaluate tiger.pomdp tiger.vf --seed 1")
     parser.add_argument("model", metavar="MODEL", help="a model, or a TOML file")
     parser.add_argument("policy", metavar="POLICY", help="a policy for it, or the name of an ensemble of the file")
     add_arguments(parser)
@@ -75,12 +68,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_plot(verbs: Any, line: str) -> None:
     """Add the verb, its kinds of pictures and their arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "plot",
-        help=line,
-        description="Draw a picture (needs mdm[plot]); its file's suffix is .png, .svg or .pdf.",
-        epilog="example: mdm plot policy tiger.pomdp tiger.vf -o tiger.png",
-    )
+    about = "Draw a picture (needs mdm[plot]); its file's suffix is .png, .svg or .pdf."
+    parser = add_verb(verbs, "plot", line, about, "mdm plot policy tiger.pomdp tiger.vf -o tiger.png")
     kinds = parser.add_subparsers(dest="picture", metavar="PICTURE", required=True)
     bounds = _kind(
         kinds,
@@ -151,16 +140,12 @@ def _add_inputs(parser: argparse.ArgumentParser) -> None:
 
 def add_simulate(verbs: Any, line: str) -> None:
     """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "simulate",
-        help=line,
-        description=(
-            "Run episodes of an ensemble in a world that its own model drives, in virtual time, and report the mean "
-            "discounted return with its standard error. Functions of the file are not called. Ctrl-C ends it after the "
-            "episode, with the mean so far."
-        ),
-        epilog="example: mdm simulate tiger.pomdp tiger.vf --episodes 1000 --seed 1",
+    about = (
+        "Run episodes of an ensemble in a world that its own model drives, in virtual time, and report the mean "
+        "discounted return with its standard error. Functions of the file are not called. Ctrl-C ends it after the "
+        "episode, with the mean so far."
     )
+    parser = add_verb(verbs, "simulate", line, about, "mdm simulate tiger.pomdp tiger.vf --episodes 1000 --seed 1")
     add_file(parser, "a TOML file with ensembles")
     parser.add_argument("--ensemble", metavar="NAME", help="which of its ensembles; by default the first")
     parser.add_argument("--episodes", metavar="N", type=count, default=100, help="how many episodes (100)")
@@ -181,16 +166,12 @@ def add_simulate(verbs: Any, line: str) -> None:
 
 def add_solve(verbs: Any, line: str) -> None:
     """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "solve",
-        help=line,
-        description=(
-            "Solve a model and print bounds on its value at the initial belief: the policy's value is at least the "
-            "lower one, and no policy's exceeds the upper. It stops when the bounds are close, a limit is reached, or "
-            "at Ctrl-C, SIGTERM or SIGHUP, and keeps the best policy so far."
-        ),
-        epilog="example: mdm solve tiger.pomdp -o tiger.npz --gap 0.01",
+    about = (
+        "Solve a model and print bounds on its value at the initial belief: the policy's value is at least the lower "
+        "one, and no policy's exceeds the upper. It stops when the bounds are close, a limit is reached, or at Ctrl-C, "
+        "SIGTERM or SIGHUP, and keeps the best policy so far."
     )
+    parser = add_verb(verbs, "solve", line, about, "mdm solve tiger.pomdp -o tiger.npz --gap 0.01")
     parser.add_argument("model", metavar="MODEL", help="a model")
     parser.add_argument(
         "-o",

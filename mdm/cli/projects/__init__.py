@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from mdm.cli.usage import complete
-
-if TYPE_CHECKING:
-    import argparse
+from mdm.cli.usage import add_verb, complete
 
 __all__ = ["SHELLS", "add_completion", "add_examples", "add_new"]
 
@@ -16,31 +13,22 @@ SHELLS = ("bash", "zsh", "fish")
 
 def add_completion(verbs: Any, line: str) -> None:
     """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "completion",
-        help=line,
-        description=(
-            "Print a script that lets a shell complete verbs, options and their values. For bash, add to ~/.bashrc: "
-            'eval "$(mdm completion bash)". For zsh, to ~/.zshrc, after compinit: eval "$(mdm completion zsh)". For '
-            "fish, write it to ~/.config/fish/completions/mdm.fish."
-        ),
-        epilog="example: mdm completion bash",
+    about = (
+        "Print a script that lets a shell complete verbs, options and their values. For bash, add to ~/.bashrc: "
+        'eval "$(mdm completion bash)". For zsh, to ~/.zshrc, after compinit: eval "$(mdm completion zsh)". For '
+        "fish, write it to ~/.config/fish/completions/mdm.fish."
     )
+    parser = add_verb(verbs, "completion", line, about, "mdm completion bash")
     parser.add_argument("shell", metavar="SHELL", choices=SHELLS, help=f"one of {', '.join(SHELLS)}")
     complete(parser, "completion", "mdm.cli.projects.completion")
 
 
 def add_examples(verbs: Any, line: str) -> None:
     """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "examples",
-        help=line,
-        description=(
-            "List the examples, a line each; or copy one of them, with all files that it needs, to a folder where it "
-            "runs."
-        ),
-        epilog="example: mdm examples patrol -o patrol",
+    about = (
+        "List the examples, a line each; or copy one of them, with all files that it needs, to a folder where it runs."
     )
+    parser = add_verb(verbs, "examples", line, about, "mdm examples patrol -o patrol")
     parser.add_argument("name", metavar="NAME", nargs="?", help="an example, as they are listed")
     parser.add_argument("-o", "--output", metavar="FOLDER", help="where to copy it (a folder of its name)")
     complete(parser, "examples", "mdm.cli.projects.examples")
@@ -48,16 +36,12 @@ def add_examples(verbs: Any, line: str) -> None:
 
 def add_new(verbs: Any, line: str) -> None:
     """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "new",
-        help=line,
-        description=(
-            "Make a folder with a small project: the TOML file of a robot, its functions in Python, its model and "
-            "policy, a test in virtual time, and a page that says how to go on. By default the robot decides on the "
-            "states of an MDP."
-        ),
-        epilog="example: mdm new watchman --pomdp",
+    about = (
+        "Make a folder with a small project: the TOML file of a robot, its functions in Python, its model and policy, "
+        "a test in virtual time, and a page that says how to go on. By default the robot decides on the states of an "
+        "MDP."
     )
+    parser = add_verb(verbs, "new", line, about, "mdm new watchman --pomdp")
     parser.add_argument("name", metavar="NAME", help="the folder, which is made; its last part names the project")
     kinds = parser.add_mutually_exclusive_group()
     kinds.add_argument("--pomdp", action="store_const", const="pomdp", dest="kind", help="a robot that keeps a belief")

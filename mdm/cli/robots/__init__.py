@@ -9,6 +9,7 @@ from mdm.cli.usage import (
     add_false_negative,
     add_file,
     add_live_page,
+    add_verb,
     complete,
     count,
     seconds,
@@ -21,16 +22,12 @@ if TYPE_CHECKING:
 
 def add_run(verbs: Any, line: str) -> None:
     """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "run",
-        help=line,
-        description=(
-            "Run the ensembles of a TOML file, of a team's file those of one agent, until Ctrl-C, SIGTERM, --seconds, "
-            "or --epochs decisions of the first one. SIGUSR1 releases those that are safe: kill -USR1 PID. The exit "
-            "status is 1 if something failed that nobody could help, or if of a robot alone every action has failed."
-        ),
-        epilog="example: mdm run examples/patrol/patrol.toml --virtual --epochs 20",
+    about = (
+        "Run the ensembles of a TOML file, of a team's file those of one agent, until Ctrl-C, SIGTERM, --seconds, or "
+        "--epochs decisions of the first one. SIGUSR1 releases those that are safe: kill -USR1 PID. The exit status is "
+        "1 if something failed that nobody could help, or if of a robot alone every action has failed."
     )
+    parser = add_verb(verbs, "run", line, about, "mdm run examples/patrol/patrol.toml --virtual --epochs 20")
     add_arguments(parser)
     complete(parser, "run", "mdm.cli.robots.run")
 
@@ -73,18 +70,14 @@ def add_arguments(parser: argparse.ArgumentParser, *, virtual: bool = True) -> N
 
 def add_trace(verbs: Any, line: str) -> None:
     """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "trace",
-        help=line,
-        description=(
-            "Read JSON lines from standard input, one stimulus a line, and print one JSON line a decision. A stimulus "
-            'has any of "time" (seconds), "observation", "state", "belief", "predicates" ({"name": true}, or a number '
-            'for a threshold), "events" (["name"]) and "control" ("start", "stop", "reset", "release"). Async '
-            'functions of the file stand for actions that take time: they end by an event such as "Go.succeeded" or '
-            '"Go.failed", and not by themselves.'
-        ),
-        epilog="example: echo '{\"observation\": 0}' | mdm trace tiger.pomdp tiger.vf",
+    about = (
+        "Read JSON lines from standard input, one stimulus a line, and print one JSON line a decision. A stimulus "
+        'has any of "time" (seconds), "observation", "state", "belief", "predicates" ({"name": true}, or a number '
+        'for a threshold), "events" (["name"]) and "control" ("start", "stop", "reset", "release"). Async '
+        'functions of the file stand for actions that take time: they end by an event such as "Go.succeeded" or '
+        '"Go.failed", and not by themselves.'
     )
+    parser = add_verb(verbs, "trace", line, about, "echo '{\"observation\": 0}' | mdm trace tiger.pomdp tiger.vf")
     add_file(parser, "the TOML file, whose functions are not called")
     parser.add_argument("--drive", metavar="event|RATE", help="decide on events (default), or RATE times a second")
     add_discount(parser)

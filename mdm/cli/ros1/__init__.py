@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from mdm.cli.usage import complete
-
-if TYPE_CHECKING:
-    import argparse
+from mdm.cli.usage import add_verb, complete
 
 __all__ = ["add_import_ros1"]
 
 
 def add_import_ros1(verbs: Any, line: str) -> None:
     """Add the verb and its arguments."""
-    parser: argparse.ArgumentParser = verbs.add_parser(
-        "import-ros1",
-        help=line,
-        description=(
-            "Read a package of the original MDM for ROS: its launch files, the literal calls of its C++ programs that "
-            "make layers, its map, labels, models and policies. Write them as a TOML file with copies of what it "
-            "needs, and what could not be taken over as comments with their places; then check that file."
-        ),
-        epilog="example: mdm import-ros1 mdm_example -o patrol",
+    about = (
+        "Read a package of the original MDM for ROS: its launch files, the literal calls of its C++ programs that make "
+        "layers, its map, labels, models and policies. Write them as a TOML file with copies of what it needs, and "
+        "what could not be taken over as comments with their places; then check that file."
     )
+    parser = add_verb(verbs, "import-ros1", line, about, "mdm import-ros1 mdm_example -o patrol")
     parser.add_argument(
         "package", metavar="PACKAGE", help="the folder of the package, with its launch files and sources"
     )

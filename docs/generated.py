@@ -72,7 +72,7 @@ TABLES = {
     "[team]": ("mdm.config.team_file.TeamTable", ("mdm.Team",)),
     "[team] agents": ("mdm.config.team_file.AgentTable", ()),
     "[team.communication]": (
-        "mdm.config.communication.CommunicationTable",
+        "mdm.config.team_file.CommunicationTable",
         ("mdm.team.communicating.communication.Budget", "mdm.team.communicating.communication.ValueOfCommunication"),
     ),
     "[team.allowance]": ("mdm.config.team_file.AllowanceTable", ("mdm.team.transport.allowance.Allowance",)),

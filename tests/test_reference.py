@@ -102,7 +102,7 @@ def test_every_key_of_the_file_has_a_type_and_a_meaning(generated):
         struct = generated.find(path)
         structs.add(struct)
         assert not [key for key, (kind, _, meaning) in generated.keys(struct, others).items() if not (kind and meaning)]
-    importlib.import_module("mdm.config.communication")
+    importlib.import_module("mdm.config.team_file")
     assert structs == {each for each in Table.__subclasses__() if each.__module__.startswith("mdm.config")}
 
 

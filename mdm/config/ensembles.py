@@ -12,8 +12,7 @@ from mdm.actors.control.drive import drive_of
 from mdm.actors.ensemble import MOST_LEVELS
 from mdm.beliefs.choice import check_memory
 from mdm.compilation import sparing
-from mdm.config.functions import Lasting, Unseen, nothing
-from mdm.config.objects import is_reference, unseen_policy
+from mdm.config.functions import Lasting, Unseen, is_reference, nothing, unseen_policy
 from mdm.config.share import Seat
 from mdm.config.tables import (
     ActionTable,

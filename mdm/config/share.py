@@ -181,7 +181,10 @@ class Share:
             return Seat(self._own_index(name, table, agents), who=self.agent)
         if table.agent is not None:
             raise ConfigError("in a team each agent acts for itself: leave out agent", key=f"{key}.agent")
-        placement = self._placement(table, f"{key}.placement", problems)
+        from mdm.team import Placement  # noqa: PLC0415 - files without a team load nothing of teams
+
+        given: PlacementTable | None = problems.convert(table.placement or {}, PlacementTable, f"{key}.placement")
+        placement = Placement() if given is None else Placement(given.control, given.actions, given.inputs)
         central = self.team.mode == "centralised" or placement.control is not None
         if table.agents is not None and set(table.agents) != set(self.team.names) and not central:
             raise ConfigError(
@@ -204,12 +207,6 @@ class Share:
         from mdm.team.ownership import matched  # noqa: PLC0415 - files without a team load nothing of teams
 
         return matched(self.team, name, agents, placement)
-
-    def _placement(self, table: EnsembleTable, key: str, problems: Problems) -> Placement:
-        from mdm.team import Placement  # noqa: PLC0415 - files without a team load nothing of teams
-
-        given: PlacementTable | None = problems.convert(table.placement or {}, PlacementTable, key)
-        return Placement() if given is None else Placement(given.control, given.actions, given.inputs)
 
     def _below(self, table: Any, agent: str) -> set[str]:
         given = table.get("actions") if isinstance(table, dict) else None

@@ -14,7 +14,7 @@ import mdm
 from mdm import ConfigError, load_system
 from mdm.cli import main
 from mdm.config import look_over
-from mdm.config.objects import is_reference
+from mdm.config.functions import is_reference
 from mdm.testing import capture_decisions, run_virtual
 
 CODE = """

@@ -8,7 +8,7 @@ import pytest
 from sentences import refused
 
 from mdm import ConfigError
-from mdm.config.declarations import Declarations
+from mdm.config.builder import Declarations
 from mdm.config.problems import Problems
 
 

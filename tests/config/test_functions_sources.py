@@ -6,7 +6,7 @@ import inspect
 
 import pytest
 
-from mdm.config.sources import look_for
+from mdm.config.functions import look_for
 from mdm.errors import ConfigError
 from mdm.runtime.handler import kind_of
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from mdm import ConfigError
-from mdm.config.communication import read_communication
 from mdm.config.functions import Functions
 from mdm.config.problems import Problems
+from mdm.config.team_file import read_communication
 from mdm.team import Always, Budget, Never, OnChange
 
 

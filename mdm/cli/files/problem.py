@@ -35,7 +35,12 @@ def run(arguments: argparse.Namespace) -> int:
             raise UsageError("--list goes without the name of a problem")
         _list()
         return 0
-    function = _problem(arguments.words[0])
+    name = arguments.words[0].replace("-", "_")
+    if name not in problems.__all__:
+        close = difflib.get_close_matches(name, problems.__all__, n=3)
+        hint = f"did you mean {' or '.join(close)}?" if close else "`mdm problem` lists them"
+        raise UsageError(f"there is no problem {arguments.words[0]!r}; {hint}")
+    function: Callable[..., MDP] = getattr(problems, name)
     parser = _parser(function)
     if len(arguments.words) > 1 and not arguments.words[1].startswith("-"):
         options = [_option(name) for name in inspect.signature(function).parameters]
@@ -61,16 +66,6 @@ def run(arguments: argparse.Namespace) -> int:
         sizes.append((len(model.observation_space), "observations"))
     print(f"{target}: a model ({model.kind}) of {', '.join(f'{count} {what}' for count, what in sizes)}")
     return 0
-
-
-def _problem(name: str) -> Callable[..., MDP]:
-    known = name.replace("-", "_")
-    if known not in problems.__all__:
-        close = difflib.get_close_matches(known, problems.__all__, n=3)
-        hint = f"did you mean {' or '.join(close)}?" if close else "`mdm problem` lists them"
-        raise UsageError(f"there is no problem {name!r}; {hint}")
-    function: Callable[..., MDP] = getattr(problems, known)
-    return function
 
 
 def _parser(function: Callable[..., MDP]) -> argparse.ArgumentParser:

@@ -3,34 +3,39 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
 import sys
+import threading
+import time
 from collections import Counter
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import anyio
+import msgspec
+import numpy as np
 
 from mdm.actors.actions.action_layer import ActionStatistics
 from mdm.cli.interruption import hear_interrupts
-from mdm.cli.robots.attached import Attached
-from mdm.cli.robots.decision import in_words
-from mdm.cli.robots.decisions_file import decisions_to
 from mdm.cli.robots.page_hosts import page_hosts, refuse_without_page
 from mdm.cli.usage import UsageError
 from mdm.config import load_system, load_team
 from mdm.config.recorded import attach_configuration
+from mdm.errors import Error
 from mdm.recording import Recorder
 from mdm.runtime import DeadlockError, Log, Runtime, run as run_program
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
+    from mdm.actors import Ensemble, StateFactor
     from mdm.config import System
     from mdm.messages import Decision
+    from mdm.models import Space
     from mdm.views.web import Page
 
 __all__ = ["run"]
@@ -188,3 +193,162 @@ def _load(arguments: argparse.Namespace) -> System:
         raise UsageError("--virtual is for a file without a team: processes have no virtual time in common")
     team.check_agent(arguments.agent, key="--agent")
     return load_system(arguments.file, agent=arguments.agent, decisions=arguments.decisions)
+
+
+def in_words(ensembles: Iterable[Ensemble]) -> Callable[[Decision], Mapping[str, object]]:
+    """Return a function that says of which state or observation a decision of these ensembles is.
+
+    A state or an observation without a name is told by its index, and so are those of other ensembles, which a task of
+    the file has started.
+    """
+    by_name = {ensemble.name: ensemble for ensemble in ensembles}
+
+    def words(decision: Decision) -> dict[str, object]:
+        ensemble = by_name.get(decision.ensemble.rpartition("/")[2])
+        if ensemble is None:
+            return _known(decision.state, decision.observation)
+        symbols = ensemble.controller.symbols
+        state = _name(symbols.state_space, decision.state)
+        if isinstance(state, int) and ensemble.state is not None:
+            state = _wired(ensemble.state.factors, state)
+        return _known(state, _observed(ensemble, decision.observation))
+
+    return words
+
+
+def _known(state: object, observation: object) -> dict[str, object]:
+    given = {"state": state, "observation": observation}
+    return {name: word for name, word in given.items() if word is not None}
+
+
+def _observed(ensemble: Ensemble, given: int | tuple[int | None, ...] | None) -> object:
+    """Return the name of an observation; the events of one by components that the model does not tell apart."""
+    space, layer = ensemble.controller.symbols.observation_space, ensemble.observation
+    if isinstance(given, tuple) and layer is not None and space is not None and len(given) != len(space.factors):
+        parts = zip(layer.factors, given, strict=True)
+        return ", ".join(f"{factor.name}={factor.events[place]}" for factor, place in parts if place is not None)
+    return _name(space, given)
+
+
+def _name(space: Space | None, given: int | tuple[int | None, ...] | None) -> object:
+    """Return the name of a symbol; of several factors the value of each that is known."""
+    if given is None or space is None:
+        return given
+    places = space.unravel(given) if isinstance(given, int) else given
+    if len(places) == 1:
+        return None if places[0] is None else space.factors[0].names[places[0]]
+    parts = zip(space.factors, places, strict=True)
+    return ", ".join(f"{factor.name}={factor.names[place]}" for factor, place in parts if place is not None)
+
+
+def _wired(factors: Sequence[StateFactor], state: int) -> str:
+    """Return the name of each component of a state, the last factor the least significant."""
+    words: list[str] = []
+    for factor in reversed(factors):
+        state, value = divmod(state, factor.size)
+        words.append(str(factor.wires()[value].source))
+    return ", ".join(reversed(words))
+
+
+@contextmanager
+def decisions_to(path: str | None) -> Iterator[Callable[[Runtime], None]]:
+    """Open a file before a run begins; what is yielded adds each decision of a runtime to it, as a line of JSON.
+
+    Raises:
+        Error: If the file cannot be opened.
+    """
+    if path is None:
+        yield lambda _: None
+        return
+    if not path.endswith(".jsonl"):
+        raise Error(f"decisions are lines of JSON: name a file that ends in .jsonl, not {path}")
+    encode = msgspec.json.Encoder(enc_hook=_plain).encode
+    try:
+        file = open(path, "ab", buffering=0)  # noqa: SIM115, PTH123 - it is closed below
+    except OSError as error:
+        raise Error(f"decisions cannot be written to {path}: {error.strerror}") from None
+
+    def begin(runtime: Runtime) -> None:
+        def write(decision: Decision) -> None:
+            try:
+                file.write(encode(decision) + b"\n")
+            except OSError as error:
+                subscription.cancel()
+                runtime.root.report("decisions", f"lines cannot be written to {path}: {error.strerror}")
+
+        subscription = runtime.decisions.subscribe(write)
+
+    with file:
+        yield begin
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise NotImplementedError
+
+
+_HELD = 3.0
+"""Seconds after which an event loop that does not answer is held."""
+
+_PATIENCE = 15.0
+_BREATH = 0.2
+
+
+class Attached:
+    """Ends this process, in order where that can be, when its standard input ends.
+
+    A thread waits for that, which a callback that holds the event loop does not keep from seeing it. An end in order
+    has the time of its actors' limits. Where the starter of this process is gone, and so cannot end it, and the loop
+    does not answer, the runtime's ``emergency`` is called and the process is killed.
+
+    Args:
+        descriptor: Standard input.
+    """
+
+    def __init__(self, descriptor: int = 0) -> None:
+        self._descriptor = descriptor
+        self._starter = os.getppid()
+        self._runtime: Runtime | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._patience = _PATIENCE
+        self._answered = threading.Event()
+        threading.Thread(target=self._watch, name="mdm:attached", daemon=True).start()
+
+    def hold(self, runtime: Runtime, patience: float) -> None:
+        """Have a runtime end with standard input, on whose event loop this is called.
+
+        Args:
+            runtime: The runtime.
+            patience: Seconds that its actors may take by their own limits.
+        """
+        self._loop, self._runtime, self._patience = asyncio.get_running_loop(), runtime, _PATIENCE + patience
+
+    def _watch(self) -> None:
+        with suppress(OSError):
+            while os.read(self._descriptor, 4096):
+                pass
+        began, answered = time.monotonic(), time.monotonic()
+        while time.monotonic() - began < self._patience:
+            self._answered.clear()
+            with suppress(RuntimeError):  # the loop has ended
+                if self._loop is not None:
+                    self._loop.call_soon_threadsafe(self._end)
+            if self._answered.wait(_BREATH):
+                answered = time.monotonic()
+                time.sleep(_BREATH)
+            elif os.getppid() != self._starter and time.monotonic() - answered > _HELD:
+                break
+        # The emergency, if any, comes before; whom this process has started goes with it.
+        if self._runtime is not None and self._loop is not None and not self._loop.is_closed():
+            self._runtime.emergency("standard input has ended, and this process, which does not end, is killed")
+            time.sleep(_BREATH)
+        if os.getpgrp() == os.getpid():
+            os.killpg(0, signal.SIGKILL)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    def _end(self) -> None:
+        """End the runtime; being called is the loop's answer."""
+        self._answered.set()
+        if self._runtime is not None:
+            self._runtime.shut_down()

@@ -97,7 +97,13 @@ class _Package:
             program = read_program(self._sources[node.type], folder)
             self.nodes.append((node, program))
             self.notes.add(program.notes)
-        self.declarations = self._declarations()
+        found: dict[str, Declaration] = {}
+        for _, program in self.nodes:
+            for each in program.declarations:
+                if each.name in found and each.place != found[each.name].place:
+                    self.notes.leave(f"a second {each.name!r}", each.place)
+                found.setdefault(each.name, each)
+        self.declarations = found
         self.ensembles = self._ensembles()
         self._copied: dict[Path, str] = {}
 
@@ -109,15 +115,6 @@ class _Package:
             f"{len(self.declarations)} predicates and events; {notes} {'note' if notes == 1 else 'notes'} on what was "
             f"not taken over"
         )
-
-    def _declarations(self) -> dict[str, Declaration]:
-        found: dict[str, Declaration] = {}
-        for _, program in self.nodes:
-            for each in program.declarations:
-                if each.name in found and each.place != found[each.name].place:
-                    self.notes.leave(f"a second {each.name!r}", each.place)
-                found.setdefault(each.name, each)
-        return found
 
     def _ensembles(self) -> list[_Ensemble]:
         found: list[_Ensemble] = []

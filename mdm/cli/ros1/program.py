@@ -252,10 +252,7 @@ class _Reader:
         self._controls()
         self._actions()
         self._predicates()
-        self._others()
-
-    def _others(self) -> None:
-        """Note the calls and layers that are not read."""
+        # The calls and layers that are not read.
         for match in re.finditer(r"\b(add[A-Z]\w*)\s*\(", self.code):
             if match.start() not in self._read:
                 why = "its layer is not known" if match[1] in _ADDED else "this call is not known"

@@ -1,4 +1,4 @@
-"""The asker: asks the agents of a team from outside, for verbs such as ``mdm team status``."""
+"""The asker: asks the agents of a team from outside, for verbs such as ``mdm team status``, and their tables."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mdm.team.sharing.commanding import command
 from mdm.team.transport.access import OPERATOR
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator
+    from collections.abc import AsyncIterator, Sequence
 
     from mdm.team import Team
     from mdm.team.sharing.commanding import Confirmation
@@ -64,3 +64,10 @@ async def asker_of(file: str, team: Team) -> AsyncIterator[Asker]:
             yield Asker(session, team, await reading, live=bool(live))
     finally:
         reading.cancel()
+
+
+def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return rows as lines of aligned columns, below the columns' names; a row may end before the last column."""
+    wide = [list(columns), *rows]
+    widths = [max((len(row[place]) for row in wide if place < len(row)), default=0) for place in range(len(columns))]
+    return ["  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=False)).rstrip() for row in wide]

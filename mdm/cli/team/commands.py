@@ -6,9 +6,8 @@ import asyncio
 import sys
 from typing import TYPE_CHECKING
 
-from mdm.cli.team.asker import asker_of
+from mdm.cli.team.asker import asker_of, table
 from mdm.cli.team.file import team_of
-from mdm.cli.team.table import table
 from mdm.errors import Error
 from mdm.logic import similar
 

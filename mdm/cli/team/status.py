@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from mdm.cli.report import as_json
-from mdm.cli.team.asker import asker_of
+from mdm.cli.team.asker import asker_of, table
 from mdm.cli.team.file import team_of
-from mdm.cli.team.table import table
 from mdm.config import load_team_file
 from mdm.errors import Error
 from mdm.runtime.statistics import Histogram

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from mdm.cli.interruption import hear_interrupts
 from mdm.cli.robots.page_hosts import page_hosts, refuse_without_page
-from mdm.cli.team.console import Console
-from mdm.cli.team.crew import Crew
+from mdm.cli.team.crew import Console, Crew
 from mdm.cli.team.file import check_zenoh, forget_state, sound_systems_of, team_of
 from mdm.errors import Error
 from mdm.team.transport.access import OPERATOR

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from mdm.cli.team.console import Console
+from mdm.cli.team.crew import Console
 
 
 def said(capfd, *, json):

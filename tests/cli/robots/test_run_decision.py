@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mdm import Ensemble, PredicateManager, StateFactor
-from mdm.cli.robots.decision import in_words
+from mdm.cli.robots.run import in_words
 from mdm.messages import Decision
 from mdm.models import MDP, POMDP, Factor, Space
 from mdm.policies import AlphaVectors, DeterministicPolicy

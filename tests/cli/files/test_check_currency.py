@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import mdm
-from mdm.cli.files.currency import stale
+from mdm.cli.files.check import stale
 from mdm.models import MDP
 from mdm.policies import DeterministicPolicy, QTable
 

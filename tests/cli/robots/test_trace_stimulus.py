@@ -7,7 +7,7 @@ import io
 import pytest
 
 from mdm import load_system
-from mdm.cli.robots.stimulus import read_stimuli
+from mdm.cli.robots.trace import read_stimuli
 
 ROBOTS = """
 [predicates]

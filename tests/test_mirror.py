@@ -20,8 +20,6 @@ UNTESTED_ALONE = {
     "recording/stimuli.py": "declares messages: test_schemas",
     "recording/part.py": "one file of a record: test_reader",
     "runtime/tape.py": "declares a protocol alone, which test_recorder and test_player follow",
-    "replay/driver.py": "what plays a record: test_replay and test_random_systems",
-    "replay/teammates.py": "what plays a team's part of a record: test_replay of mdm replay",
     "team/layer.py": "a base: the layers of each mode are tested",
     "actors/options.py": "declares types alone",
     "actors/layer.py": "a base: its layers are tested",

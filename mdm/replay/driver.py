@@ -3,22 +3,47 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import msgspec
 
 from mdm import messages
 from mdm.messages import Tick
-from mdm.recording.stimuli import Began, Cut, Ended, Failed, Finished, Resumed, Said, Ticked, count_messages
+from mdm.recording.stimuli import (
+    Acknowledged,
+    Answered,
+    Asked,
+    Began,
+    Commanded,
+    Cut,
+    Ended,
+    Failed,
+    Finished,
+    Opened,
+    Recalled,
+    Received,
+    Resumed,
+    Said,
+    Seen,
+    Ticked,
+    count_messages,
+)
 from mdm.replay.exchange import PartedError
 from mdm.replay.input import give
-from mdm.replay.stand_in import AsRecordedError
-from mdm.replay.teammates import Teammates
+from mdm.replay.player import AsRecordedError
 from mdm.runtime.actor import descendants
+from mdm.runtime.channel import Subscription
+from mdm.runtime.time.clock import Timer
+from mdm.runtime.time.virtual import VirtualClock
+from mdm.team.layer import TeamLayer
+from mdm.team.replicated import ReplicatedLayer
+from mdm.team.sharing.predicates import PredicateSubscriber
+from mdm.team.storage import Stored
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from mdm.recording.stimuli import Stimulus
-    from mdm.replay.clock import ReplayClock
     from mdm.replay.player import Player
     from mdm.replay.transport import ReplayTransport
     from mdm.runtime import Actor, Runtime
@@ -187,18 +212,7 @@ class Driver:
 
     def _watch(self) -> bool:
         """Say what was said at this place of the running turn; return whether it was cut short there."""
-        self._say_in_turn()
-        cuts, dispatcher = self._player.cuts, self._runtime.dispatcher
-        if not cuts or cuts[0].time != dispatcher.time or count_messages(self._runtime.channels) < cuts[0].after:
-            return False
-        cuts.popleft()
-        return True
-
-    def _say_in_turn(self) -> None:
-        """Publish what users' handlers said in the running turn, once that has come as far as it had then.
-
-        Several ticks have one time, and each a turn of its own: what was said behind the last is not said in the first.
-        """
+        # Several ticks have one time, and each a turn of its own: what was said behind the last waits for that.
         runtime, player = self._runtime, self._player
         while player.turns:
             said, ticks = player.turns[0]
@@ -208,6 +222,11 @@ class Driver:
                 break
             player.turns.popleft()
             self._say(said)
+        cuts, dispatcher = self._player.cuts, self._runtime.dispatcher
+        if not cuts or cuts[0].time != dispatcher.time or count_messages(self._runtime.channels) < cuts[0].after:
+            return False
+        cuts.popleft()
+        return True
 
     def _say(self, said: Said) -> None:
         """Publish what was said, on its channel, in the present turn or as the beginning of one."""
@@ -215,3 +234,127 @@ class Driver:
         if kind is None or not isinstance(said.message, kind):
             return  # of a type that only the program knew
         give(self._runtime, said.channel, said.message)
+
+
+_ROUNDS = 100
+"""Rounds of the event loop within which a link takes note that it is open."""
+
+
+class Teammates:
+    """Stands for the other agents of a team, as far as one agent has heard of them.
+
+    Args:
+        runtime: The agent's.
+        player: Its tape.
+        transports: Those of the agents that are played, by agent.
+    """
+
+    def __init__(self, runtime: Runtime, player: Player, transports: Mapping[str, ReplayTransport]) -> None:
+        self._runtime, self._player, self._transports = runtime, player, transports
+
+    async def give(self, stimulus: Stimulus) -> None:
+        """Give what came from teammates, or from outside to the team; another stimulus is none of these.
+
+        Raises:
+            PartedError: If it is a message that is not known any more.
+        """
+        transport = self._transports.get(getattr(stimulus, "agent", ""))
+        if isinstance(stimulus, Commanded):
+            self._command(stimulus)
+        elif isinstance(stimulus, Recalled):
+            self._recall(stimulus)
+        elif isinstance(stimulus, Answered):
+            self._answer(stimulus)
+        elif isinstance(stimulus, Acknowledged):
+            self._acknowledge(stimulus)
+        elif transport is not None and isinstance(stimulus, Received):
+            received = stimulus
+            if transport.exchange is not None:
+                heard = transport.hears(stimulus.expression)
+                received = await transport.exchange.comes(stimulus, transport.incarnation, heard=heard)
+            transport.receive(received)
+        elif transport is not None and isinstance(stimulus, Asked):
+            transport.request(stimulus)
+        elif transport is not None and isinstance(stimulus, Seen):
+            transport.see(stimulus.live)
+        elif transport is not None and isinstance(stimulus, Opened):
+            await self._open(transport)
+
+    async def _open(self, transport: ReplayTransport) -> None:
+        before = self._player.noted
+        transport.release()
+        for _ in range(_ROUNDS):
+            if self._player.noted > before:
+                break
+            await asyncio.sleep(0)
+
+    def _command(self, commanded: Commanded) -> None:
+        """Have a command carried out that was asked for from outside."""
+        layer = self._layer(commanded.ensemble)
+        if layer is not None:
+            order: Any = commanded.command
+            turn = Subscription[Any](None, layer, lambda token: layer.command(order, token))
+            self._runtime.dispatcher.deliver(turn, commanded.token)
+
+    def _recall(self, recalled: Recalled) -> None:
+        """Have a layer begin as an earlier process of its agent had stopped."""
+        layer = self._layer(recalled.ensemble)
+        if layer is not None:
+            stored = msgspec.json.decode(recalled.stored, type=Stored)
+            self._runtime.dispatcher.deliver(Subscription[Any](None, layer, layer.recall), stored)
+
+    def _layer(self, ensemble: str) -> TeamLayer | None:
+        layers = (actor for actor in descendants(self._runtime.root) if isinstance(actor, TeamLayer))
+        return next((one for one in layers if one.ensemble.name == ensemble), None)
+
+    def _answer(self, answered: Answered) -> None:
+        """Have an actor take the answer that it got."""
+        for actor in descendants(self._runtime.root):
+            if isinstance(actor, PredicateSubscriber) and actor.path == answered.actor:
+                actor.repeat_answer(answered.body)
+
+    def _acknowledge(self, acknowledged: Acknowledged) -> None:
+        """Have a layer acknowledge a step where it did."""
+        for actor in descendants(self._runtime.root):
+            if isinstance(actor, ReplicatedLayer) and actor.path == acknowledged.actor:
+                actor.repeat_acknowledgement()
+
+
+class ReplayClock(VirtualClock):
+    """A clock that whoever repeats a run moves from stimulus to stimulus.
+
+    Ticks are stimuli of the record: a timer of their rank never fires by itself.
+
+    Args:
+        epoch: The time that it shows at first, in nanoseconds.
+    """
+
+    def __init__(self, epoch: int) -> None:
+        super().__init__(epoch=epoch)
+        self._time = epoch
+
+    def now(self) -> int:
+        """Return the time to which it was moved."""
+        return self._time
+
+    def call_at(self, when: int, callback: Callable[[], None], *, rank: int = 0) -> Timer:
+        """Call back when it is moved to ``when`` nanoseconds or beyond."""
+        if rank:
+            return Timer(when, callback)
+        return super().call_at(when, callback)
+
+    def _arm(self, when: int) -> None:
+        """Wait to be moved."""
+
+    def fire_before(self, when: int) -> None:
+        """Leave timers to `step`."""
+
+    def step(self, until: int) -> bool:
+        """Fire the first timer that is due by a time, at its time; return whether there was one."""
+        self._look_at_next()
+        if self.due > until:
+            self._time = max(self._time, until)
+            return False
+        self._time = max(self._time, self.due)
+        self.fire_first()
+        return True

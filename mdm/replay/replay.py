@@ -19,9 +19,8 @@ from mdm.recording import Record
 from mdm.recording.part import Gap
 from mdm.recording.recorder import environment
 from mdm.recording.stimuli import Began, Finished, Joined, Received, Unsent
-from mdm.replay.clock import ReplayClock
 from mdm.replay.difference import Difference
-from mdm.replay.driver import Driver
+from mdm.replay.driver import Driver, ReplayClock
 from mdm.replay.exchange import Exchange
 from mdm.replay.otherwise import Otherwise
 from mdm.replay.player import Player

@@ -9,8 +9,7 @@ import pytest
 from records import decision
 
 from mdm.recording.stimuli import Began, GoesOn, Kept, Lasts, Late, Raised, Said, Ticked
-from mdm.replay.player import Player
-from mdm.replay.stand_in import AsRecordedError, StandIn
+from mdm.replay.player import AsRecordedError, Player, StandIn
 
 
 def player(*stimuli, decisions=(), most=10):

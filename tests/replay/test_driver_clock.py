@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, strategies as st
 
-from mdm.replay.clock import ReplayClock
+from mdm.replay.driver import ReplayClock
 
 
 def test_it_shows_the_time_to_which_it_was_moved():

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from mdm.replay.stand_in import AsRecordedError, StandIn
+from mdm.replay.player import AsRecordedError, StandIn
 from mdm.runtime.work import Work
 
 

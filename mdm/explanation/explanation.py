@@ -17,10 +17,9 @@ from mdm.errors import ModelError
 from mdm.explanation.belief_change import BeliefChange, Move, moved, nearest_belief
 from mdm.explanation.case import belief_of, state_of
 from mdm.explanation.expectation import Chance, expected_next, likeliest
-from mdm.explanation.influence import Influence, influences, strongest
+from mdm.explanation.influence import Influence, influences, margin, scores_at, second, strongest
 from mdm.explanation.observation_change import ObservationChange, observation_changes
 from mdm.explanation.state_change import StateChange, state_changes
-from mdm.explanation.weighing import margin, scores_at, second
 from mdm.explanation.words import in_words
 
 if TYPE_CHECKING:

@@ -180,23 +180,17 @@ class Paths:
             rows, columns = window.shape
             paths = Paths(Frame(rows, columns, self.frame.resolution), window)
             distances, _ = paths.distances([other])
-            if distances[one] <= self._least_outside(ends, first, last) * self.frame.resolution:
+            # To go by a line beyond both and back is as far as to the other's mirror image behind that line.
+            least = math.inf
+            for axis in (0, 1):
+                along = float(abs(ends[0, 1 - axis] - ends[1, 1 - axis]))
+                if first[axis] > 0:
+                    least = min(least, math.hypot(along, float((ends[:, axis] - first[axis] + 1).sum())))
+                if last[axis] < self.frame.shape[axis]:
+                    least = min(least, math.hypot(along, float((last[axis] - ends[:, axis]).sum())))
+            if distances[one] <= least * self.frame.resolution:
                 return distances, one, first, paths
             around *= 2
-
-    def _least_outside(self, ends: NDArray[np.intp], first: NDArray[np.intp], last: NDArray[np.intp]) -> float:
-        """Return how many cells long a way between two is at least that leaves a window.
-
-        To go by a line beyond both and back is as far as to go straight to the other's mirror image behind that line.
-        """
-        least = math.inf
-        for axis in (0, 1):
-            along = float(abs(ends[0, 1 - axis] - ends[1, 1 - axis]))
-            if first[axis] > 0:
-                least = min(least, math.hypot(along, float((ends[:, axis] - first[axis] + 1).sum())))
-            if last[axis] < self.frame.shape[axis]:
-                least = min(least, math.hypot(along, float((last[axis] - ends[:, axis]).sum())))
-        return least
 
     def route(self, distances: Vector, cell: tuple[int, int]) -> list[tuple[int, int]]:
         """Return the cells where the way from a cell turns, and its end: between them it runs straight over open cells.

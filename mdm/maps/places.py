@@ -374,7 +374,12 @@ class Places(Actor):
         That of a drive which is under way counts when it has ended, or has been near for long.
         """
         before, goal = self._at, self._heads_for
-        at = self._near(x, y)
+        at = frozenset(
+            index
+            for index, goal_x, goal_y, near, far in self._goals_here
+            # Products, not powers, which raise where a pose is too far away for its square.
+            if (x - goal_x) * (x - goal_x) + (y - goal_y) * (y - goal_y) <= (far if index in before else near)
+        )
         if goal is None or goal not in at or goal in before:
             self._near_since = None
             return at
@@ -392,15 +397,6 @@ class Places(Actor):
         if reached is None:
             return self._nodes[self.labels.names[room - 1] if room else str(self._nearest(pose, straight=True))]
         return reached
-
-    def _near(self, x: float, y: float) -> frozenset[int]:
-        before = self._at
-        return frozenset(
-            index
-            for index, goal_x, goal_y, near, far in self._goals_here
-            # Products, not powers, which raise where a pose is too far away for its square.
-            if (x - goal_x) * (x - goal_x) + (y - goal_y) * (y - goal_y) <= (far if index in before else near)
-        )
 
     def _nearest(self, pose: Pose, *, straight: bool = False) -> str | None:
         """Return the place whose goal is nearest: by path, or straight where the floor has no grid, or on request."""
@@ -473,11 +469,6 @@ class Places(Actor):
         changes = tuple((name, value) for name, value in values.items() if told.get(name, told) is not value)
         self._told = values
         self._witness = next(((name, value) for name, value in values.items() if value is not None), None)
-        events = self._events()
-        if changes or events:
-            self.predicates.derive(changes, tuple(events))
-
-    def _events(self) -> list[str]:
         events = []
         if self._room and self._room != self._last and not self._between:
             if self._last:
@@ -487,7 +478,8 @@ class Places(Actor):
         if self._located:
             events += [f"{self._goal_names[index]}.arrived" for index in sorted(self._at - self._last_at)]
             self._last_at = self._at
-        return events
+        if changes or events:
+            self.predicates.derive(changes, tuple(events))
 
     def _wait(self) -> None:
         """Wait until what is known is too old; the timer is moved on lazily, not at each pose."""

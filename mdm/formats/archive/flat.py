@@ -91,7 +91,13 @@ def _packed(model: MDP) -> dict[str, npt.NDArray[Any]]:
     elif isinstance(pomdp.events, DenseEvents):
         arrays["E"] = np.stack(pomdp.events.events)
     elif isinstance(pomdp.events, TransitionEvents):
-        _pack_events(pomdp.events.events, arrays)
+        events = pomdp.events.events  # of all actions, in CSC: entries of T x O
+        arrays |= {
+            "E.values": np.concatenate([matrix.data for matrix in events]),
+            "E.entries": np.concatenate([matrix.indices for matrix in events]),
+            "E.starts": np.stack([matrix.indptr for matrix in events]),
+            "E.cuts": np.cumsum([0, *(matrix.nnz for matrix in events)]),
+        }
     return arrays
 
 
@@ -111,16 +117,6 @@ def _pack(name: str, matrices: Sequence[Matrix], arrays: dict[str, npt.NDArray[A
         # Where each row begins within its own matrix, and that matrix within all.
         f"{name}.rows": np.stack([matrix.indptr for matrix in kept]),
         f"{name}.cuts": np.cumsum([0, *(matrix.nnz for matrix in kept)]),
-    }
-
-
-def _pack_events(events: Sequence[Matrix], arrays: dict[str, npt.NDArray[Any]]) -> None:
-    """Add the events of all actions, in CSC: entries of T x O."""
-    arrays |= {
-        "E.values": np.concatenate([matrix.data for matrix in events]),
-        "E.entries": np.concatenate([matrix.indices for matrix in events]),
-        "E.starts": np.stack([matrix.indptr for matrix in events]),
-        "E.cuts": np.cumsum([0, *(matrix.nnz for matrix in events)]),
     }
 
 

@@ -212,8 +212,11 @@ def _matrices(names: list[str], arrays: Mapping[str, Any], shape: tuple[int, int
     done: dict[str, Matrix] = {}
     for name in names:
         if name not in done:
-            done[name] = _stored(name, arrays, shape)
-            _check_rows(name, done[name])
+            done[name] = matrix = _stored(name, arrays, shape)
+            data = matrix.data if is_compressed(matrix) else matrix
+            sums = np.asarray(matrix.sum(axis=1)).ravel()
+            if not (np.abs(sums - 1) <= ROUNDING).all() or (data < 0).any():
+                raise ModelError(f"a row of {name} is not a distribution")
     if len({is_compressed(matrix) for matrix in done.values()}) != 1:
         raise ModelError("some matrices are sparse and others are not")
     return Checked(done[name] for name in names)
@@ -238,13 +241,6 @@ def _stored(name: str, arrays: Mapping[str, Any], shape: tuple[int, int]) -> Mat
     if not np.isin(falls, starts).all():
         raise ModelError(f"the entries of {name} are not sorted")
     return csr((data, indices, starts), shape, copy=False)
-
-
-def _check_rows(name: str, matrix: Matrix) -> None:
-    data = matrix.data if is_compressed(matrix) else matrix
-    sums = np.asarray(matrix.sum(axis=1)).ravel()
-    if not (np.abs(sums - 1) <= ROUNDING).all() or (data < 0).any():
-        raise ModelError(f"a row of {name} is not a distribution")
 
 
 def _events(

@@ -11,7 +11,7 @@ from random_models import factored_models
 
 import mdm
 from mdm.errors import ModelWarning
-from mdm.models.factored.size import matrix_size
+from mdm.models.factored.model import matrix_size
 from mdm.models.matrices import is_compressed
 
 

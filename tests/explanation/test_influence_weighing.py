@@ -11,7 +11,7 @@ from sentences import refused
 import mdm
 from mdm import ModelError, problems
 from mdm.explanation import Case
-from mdm.explanation.weighing import margin, scores_at, second
+from mdm.explanation.influence import margin, scores_at, second
 from mdm.policies import (
     BeliefPolicy,
     DeterministicPolicy,

@@ -33,7 +33,6 @@ UNTESTED_ALONE = {
     "cli/robots/ensembles.py": "with the verbs that look at ensembles: test_info, test_check",
     "cli/team/asker.py": "with the verbs that ask: test_status",
     "cli/team/commands.py": "with the status, which tells what has become of them: test_status",
-    "cli/team/table.py": "with the status: test_status",
     "team/sharing/asking.py": "a session of its own, by the verbs that ask: test_status",
     "cli/team/file.py": "with every verb of teams",
     "beliefs/dense.py": "with every other filter, against one computation: test_filter",

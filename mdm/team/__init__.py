@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from mdm.team.sharing.commanding import Confirmation
     from mdm.team.sharing.remote import Exports, Imports
     from mdm.team.team import Agent, Team
-    from mdm.team.transport.budget import TokenBucket
+    from mdm.team.transport.allowance import TokenBucket
     from mdm.team.transport.network import Network
 
 __all__ = [
@@ -69,7 +69,7 @@ _HOMES = {
     "sharing.commanding": ("Confirmation",),
     "sharing.remote": ("Exports", "Imports"),
     "team": ("Agent", "Team"),
-    "transport.budget": ("TokenBucket",),
+    "transport.allowance": ("TokenBucket",),
     "transport.network": ("Network",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

@@ -132,6 +132,11 @@ class TeamLayer(Layer):
         """Handle the messages of other agents under the keys of an expression, until this layer stops."""
         self._hears.append(self.link.listen(expression, handler, self))
 
+    def drop(self, sample: Sample, reason: str) -> None:
+        """Count a message that is none, and refuse it."""
+        self.malformed += 1
+        self.link.refuse_sample(sample, reason)
+
     @property
     def refusal(self) -> str | None:
         """Why this agent cannot take part in the team; None where it can."""

@@ -255,12 +255,12 @@ class ReplicatedLayer(TeamLayer):
         try:
             message = decode(sample.body)
         except Error as error:
-            self._drop(sample, str(error))
+            self.drop(sample, str(error))
             return
         now = self._now()
         agreement = self.agreement
         if message.term != agreement.state.term and not is_possible(message, agreement.order, now):
-            self._drop(sample, "is of a term that cannot be")
+            self.drop(sample, "is of a term that cannot be")
             return
         if isinstance(message, _BEHIND) and not self._behind:
             self._behind = True
@@ -270,10 +270,6 @@ class ReplicatedLayer(TeamLayer):
             self._process(sends)
         else:
             self._set_timer(now)
-
-    def _drop(self, sample: Sample, reason: str) -> None:
-        self.malformed += 1
-        self.link.refuse_sample(sample, reason)
 
     def update_live(self, link: Link) -> None:
         """Take note of who is live."""

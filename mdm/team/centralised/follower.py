@@ -145,16 +145,13 @@ class CentralisedFollower(TeamLayer):
         try:
             decision = decode_decision(sample.body)
         except UNREADABLE as error:
-            self.malformed += 1
-            self.link.refuse_sample(sample, f"is no decision: {error}")
+            self.drop(sample, f"is no decision: {error}")
             return
         if decision.action is not None and decision.action >= self.ensemble.controller.policy.num_actions:
-            self.malformed += 1
-            self.link.refuse_sample(sample, f"decides on action {decision.action}, which the model has not")
+            self.drop(sample, f"decides on action {decision.action}, which the model has not")
             return
         if decision.started > decision.step:
-            self.malformed += 1
-            self.link.refuse_sample(sample, f"tells at step {decision.step} of a start at step {decision.started}")
+            self.drop(sample, f"tells at step {decision.step} of a start at step {decision.started}")
             return
         if not self.link.is_live(sample):
             return  # it is not there yet, or has another configuration

@@ -177,12 +177,12 @@ class CentralisedLeader(TeamLayer):
         try:
             proposal = decode_proposal(sample.body)
         except UNREADABLE as error:
-            self._drop(sample, f"is none of a centralised team: {error}")
+            self.drop(sample, f"is none of a centralised team: {error}")
             return
         # Its sender's clock is an hour ahead at most.
         period = round((self.team.period or 1.0) * 1e9)
         if not (can_be(proposal.tick - self.tick, 0, period) and can_be(proposal.number, self.runtime.now(), 1000)):
-            self._drop(sample, f"is of tick {proposal.tick} and number {proposal.number}, which cannot be yet")
+            self.drop(sample, f"is of tick {proposal.tick} and number {proposal.number}, which cannot be yet")
             return
         if proposal.tick > self.tick + _MOST_TICKS:
             self._late += 1  # a clock that is ahead of this one; no part waits for so long
@@ -219,10 +219,6 @@ class CentralisedLeader(TeamLayer):
             command = STOP  # this life of the controller began by itself, and knows of no stop before
         self._bars[agent] = (sample.incarnation, proposal.number, self._last.step + 1)
         self._command(command, proposal.token, agent)
-
-    def _drop(self, sample: Sample, reason: str) -> None:
-        self.malformed += 1
-        self.link.refuse_sample(sample, reason)
 
     def _collect(self, agent: str, tick: int, part: bytes | None) -> None:
         """Collect an agent's part of a tick; it counts for that one alone."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from mdm.checks import is_number
 from mdm.errors import ConfigError, ModelError
-from mdm.team.transport.budget import TokenBucket
+from mdm.team.transport.allowance import TokenBucket
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -406,10 +406,10 @@ class CommunicatingLayer(TeamLayer):
         try:
             word = decode(sample.body)
         except UNREADABLE as error:
-            self._drop(sample, f"is no word: {error}")
+            self.drop(sample, f"is no word: {error}")
             return
         if (reason := self._is_impossible(word)) is not None:
-            self._drop(sample, reason)
+            self.drop(sample, reason)
             return
         if word.configuration != self._configuration or self.refusal is not None:
             return  # the link says so
@@ -437,10 +437,6 @@ class CommunicatingLayer(TeamLayer):
         if any(number > now + HOUR for stops in (word.stops, episode.stops) for number in stops.values()):
             return "tells of a stop that cannot have been yet"
         return None
-
-    def _drop(self, sample: Sample, reason: str) -> None:
-        self.malformed += 1
-        self.link.refuse_sample(sample, reason)
 
     def _receive(self, agent: str, experiences: tuple[Experience, ...]) -> None:
         """Take the experiences that another agent shares."""

@@ -6,8 +6,7 @@ import shutil
 
 import numpy as np
 import pytest
-from estimated import nothing
-from estimated import ran as recorded_run
+from estimated import nothing, ran as recorded_run
 from records import Writing, decision, written
 from sentences import refused
 

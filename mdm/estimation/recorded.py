@@ -67,7 +67,7 @@ def chains_of_records(records: Sequence[Record], ensemble: str | None = None, mo
 
     Raises:
         ModelError: If there are no decisions, or several ensembles and none is named, or the record of an agent of a
-            communicating team is missing.
+            communicating team is missing, or one decided on events with false negatives.
 
     Example::
 
@@ -90,6 +90,7 @@ def chains_of_records(records: Sequence[Record], ensemble: str | None = None, mo
     agents: dict[str, list[Told]] = defaultdict(list)
     for each in told:
         for path in sorted(chosen & each.decisions.keys()):
+            _check_steps(each.record, path)
             if each.mode_of(path) is None:
                 parts.append(_chains(each, path))
             else:
@@ -106,6 +107,16 @@ def chains_of_records(records: Sequence[Record], ensemble: str | None = None, mo
         if not each.decisions or each.decisions.keys() - chosen
     )
     return msgspec.structs.replace(joined(parts), ensemble=name, unused=unused)
+
+
+def _check_steps(record: Record, ensemble: str) -> None:
+    """Refuse what decided on events with false negatives: its number of steps is not known."""
+    parts = record.metadata.get(f"ensemble {ensemble}", {}).get("parts", "{}")
+    if msgspec.json.decode(parts).get("model's false negative", "None") != "None":
+        raise ModelError(
+            f"{ensemble!r} decided on events with false negatives: steps without a detection are not in {record.path}; "
+            "at a fixed rate each step is known"
+        )
 
 
 def _is_meant(path: str, name: str) -> bool:

@@ -6,7 +6,7 @@ import shutil
 
 import numpy as np
 import pytest
-from estimated import ran as recorded_run
+from estimated import nothing, ran as recorded_run
 from records import Writing, decision, written
 from sentences import refused
 
@@ -14,6 +14,8 @@ from mdm import Ensemble, ModelError, Runtime, World, run
 from mdm.estimation import as_text, chains_of_records, check_names, open_records, statistics
 from mdm.messages import Mode
 from mdm.models import MDP
+from mdm.policies import AlphaVectors
+from mdm.problems import tiger
 from mdm.recording import Record
 
 MODEL = MDP([[[0.9, 0.1], [0.3, 0.7]]], np.zeros((2, 1)), discount=0.9, states=["dry", "wet"], actions=["go"])
@@ -82,6 +84,34 @@ def test_several_runs_are_counted_together_and_nothing_goes_from_one_into_the_ne
     assert together.decisions == sum(map(len, decisions))
     assert len(together.chains) == 2
     assert sum(stay.seconds for stay in together.stays()) == 42
+
+
+@pytest.mark.parametrize("drive", ["event", 1.0])
+def test_false_negatives_are_refused_where_events_make_decisions(tmp_path, drive):
+    """No file of a model has them: the record alone knows that they were declared."""
+    path = tmp_path / "run.mcap"
+
+    async def main():
+        async with Runtime(record=path, log=False) as runtime:
+            robot = Ensemble(
+                "robot",
+                policy=AlphaVectors([[1.0, 1.0]], [0], num_actions=3),
+                model=tiger(),
+                actions=dict.fromkeys(range(3), nothing),
+                drive=drive,
+                false_negative="hear-left",
+            )
+            await runtime.start(robot)
+            for _ in range(3):
+                robot.publish_observation("hear-right")
+                await runtime.clock.sleep(1)
+
+    run(main, virtual=True)
+    if drive == "event":
+        with refused(ModelError):
+            chains_of_records([Record(path)])
+    else:
+        assert chains_of_records([Record(path)]).decisions == 3
 
 
 def test_a_restart_and_a_safe_mode_break_chains(tmp_path):

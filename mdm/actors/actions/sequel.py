@@ -84,6 +84,16 @@ class Tries:
         self._name = ""
         self._failures = 0
 
+    @property
+    def counting(self) -> bool:
+        """Whether an action has failed, so that a row may go on."""
+        return self._failures > 0
+
+    def began(self, name: str) -> None:
+        """Take the beginning of an action, which ends the row of another one."""
+        if name != self._name:
+            self._name, self._failures = name, 0
+
     def ended(self, name: str, sequel: Sequel, *, failed: bool, retries: bool = False) -> Due:
         """Take the end of an action that nobody asked for.
 
@@ -93,16 +103,16 @@ class Tries:
             failed: Whether it failed.
             retries: Whether failures are followed by a decision, even against the binding.
         """
-        if name != self._name:
-            self._name, self._failures = name, 0
+        self.began(name)
         if not failed:
             self._failures = 0
             return Due(sequel.pause if sequel.then == "decide" else None)
+        retries = retries or sequel.retries
+        if not (retries or sequel.attempts):
+            return Due()
         self._failures += 1
         if sequel.attempts is not None and self._failures >= sequel.attempts:
             self._failures = 0  # once begun again it has as many anew
             return Due(gave_up=True)
-        if not (sequel.retries or retries):
-            return Due()
         longest = max(LONGEST_PAUSE, sequel.pause)
-        return Due(min(sequel.pause * 2.0 ** min(self._failures - 1, 64), longest))
+        return Due(min(sequel.pause * 2.0 ** min(self._failures - 1, 64), longest) if retries else None)

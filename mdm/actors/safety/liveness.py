@@ -279,6 +279,7 @@ class Liveness:
 
     def began(self, name: str) -> None:
         """Take it that an action begins."""
+        self._tries.began(name)
         self._cancel_again()
         self._end_rest()
         self._ended.pop(name, None)
@@ -318,6 +319,7 @@ class Liveness:
                 self._give_up(name, text, binding.sequel)
             elif due.pause is not None and (follows or not safety.deciding):
                 self._plan(due.pause, name, status)
+            self._heed()
         self.look()
         return due.gave_up
 
@@ -361,7 +363,12 @@ class Liveness:
         if self._again is not None:
             self._again.cancel()
             self._again = None
-            self._ensemble.action.heed(heeded=self.since is not None)
+            self._heed()
+
+    def _heed(self) -> None:
+        """Hear of the beginning of plain functions, too, while it ends a pause, a rest or a row of failures."""
+        heeded = self._again is not None or self.since is not None or self._tries.counting
+        self._ensemble.action.heed(heeded=heeded)
 
     def _decide_again(self) -> None:
         ensemble, safety = self._ensemble, self._ensemble.safety
@@ -492,7 +499,7 @@ class Liveness:
             self._patience = None
         self._tell(idle=False, time=now)
         self.since = None
-        self._ensemble.action.heed(heeded=self._again is not None)
+        self._heed()
 
     def _tell(self, *, idle: bool, time: int) -> None:
         ensemble = self._ensemble

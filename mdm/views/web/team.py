@@ -16,6 +16,7 @@ import msgspec
 from mdm.errors import Error
 from mdm.snapshots import EnsembleFrame, Event, Frame, Ring, Scene
 from mdm.snapshots.events import value_of
+from mdm.snapshots.frame import StatisticsFrame
 from mdm.snapshots.why import Why
 from mdm.version import __version__
 from mdm.views.web.client import Socket, opened
@@ -306,6 +307,7 @@ class TeamRun:
         facts: dict[str, Any] = {"details": {}, "robots": (), "team": {}, "missing": ()}
         values: list[bool | None] = []
         changed: list[float] = []
+        counted = facts["statistics"] = StatisticsFrame({}, {}, {})
         for agent in self._agents:
             scene, frame = agent.scene, agent.frame
             if scene is None:
@@ -326,6 +328,10 @@ class TeamRun:
             facts["details"] |= shifted.details
             facts["robots"] += shifted.robots
             facts["team"] |= {f"{key} ({agent.name})": told for key, told in shifted.team.items()}
+            if frame.statistics is not None:
+                counted.counts.update({f"{key} ({agent.name})": n for key, n in frame.statistics.counts.items()})
+                counted.latencies.update(frame.statistics.latencies)
+                counted.ended.update(frame.statistics.ended)
         return Frame(self.now, tuple(frames), tuple(values), tuple(changed), **facts)
 
     def encoded(self, close: Collection[str] = ()) -> bytes:

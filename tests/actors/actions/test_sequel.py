@@ -44,6 +44,24 @@ def test_failures_count_by_action():
     assert tries.ended("B", sequel, failed=True) == Due(gave_up=True)
 
 
+def test_the_beginning_of_another_action_ends_a_row():
+    tries, sequel = Tries(), Sequel("decide")
+    assert not tries.counting
+    assert [tries.ended("Go", sequel, failed=True).pause for _ in range(2)] == [1.0, 2.0]
+    tries.began("Go")
+    assert tries.counting
+    tries.began("Look")
+    assert not tries.counting
+    assert tries.ended("Go", sequel, failed=True).pause == 1.0
+
+
+@pytest.mark.parametrize(("options", "counting"), [({}, False), ({"attempts": 2}, True), ({"then": "decide"}, True)])
+def test_a_row_counts_where_something_follows_from_it(options, counting):
+    tries = Tries()
+    tries.ended("Go", Sequel(**options), failed=True)
+    assert tries.counting == counting
+
+
 def test_failures_are_decided_again_where_the_ensemble_says_so():
     tries = Tries()
     assert tries.ended("Go", Sequel("wait"), failed=True, retries=True) == Due(1.0)

@@ -75,6 +75,38 @@ def test_a_blocked_patrol_goes_on_when_the_way_is_free():
     run_virtual(main)
 
 
+@pytest.mark.parametrize("other", [lambda: None, Drive()], ids=["a function", "one that is pre-empted"])
+def test_another_action_ends_a_row_of_failures(other):
+    async def main(runtime):
+        drive = Drive(blocked_until=HOUR)
+        ensemble = robot({"Up": bind(drive, then="decide"), "Other": other})
+        await runtime.start(ensemble)
+        ensemble.publish_state(0)
+        await asyncio.sleep(30)
+        ensemble.publish_state(1)
+        await asyncio.sleep(1)
+        ensemble.publish_state(0)
+        await asyncio.sleep(15)
+        assert drive.begun == [0.0, 3.0, 7.0, 13.0, 23.0, 31.0, 34.0, 38.0, 44.0]
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("safe_action", [None, lambda: None])
+def test_a_function_ends_a_row_of_failures_after_which_nothing_is_decided_again(safe_action):
+    async def main(runtime):
+        ensemble = robot({"Up": bind(Drive(HOUR), attempts=2), "Look": lambda: None}, safe_action=safe_action)
+        await runtime.start(ensemble)
+        faults = probe(runtime.faults)
+        for state in (0, 1, 0):
+            ensemble.publish_state(state)
+            await asyncio.sleep(5)
+        assert len(faults) == 2
+        assert not any("is given up" in fault.detail for fault in faults)
+
+    run_virtual(main)
+
+
 @pytest.mark.parametrize("then", [None, "decide"])
 def test_after_a_safe_action_for_a_failure_it_is_decided_again(then):
     """Its way back was the next input alone, which may never come."""

@@ -83,6 +83,10 @@ class System:
         self.meddles = draw.random() < 0.35
         if seed % 2:
             self.tops.append(self._over_ends("ferry"))
+        # Nobody commands it or has it fail: each run has a decision, whatever the others wait for.
+        policy, stay = mdm.policies.DeterministicPolicy([0], 1), self._function("stay", "nothing")
+        self.steady = mdm.Ensemble("steady", policy=policy, actions={"stay": stay})
+        self.tops.append(self.steady)
 
     # -- Structure ---------------------------------------------------------------------------------------------------
 
@@ -435,6 +439,7 @@ class System:
             self.set_any()
         for top in self.tops:
             await runtime.start(top)
+        self.steady.publish_state(0)
         if self.meddles:
             points = [("top/state", mdm.messages.State), ("predicates/updates", mdm.messages.PredicateUpdate)]
             points += [("top/action", mdm.messages.Action), ("lives", mdm.messages.StateChange)]

@@ -293,6 +293,7 @@ class Journal:
                 _, status, lasted, when = last = self._last.get(path, ("", "", True, 0))
                 # One that another of its group has replaced comes to its end, for at most its grace.
                 coming = lives.replaced and self.now() < when + 1e9
+                coming = coming or self.now() < when + self.slack * 1e9  # what looks waits behind a circle
                 if self._living.get(path) or lives.pending or coming or waiting:
                     continue
                 if robot.liveness.since is not None:

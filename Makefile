@@ -74,7 +74,8 @@ wheel-test:
 	cp -r tests examples benchmarks docs README.md CHANGELOG.md Makefile pyproject.toml $(WHEEL)/copy
 	cd $(WHEEL)/copy && ../env/bin/mdm --version && ../env/bin/pytest $(WORKERS)
 
-# Random systems under random faults in virtual time, then robots as real processes that get signals, two at a time; then
+# Random systems under random faults in virtual time, watched by records, pages and logs that fail, and beside circles
+# without end, then teams whose agents end and come back, then robots as real processes that get signals, two at a time; then
 # teams that are sent forged messages; then all that may happen, in a few steps, to three ensembles above each other;
 # then patrols of random floors, which must go on; then
 # random schedules of what happens to a team's agreement; then random systems in wall time, which are recorded and

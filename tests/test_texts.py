@@ -67,3 +67,11 @@ def test_one_has_no_plural():
 
 def test_a_cause_tells_seconds():
     assert str(Cause("action", "Go has failed", 1_500_000_000)) == "action since 1.5 s: Go has failed"
+
+
+def test_a_program_of_any_name_is_named_as_it_can_be_encoded():
+    found = {}
+    exec(compile("def fail():\n    raise ValueError('no goal')", "caf\udce9.py", "exec"), found)
+    with pytest.raises(ValueError, match="no goal") as failure:
+        found["fail"]()
+    assert describe(failure.value) == "ValueError: no goal (at caf\\udce9.py:2)"

@@ -143,6 +143,11 @@ class _Stream:
     def flush(self) -> None:
         pass  # there is no buffer
 
+    def close(self) -> None:
+        if self.descriptor >= 0:
+            os.close(self.descriptor)
+            self.descriptor = -1
+
 
 class _Indexes:
     """The indexes of chunks, of which a day has 100,000s: kept in a nameless file until the summary takes them.
@@ -301,11 +306,11 @@ class _Output:
             os.fsync(self._stream.descriptor)
         finally:
             self.leave()
-            os.close(self._stream.descriptor)
 
     def leave(self) -> None:
-        """Let go of what is kept until the file is complete."""
+        """Let go of the file, which gives back the room of one that was removed, and of what is kept beside it."""
         self._file.leave()
+        self._stream.close()
 
     def synchronise(self) -> None:
         """Put on the disk what was written."""

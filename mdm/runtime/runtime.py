@@ -171,7 +171,7 @@ class Runtime:
         self.dispatcher.on_overflow = lambda detail: self._alarm("overflow", detail)
         self.dispatcher.on_endless = lambda detail: self._alarm("endless_turn", detail)
         self.dispatcher.on_starved = self._starve
-        self.dispatcher.on_standstill = lambda detail: self.abort(Error(detail))
+        self.dispatcher.on_standstill = self._stand_still
         self._starved_after = starved_after
         self.limit_starving(1.0)
         self.starved = ""
@@ -319,6 +319,12 @@ class Runtime:
                 None, None, lambda _: self._tell_all(lambda actor: actor.on_starved(""))
             )
             self.dispatcher.deliver_due(end, None, self.dispatcher.last)
+
+    def _stand_still(self, detail: str) -> None:
+        """End the block, for virtual time stands still; it goes on meanwhile."""
+        self.abort(Error(detail))
+        if isinstance(loop := self.dispatcher.loop, VirtualEventLoop):
+            loop.go_on()
 
     def limit_starving(self, seconds: float) -> None:
         """Have a turn that was cut go on for so many seconds while other input comes, where nothing else was given."""

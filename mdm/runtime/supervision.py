@@ -126,7 +126,7 @@ def describe(error: BaseException) -> str:
     of ours that no such line has led to is about something else than code, and has no place. A group says where each of
     its errors came from, not where they were gathered.
     """
-    return f"{type(error).__name__}: {text_of(error)}{_place(error)}"
+    return encodable(f"{type(error).__name__}: {text_of(error)}{_place(error)}")
 
 
 def _place(error: BaseException) -> str:

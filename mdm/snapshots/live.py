@@ -379,8 +379,8 @@ class LiveRun:
             frame = each.frame(self._seconds, seconds)
             if frame is not self._frames[place]:
                 self._frames[place], self._encoded[place] = frame, msgspec.Raw(_encode(frame))
-            if each.decisions != frame.decisions:
-                last: Any = each.actions.last
+            last: Any = each.actions.last  # none where the ensemble has ended, and begun once more
+            if each.decisions != frame.decisions and last is not None:
                 count = frame.decisions - each.decisions
                 cause = each.look_at_cause(last, count)
                 self.ring.add(

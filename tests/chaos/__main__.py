@@ -1,6 +1,7 @@
 """Runs many scenarios over two processes: ``python -m chaos COUNT [PROCESSES [FIRST]]``.
 
-So many scenarios in virtual time, then so many of robots as real processes; what is wrong is printed with its seed.
+So many scenarios in virtual time, and of teams one for each 50 of them; then so many of robots as real processes. What
+is wrong is printed with its seed.
 """
 
 from __future__ import annotations
@@ -8,7 +9,10 @@ from __future__ import annotations
 import multiprocessing
 import sys
 
-from chaos import processes, scenario
+from chaos import processes, scenario, squads
+
+TEAMS = 50
+"""Scenarios for each one of a team, which takes some ten times as long."""
 
 SHOWN = 10
 """Seeds with violations that are printed."""
@@ -17,6 +21,7 @@ SHOWN = 10
 def main(count, robots=0, first=0):
     """Run the scenarios of so many seeds, and return the exit status."""
     found = _hold(scenario.violations, count, first, "scenarios", 50, 5000)
+    found += _hold(squads.violations, count // TEAMS, first // TEAMS, "scenarios of teams", 5, 200)
     found += _hold(processes.violations, robots, first, "scenarios of processes", 1, 100)
     return 1 if found else 0
 

@@ -19,6 +19,9 @@ SAFE_KINDS = ("plain", "quick", "braking", "braking", "failing", "failing", "poo
 HEEDING = ("long", "stubborn", "spiteful", "shielded", "scoped")
 """Kinds that end soon when they are cancelled."""
 
+WHOLE = ("quick", "long", "stubborn", "deaf", "spiteful", "shielded", "scoped")
+"""Kinds of which nothing goes on elsewhere when their coroutine has ended."""
+
 ASYNC = ("quick", "long", "stubborn", "deaf", "spiteful", "pooled", "shielded", "scoped")
 """Kinds that run as tasks, and so may be of a group."""
 
@@ -79,10 +82,11 @@ class Actions:
             await asyncio.sleep(seconds)
             self._journal.meddle(run.robot)
         except asyncio.CancelledError:
+            superseded = self._journal.is_superseded(run)
             self._journal.meddle(run.robot)
             await linger(rest)
             if spiteful:
-                self._journal.throw([ValueError, Panic, SystemExit])
+                self._journal.throw([ValueError, Panic, SystemExit], superseded=superseded)
             raise
         finally:
             self._journal.leave(run)

@@ -6,6 +6,9 @@ import asyncio
 
 from mdm.messages import Control
 
+HEARD = ("decisions", "modes", "lives", "faults")
+"""What `Journal.heard` returns."""
+
 
 class Panic(BaseException):
     """What native code may raise."""
@@ -51,6 +54,7 @@ class Journal:
 
     Args:
         random: Draws what is raised.
+        texts: Makes the texts that are raised, and raises them.
 
     Attributes:
         runs: Every run of an action.
@@ -59,6 +63,9 @@ class Journal:
         beside: The actions that run beside others.
         groups: The group of each action that is of one: what such a one replaces may still live.
         then: What each action says of what its end is followed by.
+        again: The actions each failure of which is followed by a decision.
+        whole: The actions of which nothing lives that the library does not know of.
+        excused: The texts of cleanups that failed after something else had been decided: no cause of the safe mode.
         patience: Seconds of idleness after which each ensemble is told to have nothing to do; None for the default.
         inside: Does something in the name of a robot's action, or None.
         raised: The texts of what was raised, each of which must be told.
@@ -71,11 +78,14 @@ class Journal:
         cautious: Those that go safe whatever way their state turns unknown, within the turn.
         due: What each had decided by then, to begin when the action before has ended.
         sent: What each had decided, or was told to decide, in the turn, ahead of what tells of the loss.
+        own: Messages of the program's own that a record can hold.
+        unfit: How many of them it cannot.
+        slack: Seconds by which all may be late.
         wrong: What must not be, in sentences.
     """
 
-    def __init__(self, random):
-        self._random = random
+    def __init__(self, random, texts):
+        self._random, self._texts = random, texts
         self.robots, self.parents = {}, {}
         self.runtime = None
         self.runs, self.overlaps, self.limits, self.beside = [], [], {}, set()
@@ -84,8 +94,11 @@ class Journal:
         self.blind, self.cautious, self.due, self.sent = {}, set(), {}, {}
         self.groups, self.inside, self._told = {}, None, {}
         self.then, self.patience = {}, {}
+        self.again, self.whole, self.excused = set(), set(), []
         self._living, self._newest, self._last, self._begun = {}, {}, {}, {}
         self._pauses = {}
+        self.own, self.unfit = [], 0
+        self.slack = 0.0
         self.order = 0
 
     def now(self):
@@ -103,6 +116,14 @@ class Journal:
     def path(self, name):
         """Return the path of an ensemble."""
         return "/".join(reversed(self.above(name)))
+
+    def heard(self):
+        """Return what was published that nobody who watches may change."""
+        decisions = [(time, each.ensemble, each.epoch, each.cause, each.action_name) for time, each in self.decisions]
+        modes = [(each.time, each.ensemble, each.mode, [cause.kind for cause in each.causes]) for each in self.modes]
+        lives = [[(each.time, each.life, each.action, each.status, each.detail) for each in one] for one in self.lives]
+        faults = [fault for fault in self.faults if fault.kind not in {"observer", "record"}]
+        return decisions, modes, lives, [(each.time, each.source, each.kind) for each in faults]
 
     # -- Actions -------------------------------------------------------------------------------------------------
 
@@ -128,6 +149,9 @@ class Journal:
                     self.wrong.append(f"{above} ends, but {action} of {robot} starts")
         elif self.robots[robot].action.life != "running":
             self.wrong.append(f"the safe action of {robot} starts, but its layer is {self.robots[robot].action.life}")
+            beside = [other for other in self.runs if other.action == action and other.left is None]
+            if beside and action in self.whole and not any(other.safe for other in beside):
+                self.wrong.append(f"{action} of {robot} begins beside itself")
         for other in self.runs:
             if other.robot == robot and other.left is None and not self._side_by_side(other, run):
                 self.overlaps.append((other, run))
@@ -150,7 +174,7 @@ class Journal:
         self.order += 1
         run.left, run.until = self.order, self.now()
         limit = None if run.safe else self.limits.get(run.action)
-        if limit is not None and self.now() - run.time > (limit + 0.5) * 1e9:
+        if limit is not None and self.now() - run.time > (limit + 0.5 + self.slack) * 1e9:
             self.wrong.append(f"{run.action} of {run.robot} lasts longer than {limit} s")
 
     # -- Failures ------------------------------------------------------------------------------------------------
@@ -167,10 +191,19 @@ class Journal:
             asked = any(isinstance(message, Control) and message.time == self.now() for _, message in queue)
             self.sent[name] = layer.names if asked else [layer.names[index] for index in sent]
 
-    def throw(self, kinds=ANYTHING):
-        """Raise something."""
+    def throw(self, kinds=ANYTHING, *, superseded=False):
+        """Raise something, perhaps where something else has been decided."""
         kind = self._random.choice(kinds)
-        raise kind(self.text(leaving=kind is SystemExit))
+        text = self.text(leaving=kind is SystemExit)
+        if superseded and kind is not SystemExit:
+            self.excused.append(text)
+        self._texts.throw(kind, text)
+
+    def is_superseded(self, run):
+        """Whether a run is cancelled since something else was decided."""
+        path = self.path(run.robot)
+        decided = [each.action_name for _, each in self.decisions if each.ensemble == path]
+        return self.robots[run.robot].mode == "deciding" and decided[-1:] not in ([], [run.action])
 
     def now_and_then(self, kinds=ANYTHING, chance=0.04):
         """Raise something, or not."""
@@ -182,6 +215,17 @@ class Journal:
         text = f"injected #{len(self.raised) + len(self.exits)}#"
         (self.exits if leaving else self.raised).append(text)
         return text
+
+    def says(self, message):
+        """Note a message of the program's own, and whether a record can hold it."""
+        try:
+            fits = isinstance(message, str) and bool(message.encode() or True)
+        except UnicodeEncodeError:
+            fits = False
+        if fits:
+            self.own.append({"message": message})
+        else:
+            self.unfit += 1
 
     # -- Ends ----------------------------------------------------------------------------------------------------
 
@@ -249,19 +293,33 @@ class Journal:
                 _, status, lasted, when = last = self._last.get(path, ("", "", True, 0))
                 # One that another of its group has replaced comes to its end, for at most its grace.
                 coming = lives.replaced and self.now() < when + 1e9
+                coming = coming or self.now() < when + self.slack * 1e9  # what looks waits behind a circle
                 if self._living.get(path) or lives.pending or coming or waiting:
                     continue
                 if robot.liveness.since is not None:
                     self._check_told(name, robot.liveness.since, last)
                 elif lasted or status != "succeeded":
                     self.wrong.append(f"{name} is deciding, does nothing since {last}, and says nothing of it")
+            elif free and robot.mode == "safe" and robot.control.event_driven and robot.action.life == "running":
+                self._check_way_back(name, robot)
+
+    def _check_way_back(self, name, robot):
+        """Hold that a pause leads out of a safe mode that the failure of an action has brought about."""
+        [cause, *others] = robot.causes or [None]
+        if cause is None or others or cause.kind != "action" or self._living.get(self.path(name)):
+            return
+        waiting = robot.statistics().waiting
+        self._check_pauses(name, waiting)
+        actions = [action for action in self.again if f"action {action!r} " in cause.detail]
+        if actions and not waiting and self.now() > cause.since:
+            self.wrong.append(f"{name} is safe since {actions[0]} has failed, and nothing leads back")
 
     def _check_pauses(self, name, waiting):
         """Hold that a pause ends after as long as it is said to take."""
         pauses = {text for text in waiting if text.startswith("a pause of ")}
         begun = self._pauses[name] = {text: self._pauses.get(name, {}).get(text, self.now()) for text in pauses}
         for text, since in begun.items():
-            if self.now() > since + float(text.split()[3]) * 1e9 + 1e6:
+            if self.now() > since + (float(text.split()[3]) + self.slack) * 1e9 + 1e6:
                 self.wrong.append(f"{name} waits since {since / 1e9:.1f} s for {text}")
 
     def _check_told(self, name, since, last):
@@ -269,7 +327,11 @@ class Journal:
         patience = self.patience[name]
         if patience is None and (lasted or status not in {"", "succeeded"}):
             patience = 10.0
-        if patience is None or self.then.get(action) == "wait" or self.now() < since + patience * 1e9 + 1e6:
+        if (
+            patience is None
+            or self.then.get(action) == "wait"
+            or self.now() < since + (patience + self.slack) * 1e9 + 1e6
+        ):
             return
         if not any(f.kind == "idle" and f.source == self.path(name) and f.time > since for f in self.faults):
             self.wrong.append(f"{name} is idle since {since / 1e9:.1f} s, after {last}, and no fault tells of it")
@@ -284,7 +346,8 @@ class Journal:
 
     def _live(self, name, *, below=False):
         # Of one that has left its function in this moment the end has not come back yet.
-        runs = [run for run in self.runs if run.left is None or run.until == self.now()]
+        moment = self.now() - self.slack * 1e9
+        runs = [run for run in self.runs if run.left is None or run.until >= moment]
         return any(name in (self.above(run.robot) if below else (run.robot,)) for run in runs)
 
     def hear(self, change):

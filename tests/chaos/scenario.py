@@ -13,16 +13,22 @@ import threading
 from pathlib import Path
 
 from chaos.actions import Actions
-from chaos.journal import Journal
+from chaos.endless import Endless
+from chaos.journal import HEARD, Journal
 from chaos.oracles import SLACK, Oracles
 from chaos.pool import Pool
 from chaos.script import COMMANDS, STIMULI, Script
 from chaos.system import Lively, System
+from chaos.talker import Talker
+from chaos.texts import Texts
+from chaos.watchers import Watchers, difference
 
 import mdm
 from mdm.testing import probe
 
 DESCRIPTORS = Path("/proc/self/fd")
+WATCHED = 5
+"""Of so many scenarios one is watched."""
 END = 120.0
 """Seconds of virtual time in which everything is over once the runtime is left."""
 
@@ -47,12 +53,18 @@ class Scenario:
 
     Args:
         seed: The same seed makes the same scenario.
+        watched: Whether it may be watched: what watches must change nothing.
     """
 
-    def __init__(self, seed):
+    def __init__(self, seed, *, watched=True):
+        self.seed = seed
         self.random = random.Random(seed)
         self.pool = Pool()
-        self.journal = Journal(self.random)
+        self.texts = Texts(random.Random(f"texts of {seed}"))
+        self.journal = Journal(self.random, self.texts)
+        self.endless = Endless(seed, self.journal)
+        self.talker = Talker(random.Random(f"talk of {seed}"), self.journal, self.texts)
+        self.watchers = Watchers(seed, self.journal) if watched and seed % WATCHED == 2 else None
         self.system = System(
             self.random, self.journal, Actions(self.random, self.journal, self.pool), Lively(seed, self.journal)
         )
@@ -62,10 +74,28 @@ class Scenario:
     def run(self):
         """Carry the scenario out, and return what is wrong, each in a sentence."""
         before = _threads_and_descriptors()
-        mdm.run(self._main, virtual=True)
-        wrong = list(Oracles(self.journal, self.ended_by, broken_off=self.broken_off).judge())
+        try:
+            with self.endless.patched():
+                mdm.run(self._main, virtual=True)
+            wrong = list(Oracles(self.journal, self.ended_by, broken_off=self.broken_off).judge())
+            if self.watchers is not None:
+                wrong += self.watchers.judge()
+                wrong += self._changed()
+        finally:
+            if self.watchers is not None:
+                self.watchers.close()
         after = _threads_and_descriptors()
         return wrong if after == before else [*wrong, f"threads and descriptors were {before}, and are {after}"]
+
+    def _changed(self):
+        """Yield what went otherwise than where nobody watches, unless turns were cut: a record has a say in where."""
+        if self.endless.begun is not None:
+            return
+        alone = Scenario(self.seed, watched=False)
+        alone.run()
+        for name, seen, there in zip(HEARD, self.journal.heard(), alone.journal.heard(), strict=True):
+            if seen != there:
+                yield f"{name} with watchers differ: {difference(seen, there)}"
 
     async def _main(self):
         draw, loop = self.random, asyncio.get_running_loop()
@@ -89,7 +119,11 @@ class Scenario:
     async def _live(self):
         """Be the program: enter the runtime, let things happen, and leave it, here or in another task."""
         journal, draw = self.journal, self.random
-        runtime = journal.runtime = mdm.Runtime(log=False)
+        options = {"log": False} if self.watchers is None else self.watchers.options()
+        runtime = journal.runtime = mdm.Runtime(**options)
+        if self.watchers is not None:
+            self.watchers.listen(runtime)
+            self.script.meanwhile.append(self.watchers.look)
         elsewhere = draw.random() < 0.2
         began = None
         try:
@@ -131,6 +165,9 @@ class Scenario:
             journal.lives.append(probe(runtime.channel(f"{path}/lives", mdm.messages.ActionLife)))
             runtime.channel(f"{path}/lives", mdm.messages.ActionLife).subscribe(journal.hear_life)
         await runtime.start(Witness(journal))
+        await runtime.start(self.talker)
+        await self.endless.open(runtime)
+        self.script.meanwhile.append(self.endless.step)
         for top in self.system.tops:
             if draw.random() < 0.2:
                 await self.script.start(top, broken_off=True)

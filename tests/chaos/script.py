@@ -41,11 +41,15 @@ class Script:
         random: Draws it.
         system: To what.
         journal: Is told of it.
+
+    Attributes:
+        tasks: What the program does meanwhile.
+        meanwhile: What is called at each step.
     """
 
     def __init__(self, random, system, journal):
         self._random, self._system, self._journal = random, system, journal
-        self.tasks = []
+        self.tasks, self.meanwhile = [], []
 
     def open(self):
         """Take the runtime that has begun."""
@@ -67,6 +71,8 @@ class Script:
             await asyncio.sleep(draw.choice(PAUSES))
             self._journal.check_modes()
             self._journal.check_liveness()
+            for each in self.meanwhile:
+                each()
             if draw.random() < host:
                 act = asyncio.create_task(self._act(draw.choice(HOST), draw.choice(self._system.tops)))
                 self.tasks.append(act)

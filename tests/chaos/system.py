@@ -7,7 +7,7 @@ import random
 from functools import cache
 
 import numpy as np
-from chaos.actions import ASYNC, HEEDING, KINDS, SAFE_KINDS
+from chaos.actions import ASYNC, HEEDING, KINDS, SAFE_KINDS, WHOLE
 from chaos.journal import Panic
 
 import mdm
@@ -147,11 +147,10 @@ class Lively:
         if not self._asked:
             return {}
         then = self._journal.then[action] = self._random.choice([None, "wait", "decide", "decide"])
-        return {
-            "then": then,
-            "pause": self._random.choice([0.5, 2.0]),
-            "attempts": self._random.choice([None, None, 2]),
-        }
+        pause, attempts = self._random.choice([0.5, 2.0]), self._random.choice([None, None, 2])
+        if then == "decide" and attempts is None:
+            self._journal.again.add(action)
+        return {"then": then, "pause": pause, "attempts": attempts}
 
 
 class System:
@@ -209,6 +208,8 @@ class System:
             self._journal.beside.discard(safe)
             self._journal.groups.pop(safe, None)
             self._journal.then.pop(safe, None)
+            self._journal.whole.discard(safe)
+            self._journal.again.discard(safe)
         else:
             safe = self._actions.make(draw.choice(SAFE_KINDS), name, "safe", safe=True)
         robot = Robot(
@@ -242,6 +243,8 @@ class System:
         concurrent = draw.random() < 0.1
         if kind in HEEDING:
             self._journal.limits[action] = limit
+        if kind in WHOLE:
+            self._journal.whole.add(action)
         of_group = kind in ASYNC and not concurrent and draw.random() < grouped
         if concurrent:
             self._journal.beside.add(action)

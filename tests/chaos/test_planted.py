@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import gc
+
 import pytest
+from chaos import faults, squads
 from chaos.scenario import Scenario
 
 from mdm import Actor, Ensemble, PredicateManager
@@ -247,3 +250,51 @@ def test_a_planted_fault_is_found(plant, monkeypatch):
     plant(monkeypatch)
     first = FIRST.get(plant, 0)
     assert any(Scenario(seed).run() for seed in range(first, first + MOST))
+
+
+EDGES = {
+    faults.keep_other_input_behind_a_turn_without_end: 13,
+    faults.starve_nobody: 13,
+    faults.leave_a_circle_in_which_no_time_passes_alone: 89,
+    faults.let_no_time_pass_while_a_circle_ends: 89,
+    faults.begin_an_abandoned_action_beside_itself: 591,
+    faults.plan_no_pause_where_the_safe_action_is_due: 63,
+    faults.lose_the_pause_with_a_safe_action_that_is_tried_again: 63,
+    faults.take_the_decided_action_with_a_superseded_one: 189,
+    faults.let_the_page_raise: 12,
+    faults.let_the_record_raise: 17,
+    faults.let_the_log_raise: 177,
+    faults.leave_texts_as_they_are: 12,
+    faults.leave_paths_as_they_are: 147,
+    faults.end_the_record_with_what_cannot_be_encoded: 32,
+    faults.count_nothing_that_is_lost: 17,
+    faults.tell_nothing_of_a_writer_that_is_silent: 142,
+    faults.write_to_a_file_that_is_gone: 47,
+}
+"""The first scenarios that find what was wrong at the edges."""
+CIRCLES = {faults.leave_a_circle_in_which_no_time_passes_alone, faults.let_no_time_pass_while_a_circle_ends}
+"""What leaves a circle alone, which takes some seconds of a processor."""
+
+
+@pytest.mark.parametrize(
+    "plant", [pytest.param(each, marks=[pytest.mark.slow] if each in CIRCLES else []) for each in EDGES]
+)
+def test_a_planted_fault_of_the_edges_is_found(plant, monkeypatch):
+    plant(monkeypatch)
+    first = EDGES[plant]
+    assert any(wrong_with(seed) for seed in range(first, first + MOST))
+    gc.collect()  # loops that ended by a failure
+
+
+def wrong_with(seed):
+    """Return what is wrong with a scenario, or what nobody has caught in it."""
+    try:
+        return Scenario(seed).run()
+    except Exception as error:
+        return [error]
+
+
+@pytest.mark.parametrize("plant", [faults.forget_stops_with_the_process, faults.decide_without_having_met])
+def test_a_planted_fault_of_teams_is_found(plant, monkeypatch):
+    plant(monkeypatch)
+    assert any(squads.violations(seed)[1] for seed in range(MOST))

@@ -241,3 +241,17 @@ def test_a_record_that_was_cut_off_is_replaced(tmp_path, content):
     path.write_bytes(content)
     os.close(claim(str(path)))
     assert path.read_bytes() == b""
+
+
+def test_a_file_that_was_removed_is_let_go_of(tmp_path):
+    """A day's record is removed since the disk is full: its room comes back."""
+    told = []
+    taker = opened(tmp_path / "run.mcap", told)
+    stream = taker._output._stream
+    descriptor = stream.descriptor
+    (tmp_path / "run.mcap").unlink()
+    taker.second()
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(descriptor)
+    taker.close()
+    assert [*told[0]] == ["failure"]

@@ -53,6 +53,8 @@ def violations(seed, path, seconds=0.5):
         wrong.append(f"the record lacks {replayed.lost} messages")
     if not replayed.exact:
         wrong.append("numbers were not compared exactly")
+    if replayed.replayed > 1.5 * replayed.recorded + 2:
+        wrong.append(f"{replayed.replayed} decisions in place of {replayed.recorded}")
     if replayed.differences:
         epoch = int(found.head["epoch"])
         wrong.append(f"{len(replayed.differences)} differences; {replayed.differences[0].describe(epoch)}")

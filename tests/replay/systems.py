@@ -81,6 +81,12 @@ class System:
         if draw.random() < 0.3:
             self.tops.insert(0, self.manager)
         self.meddles = draw.random() < 0.35
+        if seed % 2:
+            self.tops.append(self._over_ends("ferry"))
+        # Nobody commands it or has it fail: each run has a decision, whatever the others wait for.
+        policy, stay = mdm.policies.DeterministicPolicy([0], 1), self._function("stay", "nothing")
+        self.steady = mdm.Ensemble("steady", policy=policy, actions={"stay": stay})
+        self.tops.append(self.steady)
 
     # -- Structure ---------------------------------------------------------------------------------------------------
 
@@ -113,6 +119,29 @@ class System:
             states = 4
             self.told.append((name, states))
         return self._ensemble(name, names, levels, states=factors, policy=self._policy(states, actions))
+
+    def _over_ends(self, name):
+        """Return an ensemble whose state follows from the ends of its own actions."""
+        draw = self.draw
+        actions = draw.randint(2, 3)
+        names = [f"{name}_{kind}" for kind in range(actions)]
+        ends = ["succeeded", "succeeded", "succeeded", "failed", "timed_out", "preempted"]
+        factors = []
+        for number in range(draw.randint(1, 2)):
+            begin, end = draw.sample(names, 2)
+            set_by = f"{begin}.{draw.choice(ends)}"
+            reset = f"{end}.{draw.choice(ends)} or {end}.failed"
+            self.manager.latch(f"{name}At{number}", set=set_by, reset=reset, initial=draw.random() < 0.5)
+            factors.append(mdm.StateFactor(f"{name}at{number}", [f"{name}At{number}"]))
+        options = {"states": factors, "policy": self._policy(2 ** len(factors), actions)}
+        bound = {}
+        for action in names:
+            act = self._function(action, draw.choice(["ferry", "ferry", "ferry", "fail"]), lasting=True)
+            then = draw.choice(["wait", "decide"])
+            bound[action] = mdm.bind(act, timeout=draw.choice([None, 0.015]), then=then, pause=0.003)
+        ensemble = mdm.Ensemble(name, predicates=self.manager, actions=bound, supervision=self.supervision, **options)
+        self.ensembles.append(ensemble)
+        return ensemble
 
     def _policy(self, states, actions):
         draw = self.draw
@@ -290,7 +319,9 @@ class System:
             return
         try:
             await asyncio.sleep(pause)
-            if kind == "set":
+            if kind == "ferry":
+                await asyncio.sleep(draw.choice([0.001, 0.004, 0.02]))
+            elif kind == "set":
                 for _ in range(draw.randint(1, 5)):
                     self.say()
                     await asyncio.sleep(draw.choice([0, 0.002]))
@@ -408,6 +439,7 @@ class System:
             self.set_any()
         for top in self.tops:
             await runtime.start(top)
+        self.steady.publish_state(0)
         if self.meddles:
             points = [("top/state", mdm.messages.State), ("predicates/updates", mdm.messages.PredicateUpdate)]
             points += [("top/action", mdm.messages.Action), ("lives", mdm.messages.StateChange)]
@@ -424,6 +456,14 @@ class System:
         ending.set()
         task.cancel()
         await asyncio.to_thread(thread.join)
+        if draw.random() < 0.5:
+            self._hold()
+
+    def _hold(self):
+        """Hold the event loop, as just before the end, behind what is said at last."""
+        for _ in range(self.behaviour.randint(0, 2)):
+            self.say()
+        time.sleep(self.behaviour.choice([0.002, 0.01, 0.04]))
 
     def _happen(self):
         draw = self.behaviour

@@ -796,3 +796,40 @@ def test_many_turns_at_one_instant_that_the_program_itself_begins_stop_no_time(m
         return len(seen)
 
     assert run_virtual(main) == 5_000
+
+
+@pytest.mark.parametrize("tasks", [False, True])
+def test_what_ends_beside_a_circle_in_which_no_time_passes_has_its_time(monkeypatch, tasks):
+    """What is stopped before the circle waits for a timer, which never came."""
+    for name in ("dispatcher._AT_ONCE", "dispatcher.LOOK_EVERY", "time.virtual.LOOK_EVERY"):
+        monkeypatch.setattr(f"mdm.runtime.{name}", 1_000)
+    ended, most = [], 100_000
+
+    class Circle(Actor):
+        def on_running(self):
+            self.rounds = 0
+            self.subscribe(self.runtime.channel("x", State), self._go_round)
+
+        def _go_round(self, message):
+            self.rounds += 1
+            if self.rounds == most:  # else it never ends
+                ended.append(self.name)
+            elif tasks:
+                asyncio.get_running_loop().call_soon(self.runtime.channel("x", State).publish, message)
+            else:
+                self.runtime.channel("x", State).publish(message)
+
+    class Lasting(Actor):
+        async def on_stopping(self):
+            await asyncio.sleep(0.05)
+            ended.append(self.name)
+
+    async def main(runtime):
+        await runtime.start(Circle("circle"))
+        await runtime.start(Lasting("lasting"))
+        runtime.channel("x", State).publish(state(0))
+        await asyncio.sleep(10)
+
+    with pytest.raises(ActorFailure, match="^time stands still: "):
+        run_virtual(main)
+    assert ended == ["lasting"]

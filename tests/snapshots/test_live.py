@@ -406,3 +406,22 @@ def test_a_follower_that_carries_out_what_was_decided_does_not_know_in_which_sta
         return {each.source: each.at for each in live.ring if each.kind == "decision"}
 
     assert run_virtual(main) == {"a/joint": "in state room_a lab, room_b lab", "b/joint": ""}
+
+
+def test_an_ensemble_that_has_decided_and_begun_once_more_between_two_frames_is_shown():
+    async def main(runtime):
+        robot = Ensemble("robot", policy=DeterministicPolicy([0]), actions={"Go": nothing})
+        live = LiveRun(runtime)
+        live.open()
+        await runtime.start(robot)
+        live.frame()
+        robot.publish_state(0)
+        await runtime.stop(robot)
+        await runtime.start(robot)
+        [before] = live.frame().ensembles
+        robot.publish_state(0)
+        [after] = live.frame().ensembles
+        live.close()
+        return before.action, after.action, [event.name for event in live.ring if event.kind == "decision"]
+
+    assert run_virtual(main) == ("", "Go", ["Go"])

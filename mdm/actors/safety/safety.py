@@ -281,7 +281,8 @@ class Safety:
         for order in orders:
             if order is Order.SECURE:
                 self.waiting.end()
-                self._ensemble.liveness.end()
+                if self.modes.safe_action is not Try.SECOND:  # else the pause that leads back has begun by now
+                    self._ensemble.liveness.end()
                 self.runs += 1
                 control.source.hold(self._done)
                 for below in self._ensemble.subensembles:

@@ -28,6 +28,8 @@ __all__ = ["DeadlockError", "VirtualClock", "VirtualEventLoop"]
 T = TypeVar("T")
 Arguments = TypeVarTuple("Arguments")
 
+_STEP = 10_000_000
+"""Nanoseconds that pass in each round once time must go on."""
 _ROUNDS = 1000
 """Rounds of the event loop after which ticks wait no longer for tasks of their instant, one of which may never rest."""
 
@@ -49,6 +51,7 @@ class _VirtualSelector(selectors.BaseSelector):
         # Called once in `LOOK_EVERY` rounds of all.
         self.looks: list[Callable[[], object]] = []
         self._all_rounds = 0
+        self.step = 0
 
     def answered(self, _: object) -> None:
         """Wait for one thread less."""
@@ -71,6 +74,7 @@ class _VirtualSelector(selectors.BaseSelector):
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         self._all_rounds += 1
+        self.now += self.step
         if not self._all_rounds % LOOK_EVERY:
             for look in self.looks:
                 look()
@@ -117,6 +121,10 @@ class VirtualEventLoop(asyncio.SelectorEventLoop):
     def looks(self) -> list[Callable[[], object]]:
         """Functions that are called once in `LOOK_EVERY` rounds, whether time goes on or not."""
         return self._virtual.looks
+
+    def go_on(self) -> None:
+        """Have time pass though something is left to do: what ends beside a circle waits for timers, too."""
+        self._virtual.step = _STEP
 
     def time(self) -> float:
         """Return virtual seconds."""

@@ -87,6 +87,32 @@ def test_behind_a_named_safe_action_it_is_decided_again_when_the_pause_is_over(d
     run_virtual(main)
 
 
+def test_a_safe_action_that_is_tried_again_leaves_the_pause_as_it_is():
+    """Its second try took the pause with it, so that the robot was safe for ever after."""
+    tries = iter([raises])
+
+    def stop():
+        next(tries, lambda: None)()
+
+    async def main(runtime):
+        robot = Ensemble(
+            "robot",
+            policy=DeterministicPolicy([0]),
+            actions={"Go": bind(break_off, then="decide")},
+            safe_action=stop,
+        )
+        await runtime.start(robot)
+        lives = lives_of(runtime)
+        robot.publish_state(0)
+        await asyncio.sleep(1.5)
+        assert robot.mode == "safe"
+        assert robot.statistics().waiting == ("a pause of 1 s, for action 'Go' failed",)
+        await asyncio.sleep(1.0)
+        assert begun(lives) == [0.0, 2.0]
+
+    run_virtual(main)
+
+
 # -- What has been replaced -------------------------------------------------------------------------------------------
 
 

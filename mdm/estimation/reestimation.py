@@ -21,12 +21,12 @@ from mdm.models.mdp import MDP
 from mdm.models.pomdp import POMDP
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from mdm.estimation.rows import Row
     from mdm.models.matrices import Matrix
 
-__all__ = ["WEIGHT", "blended", "expected_reward", "reestimated", "replaced"]
+__all__ = ["WEIGHT", "blended", "expected_reward", "possible", "reestimated", "replaced"]
 
 WEIGHT = 1.0
 """The visits that a row of the old model weighs as much as."""
@@ -119,6 +119,32 @@ def replaced(flat: MDP, transitions: Sequence[Matrix], observations: Sequence[Ma
         **names,
     )
     return _earning(flat, result.with_false_negatives(flat.false_negative))
+
+
+def possible(model: MDP, number: int) -> Iterator[MDP]:
+    """Yield models that records leave possible: an estimated one, with rows drawn from its posterior.
+
+    A row has the Dirichlet distribution of which it is the mean, by the visits that it rests on and the weight of the
+    old model. Of a network these are the rows of each factor; those that are equal are drawn as one.
+    """
+    assert model.visits is not None
+    flat, generator = model.flatten(), np.random.default_rng(0)
+    matrices = [flat.transition_matrix(action) for action in range(len(flat.action_space))]
+    sizes = [len(flat.state_space)] if model.network is None else [len(each) for each in flat.state_space.factors]
+    rows = np.concatenate([m.toarray() if is_compressed(m) else m for m in matrices]).reshape(-1, *sizes)
+    for _ in range(number):
+        new = np.ones(rows.shape)
+        for axis, size in enumerate(sizes, 1):
+            own = rows.sum(axis=tuple({*range(1, rows.ndim)} - {axis})).round(12)
+            means, places = own, np.arange(len(own))
+            if model.network is not None:
+                means, places = np.unique(own, axis=0, return_inverse=True)
+            weights = np.zeros((len(means), 1))
+            np.maximum.at(weights[:, 0], places.ravel(), WEIGHT + model.visits.T.ravel())
+            drawn = np.where(means > 0, np.maximum(generator.gamma(means * weights), 1e-300), 0)
+            shape = [-1, *(size if other == axis else 1 for other in range(1, rows.ndim))]
+            new *= (drawn / drawn.sum(axis=1, keepdims=True))[places.ravel()].reshape(shape)
+        yield replaced(flat, list(new.reshape(len(matrices), *[len(flat.state_space)] * 2)), None)
 
 
 def _earning(old: MDP, new: MDP) -> MDP:

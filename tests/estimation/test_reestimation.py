@@ -9,9 +9,9 @@ from hypothesis import given, strategies as st
 
 import mdm
 from mdm.estimation import chains_of, counted, reestimated, transition_rows
-from mdm.estimation.reestimation import blended
+from mdm.estimation.reestimation import blended, possible
 from mdm.estimation.rows import row_of
-from mdm.models import MDP, POMDP
+from mdm.models import MDP, POMDP, Factor, FactoredMDP, Node, Space, Table, TwoSliceNetwork
 
 T = np.array([[0.5, 0.5, 0.0], [0.0, 0.5, 0.5], [1.0, 0.0, 0.0]])
 
@@ -85,3 +85,32 @@ def test_a_model_estimated_from_many_decisions_is_the_true_one_and_can_be_solved
     mdm.save_model(new, tmp_path / "new.npz")
     again = mdm.load_model(tmp_path / "new.npz")
     assert mdm.solve(again).policy.action(0) == 0
+
+
+def of_visits(model, visits):
+    model.visits = np.array(visits, float)
+    return model
+
+
+def test_models_that_records_leave_possible_vary_by_the_visits_to_a_row():
+    model = of_visits(MDP([T, T], np.zeros((3, 2)), discount=0.9), [[999, 0], [0, 0], [0, 0]])
+    drawn = [[each.transition(action, 0, 0) for action in (0, 1)] for each in possible(model, 500)]
+    assert np.mean(drawn, axis=0) == pytest.approx([0.5, 0.5], abs=0.06)
+    assert np.std(drawn, axis=0) == pytest.approx([0.5 / np.sqrt(1001), 0.5 / np.sqrt(2)], rel=0.15)  # of Beta
+    assert all((each.transition_matrix(0)[T == 0] == 0).all() for each in possible(model, 3))
+
+
+def test_of_a_network_the_rows_of_factors_are_drawn_once():
+    """Two lamps, of which one fails whatever the other does: one number in four rows."""
+    lamps = [Node("state", place) for place in (0, 1)], [Node("next_state", place) for place in (0, 1)]
+    space, press = Space(Factor(name, ["on", "off"]) for name in "ab"), Space.single("robot", ["wait"])
+    fails = [[0.9, 0.1], [0.4, 0.6]], [[0.7, 0.3], [0.2, 0.8]]
+    transitions = [Table([now, later], row) for now, later, row in zip(*lamps, fails, strict=True)]
+    network = TwoSliceNetwork(
+        space, press, initial=[Table([now], [1, 0]) for now in lamps[0]], transitions=transitions, utilities=[]
+    )
+    (new,) = possible(of_visits(FactoredMDP(network, discount=0.9), [[9], [9], [9], [9]]), 1)
+    first = new.transition_matrix(0).reshape(4, 2, 2).sum(axis=2)
+    assert first[0] == pytest.approx(first[1])
+    assert first[2] == pytest.approx(first[3])
+    assert first[0] != pytest.approx([0.9, 0.1])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.cli.policies.inputs import load, load_durations_for, load_for, visibility
-from mdm.cli.policies.verdict import judge
+from mdm.cli.policies.verdict import between, judge
 from mdm.cli.report import as_json
 from mdm.texts import counted
 
@@ -46,6 +46,11 @@ def run(arguments: argparse.Namespace) -> int:
                     {"policy": path}
                     | verdict.facts()
                     | {"difference": difference, "difference_within": within, "interrupted": interrupted}
+                    | (
+                        {}
+                        if (known := _by_records(verdict, verdicts[0])) is None
+                        else {"difference_possible": known[1]}
+                    )
                     for path, verdict, (difference, within) in rows
                 ]
             )
@@ -60,6 +65,11 @@ def run(arguments: argparse.Namespace) -> int:
         cells = (_number(verdict.claimed), _number(exact), _number(result.mean), f"± {half:.2g}")
         table.append((path, *cells, f"{difference:+.4g}", f"± {within:.2g}"))
     _print(table)
+    for path, verdict in zip(arguments.policies, verdicts, strict=False):
+        if (known := _by_records(verdict, verdicts[0])) is not None:
+            (low, high), (less, more) = known
+            beside = "" if verdict is verdicts[0] else f", difference {less:+.4g} to {more:+.4g}"
+            print(f"{path} by the model's records: {low:.4g} to {high:.4g}{beside}")
     result = verdicts[0].simulated
     assert result is not None
     print(
@@ -92,6 +102,13 @@ def _difference(verdict: Verdict, first: Verdict) -> tuple[float, float]:
     differences = ours.returns - theirs.returns
     error = float(differences.std(ddof=1)) / math.sqrt(len(differences)) if len(differences) > 1 else 0.0
     return float(differences.mean()), 1.96 * error
+
+
+def _by_records(verdict: Verdict, first: Verdict) -> tuple[list[float], list[float]] | None:
+    """Return between what a value, and its difference from the first, are by the records of an estimated model."""
+    if verdict.possible is None or first.possible is None:
+        return None
+    return between(verdict.possible), between(verdict.possible - first.possible)
 
 
 def _print(table: Sequence[Sequence[str]]) -> None:

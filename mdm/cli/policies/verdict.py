@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from mdm.cli.files.document import describe_policy
 from mdm.cli.progress import counting
+from mdm.models.matrices import Vector
 from mdm.models.units import Unit, in_words, ratio
 from mdm.simulation import Evaluation, evaluate
 from mdm.solvers import exact_values
@@ -20,11 +22,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from mdm.models import MDP, Durations
-    from mdm.models.matrices import Vector
 
-__all__ = ["Verdict", "claimed_value", "judge"]
+__all__ = ["Verdict", "between", "claimed_value", "judge"]
 
 _ROUNDING = 1e-6
+_DRAWN = 100
+"""The models that are drawn of those that records leave possible."""
+_LARGEST = 50_000
+"""The entries of T up to which they are."""
 
 
 class Verdict(msgspec.Struct, frozen=True):
@@ -38,6 +43,7 @@ class Verdict(msgspec.Struct, frozen=True):
         simulated: The result of simulation.
         comparable: Whether the claim is for the same horizon.
         other_unit: In words what the discount of the claim is of, where that cannot be converted into the model's.
+        possible: Of an estimated model, the exact values in models that its records leave possible.
     """
 
     form: str
@@ -47,6 +53,7 @@ class Verdict(msgspec.Struct, frozen=True):
     simulated: Evaluation | None
     comparable: bool
     other_unit: str | None = None
+    possible: Vector | None = None
 
     @property
     def contradicts(self) -> int:
@@ -81,6 +88,8 @@ class Verdict(msgspec.Struct, frozen=True):
                 "seed": result.seed,
                 "steps_a_second": result.steps_a_second,
             }
+        if self.possible is not None:
+            facts["possible"] = between(self.possible)
         facts["claim_is"] = {1: "too high", -1: "too low"}.get(self.contradicts, "not contradicted")
         return facts
 
@@ -95,6 +104,9 @@ class Verdict(msgspec.Struct, frozen=True):
                 "exact value",
                 f"{self.exact[0]:.6g} at the start, {self.exact[1]:.6g} to {self.exact[2]:.6g} over the states",
             )
+        if self.possible is not None:
+            low, high = between(self.possible)
+            yield "by its records", f"{low:.6g} to {high:.6g}, in 95 % of the models that they leave possible"
         result = self.simulated
         if result is not None and not result.episodes:
             yield "simulated value", "none: no episode has ended"
@@ -130,10 +142,21 @@ def judge(
         simulated: Simulate even if the exact value is known.
         what: The text of the progress of the simulation.
     """
-    values = exact_values(model, policy, steps=arguments.steps, durations=durations)
-    exact = None
+    exact_in = functools.partial(exact_values, policy=policy, steps=arguments.steps, durations=durations)
+    values = exact_in(model)
+    exact = others = None
     if values is not None:
         exact = float(model.initial_belief @ values), float(np.min(values)), float(np.max(values))
+        if (
+            model.visits is not None
+            and model.visits.size * len(values) <= _LARGEST
+            and model.discount < 1
+            and not model.pomdp
+        ):
+            from mdm.estimation.reestimation import possible  # noqa: PLC0415 - of an estimated model alone
+
+            drawn = [exact_in(each) for each in possible(model, _DRAWN)]
+            others = np.array([model.initial_belief @ each for each in drawn if each is not None])
     result = None
     if simulated or exact is None or arguments.episodes is not None:
         given = {name: getattr(arguments, name) for name in ("episodes", "steps", "seed")}
@@ -144,7 +167,12 @@ def judge(
     unit: Unit = getattr(policy, "discount_of", "step")
     other = in_words(unit) if ratio(unit, model.discount_of) is None else None
     comparable = arguments.steps is None
-    return Verdict(facts["form"], size, claimed_value(model, policy), exact, result, comparable, other)
+    return Verdict(facts["form"], size, claimed_value(model, policy), exact, result, comparable, other, others)
+
+
+def between(values: Vector) -> list[float]:
+    """Return the least and the greatest of 95 % of some values."""
+    return [float(each) for each in np.quantile(values, [0.025, 0.975])]
 
 
 def claimed_value(model: MDP, policy: Any) -> float | None:

@@ -32,9 +32,9 @@ PATIENCE = 2_000_000_000
 class Here(RecordWriter):
     """Writes a record within this process, at once: what is tested of pipes and processes is not here."""
 
-    def watch(self, now):
-        """Take who tells the time."""
-        self.now, self._due = now, 0
+    def watch(self, now, lives=lambda: True):
+        """Take who tells the time, and whether anybody is told of a fault."""
+        self.now, self._lives, self._due = now, lives, 0
         self.flushed, self.is_silent = [], False
         return self
 
@@ -47,7 +47,8 @@ class Here(RecordWriter):
     def flush(self):
         time = self.now()
         if self._buffer:
-            self.flushed.append(time)
+            if self._lives():
+                self.flushed.append(time)
             del self._buffer[: self._taker.take(self._buffer)]
             self._limit = self._bound if self._limit >= 0 else -1
         if time >= self._due:
@@ -189,7 +190,7 @@ class Watchers:
     def listen(self, runtime):
         """Note what is published, before anybody else does."""
         if runtime.recorder is not None:
-            self._recorder._writer = Here(self.path).watch(runtime.clock.now)
+            self._recorder._writer = Here(self.path).watch(runtime.clock.now, lambda: runtime.root.life == "running")
         for topic, channel in TOPICS.items():
             runtime.__dict__[channel].subscribe(self._heard.setdefault(topic, []).append)
         for path in ["lamp", *map(self._journal.path, self._journal.robots)]:
@@ -199,7 +200,9 @@ class Watchers:
     def look(self):
         """Do what watchers do between turns; harm the record now and then."""
         runtime, draw = self._journal.runtime, self._random
-        if self._page.live is not None and not runtime.ending:
+        if runtime.ending:
+            return
+        if self._page.live is not None:
             try:
                 msgspec.json.decode(
                     self._page.live.encoded([self._journal.path(name) for name in self._journal.robots])
@@ -257,7 +260,7 @@ class Watchers:
                 yield f"nothing was done to the record, and that was told as {told}"
             return
         wait = 0 if self._harm == "silence" else PATIENCE
-        written = [time for time in self._recorder._writer.flushed[:-2] if time > self._harmed + wait]
+        written = [time for time in self._recorder._writer.flushed if time > self._harmed + wait]
         if len(told) > 1 or (written and not told and not self._sabotages["record"].raised):
             yield f"{self._harm} at {self._harmed / 1e9:.1f} s was told as {told}"
 

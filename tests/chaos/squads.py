@@ -70,7 +70,14 @@ class Strangers:
 
 def violations(seed):
     """Return a seed, and what is wrong with its scenario."""
-    logging.disable()
+    logging.disable()  # asyncio tells of what is raised where nobody waits, as is meant here
+    try:
+        return seed, _wrong(seed)
+    finally:
+        logging.disable(logging.NOTSET)
+
+
+def _wrong(seed):
     draw, wrong, heard = random.Random(f"squad {seed}"), [], []
     watched = draw.random() < 0.3
     with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as folder:
@@ -104,4 +111,4 @@ def violations(seed):
             kept = [each.message for each in found.messages(["modes"])]
             if kept != heard[: len(kept)] or found.lost or not found.closed:
                 wrong.append(f"the record has {len(kept)} modes of {len(heard)}, and lacks {found.lost} messages")
-    return seed, wrong
+    return wrong

@@ -21,7 +21,9 @@ from mdm.messages import Decision
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-__all__ = ["BREAKS", "Chain", "Chains", "Kind", "Stay", "chains_of", "is_next", "joined", "kind_of"]
+    from mdm.models.mdp import MDP
+
+__all__ = ["BREAKS", "Chain", "Chains", "Kind", "Stay", "chains_of", "is_next", "joined", "kind_of", "returns_of"]
 
 BREAKS = frozenset({"start", "reset", "resume", "episode", "release", "belief", "team"})
 """The causes of decisions that do not follow from the one before.
@@ -30,6 +32,7 @@ After ``release`` a safe action ran in between, a ``belief`` from outside replac
 of a decision of a ``team`` neither state nor observation is known.
 """
 
+_EPISODES = BREAKS - {"resume", "release", "belief"}
 _LONG = 1.5
 """From so many periods on, ticks were missed between two decisions."""
 
@@ -159,7 +162,7 @@ def chains_of(
         raise ModelError(f"{chosen[0].ensemble!r} decides on observations: each is a step, of which no jumps are known")
     kept, discarded = [], 0
     for decision in chosen:
-        if _is_known(decision):
+        if decision.state is not None or decision.cause != "team":  # a state is told, or follows from observations
             kept.append(decision)
         else:
             discarded += 1
@@ -213,11 +216,6 @@ def _of_one(decisions: Iterable[Decision], ensemble: str | None) -> list[Decisio
     return by_name[ensemble]
 
 
-def _is_known(decision: Decision) -> bool:
-    """Return whether a decision tells a state, or follows from observations."""
-    return decision.state is not None or decision.cause != "team"
-
-
 def _period(decisions: Sequence[Decision]) -> int | None:
     """Return the nanoseconds between two ticks."""
     gaps = [
@@ -268,3 +266,35 @@ def _stays(chain: Chain, *, jumps: bool) -> Iterator[Stay]:
         first = decision
     if chain.end is not None and jumps:
         yield Stay(first.state, first.action, (chain.end - first.time) / 1e9, None, ended=False)
+
+
+def returns_of(model: MDP, chains: Iterable[Chain], *, in_time: bool = False, paid: bool = False) -> tuple[float, ...]:
+    """Return the discounted return of each episode, in their order.
+
+    An episode goes on across ticks that were missed, safe modes and beliefs from outside; a start, a reset or the
+    stimulus after a horizon begins another one. Rewards are those of the decisions; decisions without one earn R(s, a),
+    or its expectation under the belief. So a return is what the model in use expected, and not what the world has paid.
+
+    Args:
+        model: The model; its discount is that of a decision.
+        chains: The chains.
+        in_time: Whether the model's discount is that of a second.
+        paid: Whether rewards are those that a simulated world has paid, of chains that tell these, and not the model's.
+    """
+    rewards = model.rewards
+    returns: list[float] = []
+    began, count = 0, 0
+    for chain in chains:
+        for place, decision in enumerate(chain.decisions):
+            if not returns or (place == 0 and (decision.cause in _EPISODES or decision.epoch == 0)):
+                returns.append(0.0)
+                began, count = decision.time, 0
+            earned = decision.reward if not paid else chain.paid[place] if place < len(chain.paid) else 0.0
+            if earned is None and decision.state is not None:
+                earned = float(rewards[decision.state, decision.action])
+            elif earned is None and decision.belief is not None:
+                earned = float(decision.belief @ rewards[:, decision.action])
+            passed = (decision.time - began) / 1e9 if in_time else count
+            returns[-1] += model.discount**passed * (earned or 0.0)
+            count += 1
+    return tuple(returns)

@@ -159,11 +159,7 @@ class Capital:
     def value(self) -> float:
         """The capital; infinite where it is too large for a number."""
         rest = 1 / (self._began + 1)  # of the bets that have not begun
-        return rest + math.fsum(bet.weight * _exp(bet.won) for bet in self._bets)
-
-
-def _exp(logarithm: float) -> float:
-    return math.exp(logarithm) if logarithm < 700 else math.inf
+        return rest + math.fsum(bet.weight * (math.exp(bet.won) if bet.won < 700 else math.inf) for bet in self._bets)
 
 
 class DriftTest:

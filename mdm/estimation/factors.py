@@ -62,16 +62,12 @@ def pool_of(model: MDP, stays: Iterable[Stay], kind: Kind) -> Pool | None:
     if len(model.state_space) * len(model.action_space) > _LARGEST:
         return None
     listed = list(stays)
-    leaving = math.fsum(stay.seconds * _leaving(model, stay) for stay in listed)
+    matrix = model.flatten().transition_matrix
+    leaving = math.fsum(stay.seconds * (1 - float(matrix(stay.action)[stay.state, stay.state])) for stay in listed)
     ended = sum(stay.ended for stay in listed)
     if not ended or (kind == "jumps" and leaving <= 0):
         return None
     return Pool(model, network, listed, kind, leaving / ended)
-
-
-def _leaving(model: MDP, stay: Stay) -> float:
-    matrix = model.flatten().transition_matrix(stay.action)
-    return 1 - float(matrix[stay.state, stay.state])
 
 
 class Pool:

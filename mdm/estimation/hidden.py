@@ -37,11 +37,13 @@ if TYPE_CHECKING:
 __all__ = [
     "Evidence",
     "Fit",
+    "Frequencies",
     "Matrices",
     "alike",
     "evidence_of",
     "expected",
     "fit",
+    "frequencies",
     "joint_odds",
     "moves",
     "passes",
@@ -466,3 +468,44 @@ def _gain(evidence: Evidence, new: Matrices, old: Matrices) -> float:
     """Return by how much more likely the evidence is, as a logarithm."""
     likelihoods = [passes(evidence, moves(matrices, evidence.masks))[1] for matrices in (new, old)]
     return likelihoods[0] - likelihoods[1]
+
+
+class Frequencies(msgspec.Struct, frozen=True):
+    """How often each observation was made after an action, wherever it led.
+
+    Attributes:
+        action: The action.
+        counts: How often each was made: O numbers.
+        expected: How often the model expected each, under the belief before each action: O numbers.
+        missing: How often nothing was observed, or a part of it.
+    """
+
+    action: int
+    counts: npt.NDArray[np.float64]
+    expected: npt.NDArray[np.float64]
+    missing: int
+
+
+def frequencies(model: POMDP, evidence: Evidence) -> tuple[Frequencies, ...]:
+    """Return how often each observation was made after each action that was done.
+
+    Args:
+        model: The model in use.
+        evidence: See `evidence_of`.
+    """
+    size = len(model.observation_space)
+    matrices = Matrices.of(model)
+    before, _ = passes(evidence, moves(matrices, evidence.masks))
+    single = evidence.masks.sum(axis=1) == 1
+    symbols = evidence.masks.argmax(axis=1)
+    acted, seen = evidence.actions, evidence.symbols
+    every = moves(matrices, np.eye(size, dtype=bool))
+    result = []
+    for action in np.unique(acted).tolist():
+        which = (acted == action) & single[seen]
+        told = np.bincount(symbols[seen[which]], minlength=size).astype(np.float64)
+        # A x O x S x S', summed over S': what is observed after each state
+        expected = before[which].sum(axis=0) @ every[action].sum(axis=2).T
+        missing = int(((acted == action) & ~single[seen]).sum())
+        result.append(Frequencies(action, told, np.asarray(expected), missing))
+    return tuple(result)

@@ -176,7 +176,8 @@ def holding(stays: Iterable[Stay], *, level: float = LEVEL) -> Holding:
     if exposure <= 0:
         return Holding(0.0, count, math.nan, 0.0, math.inf, None)
     interval = rate_intervals([count], exposure, level=level)
-    low, high = 1 / float(interval.high[0]), _inverse(float(interval.low[0]))
+    least = float(interval.low[0])
+    low, high = 1 / float(interval.high[0]), 1 / least if least > 0 else math.inf
     mean = exposure / count if count else math.nan
     positive = np.array([seconds for seconds in ended if seconds > 0])
     if len(positive) < _FEWEST:
@@ -186,10 +187,6 @@ def holding(stays: Iterable[Stay], *, level: float = LEVEL) -> Holding:
         return Holding(exposure, count, mean, low, high, p_value)
     fitted, stages = erlang(positive, np.array([seconds for seconds in cut if seconds > 0]))
     return Holding(exposure, count, mean if stages == 1 else fitted, low, high, p_value, stages)
-
-
-def _inverse(rate: float) -> float:
-    return 1 / rate if rate > 0 else math.inf
 
 
 def _by_row(stays: Iterable[Stay]) -> dict[tuple[int, int], list[Stay]]:

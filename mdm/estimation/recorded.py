@@ -1,23 +1,31 @@
-"""Decisions of records: the chains of an ensemble over several runs, and whether a model is the one that it had."""
+"""Decisions of records: the chains of an ensemble over several runs, and whether a model is the one that it had.
+
+Those of a communicating team are put together from the records of all its agents. An agent that is silent has told
+something: it keeps to itself what would change nothing. Counted as missing at random, that falsifies what observations
+are said to depend on. What each agent saw and did is in its own record: its component of the observation and of the
+action at each tick.
+"""
 
 from __future__ import annotations
 
 from collections import Counter, defaultdict
+from itertools import pairwise
+from statistics import median
 from typing import TYPE_CHECKING
 
 import msgspec
+import numpy as np
 
 from mdm.errors import ModelError
 from mdm.estimation.chains import chains_of, joined
-from mdm.estimation.teams import Told, joint_decisions
 from mdm.messages import Decision, Mode
-from mdm.recording.names import names_of
+from mdm.recording.names import Names, names_of
 from mdm.recording.reader import Record
 from mdm.recording.stimuli import TRUE_STATE, Joined
 from mdm.recording.table import rows
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from mdm.estimation.chains import Chains
@@ -25,6 +33,29 @@ if TYPE_CHECKING:
     from mdm.models.space import Space
 
 __all__ = ["chains_of_records", "check_names", "open_records"]
+
+
+class _Told(msgspec.Struct):
+    """What a record tells of decisions.
+
+    Args:
+        record: The record.
+        decisions: The decisions by the path of the ensemble.
+        stops: When each stopped or went safe, in nanoseconds.
+        agent: Of a team which agent it is.
+        facts: What all agents of that team have in common.
+    """
+
+    record: Record
+    decisions: dict[str, list[Decision]] = {}
+    stops: dict[str, list[int]] = {}
+    agent: str = ""
+    facts: dict[str, str] = {}
+
+    def mode_of(self, path: str) -> str | None:
+        """Return the mode of the team in which an ensemble decides; None where it decides alone."""
+        name = path.rpartition("/")[2]
+        return self.facts.get("team's mode") if f"configuration of ensemble {name!r}" in self.facts else None
 
 
 def open_records(paths: Iterable[str | Path]) -> list[Record]:
@@ -87,7 +118,7 @@ def chains_of_records(records: Sequence[Record], ensemble: str | None = None, mo
     if not chosen:
         raise ModelError(f"no ensemble {name!r} has decided; there is {', '.join(paths)}")
     parts: list[Chains] = []
-    agents: dict[str, list[Told]] = defaultdict(list)
+    agents: dict[str, list[_Told]] = defaultdict(list)
     for each in told:
         for path in sorted(chosen & each.decisions.keys()):
             _check_steps(each.record, path)
@@ -96,7 +127,7 @@ def chains_of_records(records: Sequence[Record], ensemble: str | None = None, mo
             else:
                 agents[path].append(each)
     if agents and all(each.mode_of(path) == "communicating" for path, several in agents.items() for each in several):
-        parts.append(chains_of(joint_decisions(agents, name, model), kind="steps"))
+        parts.append(chains_of(_joint_decisions(agents, name, model), kind="steps"))
     elif agents:
         most = max(agents, key=lambda path: sum(len(each.decisions[path]) for each in agents[path]))
         parts += [_chains(each, most) for each in agents[most]]
@@ -123,9 +154,9 @@ def _is_meant(path: str, name: str) -> bool:
     return path == name or path.endswith(f"/{name}")
 
 
-def _told(record: Record) -> Told:
+def _told(record: Record) -> _Told:
     """Return what a record tells of decisions, and of what ends them."""
-    told = Told(record)
+    told = _Told(record)
     wanted = [topic for topic in ("decisions", "modes") if topic in record.topics]
     for each in record.messages(wanted):
         if isinstance(each.message, Decision):
@@ -141,7 +172,7 @@ def _told(record: Record) -> Told:
     return told
 
 
-def _chains(told: Told, ensemble: str) -> Chains:
+def _chains(told: _Told, ensemble: str) -> Chains:
     """Return the chains of an ensemble from one record."""
     span = told.record.span
     assert span is not None  # there are decisions
@@ -200,3 +231,67 @@ def _difference(kind: str, names: Sequence[str], space: Space | None) -> str | N
         if before != now:
             return f"{kind} {place} is {before!r} in the record, and {now!r} in the model"
     return None
+
+
+def _joint_decisions(agents: Mapping[str, Sequence[_Told]], ensemble: str, model: MDP | None) -> Iterator[Decision]:
+    """Yield the joint decisions of a communicating team, at ticks at which all agents have decided.
+
+    Args:
+        agents: The records by the path of the ensemble at each agent.
+        ensemble: The name of the ensemble.
+        model: Its model.
+
+    Raises:
+        ModelError: If there is no model, a record of an agent is missing, or two of one agent are of the same time.
+    """
+    by_agent = {each.agent: (path, several) for path, several in agents.items() for each in several}
+    team = next(iter(agents.values()))[0].facts["team's agents"].split(", ")
+    missing = [agent for agent in team if agent not in by_agent]
+    if missing:
+        raise ModelError(
+            f"{ensemble!r} decides in a communicating team, whose agents are silent because of what they saw: without "
+            f"the records of {', '.join(missing)} that would count as chance: give those of {', '.join(team)} together"
+        )
+    if model is None:
+        raise ModelError(f"{ensemble!r} decides in a communicating team: which actions are whose is told by its model")
+    own = [dict(_own(*by_agent[agent], place, model)) for place, agent in enumerate(team)]
+    previous: tuple[int, ...] = ()
+    for number, tick in enumerate(sorted(set.intersection(*map(set, own)))):
+        parts = [each[tick] for each in own]
+        epochs = tuple(part[0].epoch for part in parts)
+        follows = previous and epochs == tuple(epoch + 1 for epoch in previous)
+        previous = epochs
+        action = model.action_space.ravel([part[1] for part in parts])
+        yield Decision(
+            parts[0][0].time,
+            ensemble,
+            number,
+            "tick" if follows else "start",
+            None,
+            tuple(part[2] for part in parts),
+            parts[0][0].belief,
+            action,
+            model.action_space.names[action],
+            None,
+        )
+
+
+def _own(
+    path: str, records: Sequence[_Told], place: int, model: MDP
+) -> Iterator[tuple[int, tuple[Decision, int, int | None]]]:
+    """Yield by the number of the tick an agent's decisions, with its components of the action and the observation."""
+    decisions = [(each, decision) for each in records for decision in each.decisions[path]]
+    times = sorted(decision.time for _, decision in decisions)
+    gaps = [later - earlier for earlier, later in pairwise(times)]
+    period = median(gaps) if gaps else 1
+    if len(set(times)) < len(times):
+        raise ModelError(f"two records of {path!r} are of the same time: count the runs of a communicating team apart")
+    for told, decision in decisions:
+        names = names_of(told.record).get(path, Names())
+        seen = decision.observation
+        factors = names.observation_factors.values() or (model.observation_space or model.state_space).factors
+        if isinstance(seen, int):
+            seen = int(np.unravel_index(seen, [len(factor) for factor in factors])[place])
+        elif seen is not None:
+            seen = seen[place]
+        yield round(decision.time / period), (decision, model.action_space.unravel(decision.action)[place], seen)

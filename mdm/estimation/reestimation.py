@@ -61,13 +61,9 @@ def reestimated(model: MDP, transitions: Iterable[Row], observations: Iterable[R
             new = share * blended(msgspec.structs.replace(row, model=before / share))
             changes.setdefault(row.action, []).append((row.state, row.symbols, new))
     seen = None if flat.pomdp is None or flat.event_observations else _seen(flat.pomdp, observations)
-    return _changed(flat, changes, seen)
-
-
-def _changed(flat: MDP, changes: Changes, observations: Sequence[Matrix] | None) -> MDP:
     actions = range(len(flat.action_space))
     matrices = [_with_rows(flat.transition_matrix(action), changes.get(action, [])) for action in actions]
-    return replaced(flat, matrices, observations)
+    return replaced(flat, matrices, seen)
 
 
 def _seen(model: POMDP, rows: Iterable[Row]) -> list[Matrix]:

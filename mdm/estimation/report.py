@@ -11,16 +11,14 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.estimation.agreement import FALSE_DISCOVERIES, Verdict, verdicts
-from mdm.estimation.chains import Chain, Chains, Kind, chains_of
+from mdm.estimation.chains import Chain, Chains, Kind, chains_of, returns_of
 from mdm.estimation.factors import pool_of
 from mdm.estimation.gibbs import sample
-from mdm.estimation.hidden import Matrices, alike, evidence_of, fit, joint_odds
+from mdm.estimation.hidden import Matrices, alike, evidence_of, fit, frequencies, joint_odds
 from mdm.estimation.intervals import LEVEL, check_level
 from mdm.estimation.loss import Values, decided_policy, losses
-from mdm.estimation.observations import frequencies
 from mdm.estimation.rates import MOST_STAGES, durations_of, rates_of, staying_of, transitions_after
 from mdm.estimation.reestimation import reestimated, replaced
-from mdm.estimation.returns import returns_of
 from mdm.estimation.rows import Row, counted, support, transition_rows
 from mdm.models.durations import Durations
 from mdm.models.mdp import MDP
@@ -394,7 +392,8 @@ def _of_hidden(chains: Chains, model: MDP, notes: list[str], *, level: float, ra
         names = pomdp.state_space if matrix == "T" else pomdp.observation_space
         reports.append(_row(matrix, row, verdict, None, pomdp, names))
     notes.append("where states are hidden the loss of value is not computed: mdm evaluate NEW_MODEL POLICY tells it")
-    partly = sum(isinstance(each.observation, tuple) and None in each.observation for each in _followers(chains))
+    followers = [each for chain in chains.chains for each in chain.decisions[1:]]
+    partly = sum(isinstance(each.observation, tuple) and None in each.observation for each in followers)
     if partly:
         notes.append(
             f"in {partly} of {evidence.steps} steps a part of the observation is missing: it counts as missing by "
@@ -439,10 +438,6 @@ def _of_hidden(chains: Chains, model: MDP, notes: list[str], *, level: float, ra
         model=new,
         durations=durations,
     )
-
-
-def _followers(chains: Chains) -> Iterable[Decision]:
-    return (decision for chain in chains.chains for decision in chain.decisions[1:])
 
 
 def _hidden_rows(model: POMDP, fitted: Fit, intervals: Any) -> list[tuple[str, Row]]:

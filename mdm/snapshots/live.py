@@ -501,7 +501,7 @@ class LiveRun:
             believed = each.believed[1]
         decided_on = controller.takes == "state" and action is not None and action.state is not None
         return Detail(
-            state=_named(space, action.state) if decided_on else None,
+            state=None if not decided_on else str(action.state) if space is None else space.names[action.state],
             factors=_factors(space, space.unravel(action.state) if decided_on and space else state and state.values),
             observation=None
             if observation is None
@@ -613,10 +613,6 @@ def _scenes(ensembles: list[Ensemble]) -> Iterable[EnsembleScene]:
             factors=factors_of(symbols.state_space, ensemble),
             grid=grid_factors(symbols.state_space) is not None,
         )
-
-
-def _named(space: Space | None, index: int) -> str:
-    return str(index) if space is None else space.names[index]
 
 
 def _factors(space: Space | None, values: Sequence[int | None] | None) -> tuple[tuple[str, str | None], ...]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from bisect import bisect_left, bisect_right
-from collections import Counter, OrderedDict, defaultdict
+from collections import Counter, OrderedDict
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
@@ -203,7 +203,7 @@ class RecordedRun:
             decisions = ensemble.decisions
             step = -(-len(decisions.times) // _MOST) or 1
             pairs = list(zip(decisions.times, decisions.entries, strict=True))[::step]
-            causes = self._causes(ensemble, step)
+            causes = [self._cause(ensemble, place) for place in range(0, len(decisions.times), step)]
             found += [(time, (decision, step, cause)) for (time, decision), cause in zip(pairs, causes, strict=True)]
             if step > 1:
                 self.remark(f"{ensemble.path}: on the timeline one decision stands for {step:,}")
@@ -402,11 +402,8 @@ class RecordedRun:
         return tuple([found.get(name, 0.0) for name in self._predicates])
 
     def _ended(self, path: str, time: int) -> dict[str, int]:
-        counts: dict[str, int] = defaultdict(int)
         ends = self._ensembles[path].ends
-        for end in ends.entries[: ends.place(time) + 1]:
-            counts[end.status] += 1
-        return dict(counts)
+        return dict(Counter(end.status for end in ends.entries[: ends.place(time) + 1]))
 
     def _ensemble_frame(self, each: EnsembleTracks, time: int) -> EnsembleFrame:
         mode: Mode | None = each.modes.at(time)
@@ -500,10 +497,6 @@ class RecordedRun:
             return observed(self._models[path].controller.symbols.observation_space, observation)
         found = self._names.get(path, Names()).observation(observation)
         return found or str(observation)
-
-    def _causes(self, each: EnsembleTracks, step: int) -> list[str]:
-        """Return the cause of each decision, or of each so many, in words."""
-        return [self._cause(each, place) for place in range(0, len(each.decisions.times), step)]
 
     def _cause(self, each: EnsembleTracks, place: int) -> str:
         """Return the cause of a decision by its place, in words."""

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     import argparse
 
     from mdm.actors import Ensemble
-    from mdm.explanation import Explanation
-    from mdm.messages import Decision
 
 __all__ = ["run"]
 
@@ -43,8 +41,10 @@ def run(arguments: argparse.Namespace) -> int:
     start = 0 if record.span is None else record.span[0]
     second = (decision.time - start) / 1e9
     if arguments.json:
-        facts = {} if other is None else {"configuration": other, "decided": decision.action_name}
-        print(as_json(_facts(decision, second, explanation) | facts | {"flaws": record.flaws}))
+        facts: dict[str, object] = {"ensemble": decision.ensemble, "time": second, "cause": decision.cause}
+        facts |= msgspec.to_builtins(explanation)
+        facts |= {} if other is None else {"configuration": other, "decided": decision.action_name}
+        print(as_json(facts | {"flaws": record.flaws}))
     else:
         print(f"{decision.ensemble} at {second:.6g} s, because of: {decision.cause}.")
         if other is not None:
@@ -75,8 +75,3 @@ def _difference(record: Record, ensemble: Ensemble, *, given: bool) -> str | Non
         f"those that decided in {path!r} ({digests if told is None else told}): what they say of its decisions would "
         f"explain nothing"
     )
-
-
-def _facts(decision: Decision, second: float, explanation: Explanation) -> dict[str, object]:
-    facts: dict[str, object] = msgspec.to_builtins(explanation)
-    return {"ensemble": decision.ensemble, "time": second, "cause": decision.cause, **facts}

@@ -62,6 +62,9 @@ def _columns(record: Record, found: list[Row], *, beliefs: bool) -> Columns:
     start = 0 if record.span is None else record.span[0]
     names = names_of(record)
     decisions = [row.decision for row in found]
+    observations: list[Any] = [each.observation for each in decisions]
+    if not all(each is None or isinstance(each, int) for each in observations):  # some have several components
+        observations = [None if each is None else json.dumps(each) for each in observations]
     columns: Columns = {
         "time": [each.time for each in decisions],
         "seconds": [(each.time - start) / 1e9 for each in decisions],
@@ -70,7 +73,7 @@ def _columns(record: Record, found: list[Row], *, beliefs: bool) -> Columns:
         "cause": [each.cause for each in decisions],
         "state": [each.state for each in decisions],
         "state_name": [row.state for row in found],
-        "observation": _whole([each.observation for each in decisions]),
+        "observation": observations,
         "observation_name": [row.observation for row in found],
         "action": [each.action for each in decisions],
         "action_name": [each.action_name for each in decisions],
@@ -84,13 +87,6 @@ def _columns(record: Record, found: list[Row], *, beliefs: bool) -> Columns:
     }
     columns["true_reward"] = [row.true_reward for row in found]
     return columns | (dict(_beliefs(record, found, names)) if beliefs else {})
-
-
-def _whole(observations: list[Any]) -> list[Any]:
-    """Return observations as numbers, or all as text if some have several components."""
-    if all(each is None or isinstance(each, int) for each in observations):
-        return observations
-    return [None if each is None else json.dumps(each) for each in observations]
 
 
 def _beliefs(record: Record, found: list[Row], names: dict[str, Names]) -> Iterator[tuple[str, list[Any]]]:

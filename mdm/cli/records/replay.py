@@ -40,7 +40,8 @@ def _replay_one(record: Record, arguments: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory() as folder:
         run = rebuilt_to_compare(record, folder, arguments.config)
         other = arguments.config is not None
-        result = replay(record, run.actors, transports=run.transports, most=_most(arguments), by_time=other)
+        most = arguments.most or (20 if other else 1)
+        result = replay(record, run.actors, transports=run.transports, most=most, by_time=other)
         table = _redecided(record, run.ensembles) if other else None
     entry = _different(record, run.ensembles) if other else None
     epoch = int(record.head["epoch"])
@@ -154,10 +155,6 @@ def _print_messages(result: Together, most: int) -> None:
         print(f"{count:,} more are of {agent} in a life of which there is no record here")
     for received in result.unlike[:most]:
         print(f"  {received.agent} received {received.key} of {received.owner}, which did not send it")
-
-
-def _most(arguments: argparse.Namespace) -> int:
-    return arguments.most or (1 if arguments.config is None else 20)
 
 
 def _facts_of_team(result: Together, epochs: Mapping[str, int]) -> dict[str, object]:

@@ -38,7 +38,10 @@ def run(arguments: argparse.Namespace) -> int:
     model = _model(arguments, given, records, chains)
     report = statistics(chains, model, step=arguments.step, level=arguments.level, seed=arguments.seed or 0)
     if arguments.durations is not None and report.durations is None:
-        raise Error(f"{arguments.durations}: there are no durations to write: {_why_none(chains)}")
+        why = "no action was seen to take time"
+        if any(decision.cause == "tick" for chain in chains.chains for decision in chain.decisions):
+            why = f"{chains.ensemble!r} decides at a fixed rate, so that each action takes the time between two ticks"
+        raise Error(f"{arguments.durations}: there are no durations to write: {why}")
     if arguments.durations is not None and report.durations is not None:
         report.durations.interest(report.model)  # they are of use together, or refused
     if arguments.output is not None:
@@ -74,12 +77,6 @@ def _model(arguments: argparse.Namespace, given: MDP, records: Sequence[Record],
     except ModelError as error:
         raise FormatError(str(error), file=arguments.model) from None
     return given
-
-
-def _why_none(chains: Chains) -> str:
-    if any(decision.cause == "tick" for chain in chains.chains for decision in chain.decisions):
-        return f"{chains.ensemble!r} decides at a fixed rate, so that each action takes the time between two ticks"
-    return "no action was seen to take time"
 
 
 def _facts(arguments: argparse.Namespace, records: Sequence[Record], report: Report) -> dict[str, Any]:

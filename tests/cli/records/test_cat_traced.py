@@ -4,7 +4,7 @@ import pytest
 from records import Writing, decision
 from sentences import refused
 
-from mdm.cli.records.traced import traced
+from mdm.cli.records.cat import traced
 from mdm.errors import Error
 from mdm.messages import Control
 from mdm.recording.reader import Record

@@ -310,7 +310,7 @@ def test_a_team_of_two_is_repeated_together(mdm, tmp_path, separate):
     status, output, errors = mdm("replay", tmp_path / "records", "--config", other)
     assert (status, errors) == (1, "")
     for name, first, second in (("a", *output[:2]), ("b", *output[2:4])):
-        told = re.fullmatch(rf"{name}.mcap: up to (\S+) s, (\d) decisions recorded, \2 replayed: .*", first)
+        told = re.fullmatch(rf"{name}.mcap: up to (\S+) s, (\d+) decisions? recorded, \2 replayed: .*", first)
         assert re.match(rf"from {told[1]} s on nothing can be told of it, for [ab] sen(ds|t) a message under ", second)
     with pytest.raises(AssertionError, match="nothing can be told"):
         replay(tmp_path / "records", config=other)

@@ -119,7 +119,7 @@ def way_out(
             return [frame.centre(*cell) for cell in found]
     # Between two that hardly leave room, no cell's centre may be on the way, which is a straight line then.
     for cells, room in ample:
-        line = _straight(here, radius, grid, near, past_walls, cells & (away > room))
+        line = _straight(here, radius, grid, near, past_walls, cells, room)
         if line is not None:
             return [line]
     return []
@@ -132,8 +132,9 @@ def _straight(
     near: Sequence[Body],
     fits: NDArray[np.bool_],
     ample: NDArray[np.bool_],
+    room: float,
 ) -> Point | None:
-    """Return the nearest point where there is room, straight on in some direction; None where there is none."""
+    """Return the nearest point with so much room, straight on in some direction; None where there is none."""
     side = grid.frame.resolution
     blocked: set[float] = set()
     for metres in np.arange(side, _FIELD, side).tolist():
@@ -142,7 +143,7 @@ def _straight(
             cell = grid.frame.cell(*there)
             if angle in blocked or cell is None or not fits[cell] or not _leads(here, there, radius, near):
                 blocked.add(angle)
-            elif ample[cell]:
+            elif ample[cell] and all(math.dist(there, one.agent.position) > radius + one.radius + room for one in near):
                 return there
     return None
 

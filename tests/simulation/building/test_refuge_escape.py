@@ -6,7 +6,7 @@ import math
 from types import SimpleNamespace
 
 import numpy as np
-from hypothesis import given, strategies as st
+from hypothesis import example, given, strategies as st
 
 from mdm.maps import Frame, Grid, Pose
 from mdm.simulation.building.brakes import GAP
@@ -38,6 +38,7 @@ def distances(one, other, at):
     st.floats(1.3, 2.7), st.floats(1.3, 2.7),
     st.lists(st.tuples(st.floats(0, math.tau), st.floats(GAP - 0.005, 0.12)), min_size=1, max_size=3),
 )  # fmt: skip
+@example(1.375, 2.0, [(3.0, 0.0625), (1.5, 0.0625), (5.25, 0.0625)])  # a point off its cell's centre
 def test_it_leads_past_all_that_stands_to_where_there_is_room(x, y, around):
     others = [body(x + (TOUCH + gap) * math.cos(to), y + (TOUCH + gap) * math.sin(to)) for to, gap in around]
     way = way_out((x, y), RADIUS, hall(), others, [(~NOWHERE, 0.15)])

@@ -105,6 +105,7 @@ def test_a_question_is_in_sight_takes_the_focus_and_gives_it_back():
             assert scrolled > 1000
             for leave in ("Escape", "Enter"):  # by which No is pressed, which has the focus
                 await page.keyboard.press("Enter")
+                await page.locator("dialog.ask").wait_for()
                 box = await page.locator("dialog.ask").bounding_box()
                 assert 0 <= box["y"] <= 900 - box["height"]
                 assert await page.evaluate("document.activeElement.innerText") == "No"

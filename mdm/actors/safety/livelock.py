@@ -50,7 +50,7 @@ class Livelock:
             ensemble.control.output.look = self._look
 
     def decides_again(self, time: int) -> None:
-        """Take it that an action is decided for nothing but the end of the one before."""
+        """Note that only the end of the action before led to this decision."""
         self._again = time
 
     def ended(self, action: str, *, well: bool) -> None:
@@ -66,7 +66,7 @@ class Livelock:
             )
 
     def end(self) -> None:
-        """Take it that the ensemble does not decide."""
+        """Forget what was counted: the ensemble has stopped deciding."""
         self._times, self._again, self._looked = 0, -1, (-1, 0)
         self._calm(told=False)
 

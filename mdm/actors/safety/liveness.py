@@ -482,7 +482,7 @@ class Liveness:
         ensemble.runtime.faults.publish(Fault(ensemble.runtime.now(), ensemble.path, "idle", detail))
 
     def _on_hold(self, name: str) -> None:
-        """Take it that a predicate is about to be true: what may be decided on is waited for."""
+        """Count as waiting, and not as idle, while a predicate is about to become true."""
         if name in self._used():
             self._end_rest()
             self.look()

@@ -1,16 +1,13 @@
-"""Estimation: what the decisions of a robot tell of its model, counted afterwards or watched as they come."""
+"""Estimation: a robot's model by its decisions, counted afterwards or watched as they come."""
 
 from mdm.estimation.chains import Chain, Chains, Stay, chains_of, joined, returns_of
 from mdm.estimation.drift import Alarm, DriftTest
-from mdm.estimation.gibbs import Intervals, sample
-from mdm.estimation.hidden import Evidence, Fit, Frequencies, evidence_of, fit, frequencies
-from mdm.estimation.intervals import probability_intervals, rate_intervals
+from mdm.estimation.hidden import Evidence, Fit, Frequencies, Intervals, evidence_of, fit, frequencies, sample
 from mdm.estimation.rates import Holding, Rates, durations_of, moran, rates_of
 from mdm.estimation.recorded import chains_of_records, check_names, open_records
 from mdm.estimation.reestimation import reestimated
-from mdm.estimation.rendering import as_data, as_text
-from mdm.estimation.report import Report, statistics
-from mdm.estimation.rows import Row, counted, transition_rows
+from mdm.estimation.report import Report, as_data, as_text, statistics
+from mdm.estimation.rows import Row, counted, probability_intervals, rate_intervals, transition_rows
 
 __all__ = [
     "Alarm",

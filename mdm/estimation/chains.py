@@ -49,7 +49,7 @@ class Chain(msgspec.Struct, frozen=True):
         end: The time in nanoseconds at which the last action was cut short; None where that is not known.
         succeeded: The same, where the last action was not cut short: it has succeeded, and with that the ensemble was
             stopped, as one that another ensemble had started.
-        paid: What a simulated world has paid for each decision; none where it is not told.
+        paid: The payment of a simulated world for each decision; none where it is not known.
     """
 
     decisions: tuple[Decision, ...]
@@ -67,7 +67,7 @@ class Chains(msgspec.Struct, frozen=True):
         hidden: Whether it decides on observations, so that its states are not known.
         chains: The chains, in their order.
         discarded: The number of decisions that belong to no chain: nothing is known of their state or belief.
-        unused: What else has decided in the records, by file.
+        unused: Whatever else has decided in the records, by file.
         ends: How actions have ended: the state that they were decided in, the action, how, and how often.
     """
 
@@ -273,7 +273,7 @@ def returns_of(model: MDP, chains: Iterable[Chain], *, in_time: bool = False, pa
 
     An episode goes on across ticks that were missed, safe modes and beliefs from outside; a start, a reset or the
     stimulus after a horizon begins another one. Rewards are those of the decisions; decisions without one earn R(s, a),
-    or its expectation under the belief. So a return is what the model in use expected, and not what the world has paid.
+    or its expectation under the belief. So a return is that of the model in use, and not the world's.
 
     Args:
         model: The model; its discount is that of a decision.

@@ -5,15 +5,15 @@ begins at 1, and reaches m with a probability of at most 1/m in all time (J. Vil
 betting*, Journal of the Royal Statistical Society A 184, 2021). So one may look after each transition, which a test for
 a fixed number of them does not allow: at 5 % the G-test, looked at 3,000 times, gave a false alarm in half of the runs.
 
-What is bet is what was counted: of states that are known a mixture of all rows, Dirichlet(1/2) on the entries that the
+The bet follows the counts: of states that are known it is a mixture of all rows, Dirichlet(1/2) on the entries that the
 model has; of observations the model's own prediction under the belief, each in the proportion in which it came more
 often than predicted. A row that has drifted after a long time would hardly change its counts, so that a new bet begins
 each 200 visits; the i-th has the share 1 / i (i + 1) of the capital, and the first and the last four go on.
 
-An estimated model is a posterior: what it predicts is the mean over that, given what has followed since. Rows count as
-n + 1 visits with Jeffreys' prior, shares of observations as so many predictions. Held against its mean alone, a row
-that rests on a few visits is wrong in the end: of 200 robots with models estimated from 50 decisions 178 heard of it at
-odds of 20, and 6 do now.
+An estimated model is a posterior: it predicts the mean over that, given all that has followed since. Rows count as n +
+1 visits with Jeffreys' prior, shares of observations as so many predictions. Held against its mean alone, a row that
+rests on a few visits is wrong in the end: of 200 robots with models estimated from 50 decisions 178 heard of it at odds
+of 20, and 6 do now.
 
 The alarm of a row is at the given odds times the number of rows that may be wrong: of robots whose model is right, one
 in so many ever hears of any row. A decision costs a few microseconds.
@@ -30,9 +30,8 @@ import numpy as np
 from mdm.checks import is_number
 from mdm.errors import ModelError
 from mdm.estimation.chains import is_next, kind_of
-from mdm.estimation.intervals import PRIOR
 from mdm.estimation.reestimation import WEIGHT
-from mdm.estimation.rows import support, without_staying
+from mdm.estimation.rows import PRIOR, support, without_staying
 from mdm.models.dynamics import Dynamics
 from mdm.models.matrices import num_entries
 
@@ -75,7 +74,7 @@ class Alarm(msgspec.Struct, frozen=True):
 
 
 class _Bet:
-    """A bet that began at some visit; what it has won is kept as a logarithm."""
+    """A bet that began at some visit; its winnings are kept as a logarithm."""
 
     __slots__ = ("counts", "expected", "weight", "won")
 
@@ -129,7 +128,7 @@ class Capital:
         """How often the model expected each."""
 
     def take(self, place: int, model: Sequence[float]) -> float:
-        """Bet on what follows, given its probabilities by the model, none of which is 0; return the capital."""
+        """Bet on the next entry, given the probabilities by the model, none of which is 0; return the capital."""
         if self.visits % _FRESH == 0:
             self._began += 1
             self._bets.append(_Bet(self._size, 1 / (self._began * (self._began + 1))))
@@ -145,7 +144,7 @@ class Capital:
         return self.value
 
     def _predicted(self, place: int, model: Sequence[float]) -> float:
-        """Return the probability of what follows by the posterior of the estimate, and what has followed since."""
+        """Return the probability of an entry by the posterior of the estimate, and the entries since."""
         if self._fixed:
             known = self._weight * model[place] + PRIOR + self.counts[place]
             return known / (self._weight + PRIOR * self._size + self.visits)

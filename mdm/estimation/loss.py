@@ -17,11 +17,11 @@ from mdm.models.dynamics import Dynamics
 from mdm.models.matrices import is_compressed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
 
     import numpy.typing as npt
 
-    from mdm.estimation.chains import Chain
+    from mdm.estimation.chains import Chain, Kind
     from mdm.estimation.rows import Row
     from mdm.models.matrices import Vector
     from mdm.models.mdp import MDP
@@ -89,9 +89,7 @@ class Values:
         return float(self._start @ (self.values + grown * reached))
 
 
-def losses(
-    model: MDP, values: Values, rows: Iterable[Row], staying: Mapping[tuple[int, int], float]
-) -> list[float | None]:
+def losses(model: MDP, values: Values, rows: Iterable[Row], kind: Kind) -> list[float | None]:
     """Return by how much the value at the beginning falls if each row alone is as estimated.
 
     It is None for actions that the policy does not take, and negative where the policy is worth more than it seems.
@@ -100,7 +98,7 @@ def losses(
         model: The model.
         values: The value of the policy in it.
         rows: The rows.
-        staying: By action and state, the probability of staying that rows of jumps leave out.
+        kind: Of ``jumps`` the rows leave out staying, whose probability is the model's.
     """
     result: list[float | None] = []
     flat = model.flatten()
@@ -108,7 +106,7 @@ def losses(
         if int(values.policy[row.state]) != row.action or not len(row.symbols):
             result.append(None)
             continue
-        stays = staying.get((row.action, row.state), 0.0)
+        stays = float(flat.transition_matrix(row.action)[row.state, row.state]) if kind == "jumps" else 0.0
         symbols, estimates = row.symbols, row.estimates
         if stays:
             symbols, estimates = np.append(symbols, row.state), np.append(estimates * (1 - stays), stays)

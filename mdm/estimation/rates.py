@@ -1,15 +1,14 @@
 """Rates: how often a second one state follows another under an action, and how long it takes.
 
-Of a process that decides when its state changes, no state follows itself: a matrix T with a diagonal is not what its
-counts can be held against. What they tell is a rate: jumps from i to j under an action, by the time spent in i under
-it. The time of stays that another action or a command cut short counts; without it, intervals cover 75 to 88 % in place
-of 95 %.
+Of a process that decides when its state changes, no state follows itself: a matrix T with a diagonal is no measure of
+its counts. They give a rate: jumps from i to j under an action, by the time spent in i under it. The time of stays that
+another action or a command cut short counts; without it, intervals cover 75 to 88 % in place of 95 %.
 
 Whether stays are exponential is asked by Moran's test (P. A. P. Moran, *The random division of an interval, Part II*,
 1951; D. R. Cox and P. A. W. Lewis, *The Statistical Analysis of Series of Events*, 1966, section 6.3). Of exponential
 stays, and of these alone whatever cuts them short, the times of exposure from one end to the next are exponential, too;
-these are what is tested. Where the test refuses them because they vary too little, an Erlang distribution of so many
-stages as fit best takes their place.
+the test is of these. Where the test refuses them because they vary too little, an Erlang distribution of so many stages
+as fit best takes their place.
 """
 
 from __future__ import annotations
@@ -23,8 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdm.errors import ModelError
-from mdm.estimation.intervals import LEVEL, rate_intervals
-from mdm.estimation.rows import support, without_staying
+from mdm.estimation.rows import LEVEL, rate_intervals, support, without_staying
 from mdm.models.durations import Durations
 
 if TYPE_CHECKING:
@@ -52,7 +50,7 @@ _FEWEST = 5
 _REFUSED = 0.01
 """The p-value below which stays are not taken for exponential."""
 MOST_STAGES = 200
-"""The stages of what takes, as good as always, the same time."""
+"""The stages of a stay that takes, as good as always, the same time."""
 
 
 class Holding(msgspec.Struct, frozen=True):

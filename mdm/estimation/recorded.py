@@ -1,9 +1,9 @@
 """Decisions of records: the chains of an ensemble over several runs, and whether a model is the one that it had.
 
 Those of a communicating team are put together from the records of all its agents. An agent that is silent has told
-something: it keeps to itself what would change nothing. Counted as missing at random, that falsifies what observations
-are said to depend on. What each agent saw and did is in its own record: its component of the observation and of the
-action at each tick.
+something: it keeps to itself whatever would change nothing. Counted as missing at random, that falsifies the causes of
+observations. Each agent's own record has all that it saw and did: its component of the observation and of the action at
+each tick.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ __all__ = ["chains_of_records", "check_names", "open_records"]
 
 
 class _Told(msgspec.Struct):
-    """What a record tells of decisions.
+    """The decisions of a record.
 
     Args:
         record: The record.
         decisions: The decisions by the path of the ensemble.
         stops: When each stopped or went safe, in nanoseconds.
         agent: Of a team which agent it is.
-        facts: What all agents of that team have in common.
+        facts: The facts that all agents of that team have in common.
     """
 
     record: Record
@@ -84,14 +84,14 @@ def open_records(paths: Iterable[str | Path]) -> list[Record]:
 def chains_of_records(records: Sequence[Record], ensemble: str | None = None, model: MDP | None = None) -> Chains:
     """Return the chains of an ensemble from the records of one or several runs, of one or several agents.
 
-    What cut its stays short is known from them: when it stopped, went safe, or was recorded no more. In a simulated
+    The records say when stays were cut short: when it stopped, went safe, or was recorded no more. In a simulated
     world, which tells each time step, its decisions are steps; else see `chains_of`.
 
-    Agents of a communicating team are silent because of what they saw: their decisions are put together from the
+    Agents of a communicating team are silent because of their observations: their decisions are put together from the
     records of all. Other teams' joint decisions are in the record of each agent, of which one counts.
 
     Args:
-        records: The records. What is not counted of them is named in the result.
+        records: The records. The result names the parts that are not counted.
         ensemble: Its path, or the end of several: ``robot`` is each ``.../robot``, and they are pooled. It has to be
             given where several have decided.
         model: Its model, of whose actions an agent of a communicating team has decided a component.
@@ -141,7 +141,7 @@ def chains_of_records(records: Sequence[Record], ensemble: str | None = None, mo
 
 
 def _check_steps(record: Record, ensemble: str) -> None:
-    """Refuse what decided on events with false negatives: its number of steps is not known."""
+    """Refuse an ensemble that decided on events with false negatives: its number of steps is not known."""
     parts = record.metadata.get(f"ensemble {ensemble}", {}).get("parts", "{}")
     if msgspec.json.decode(parts).get("model's false negative", "None") != "None":
         raise ModelError(
@@ -155,7 +155,7 @@ def _is_meant(path: str, name: str) -> bool:
 
 
 def _told(record: Record) -> _Told:
-    """Return what a record tells of decisions, and of what ends them."""
+    """Return the decisions of a record, and the times that end them."""
     told = _Told(record)
     wanted = [topic for topic in ("decisions", "modes") if topic in record.topics]
     for each in record.messages(wanted):

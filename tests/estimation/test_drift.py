@@ -14,8 +14,8 @@ from hypothesis import given, strategies as st
 import mdm
 from mdm import ModelError
 from mdm.estimation import DriftTest, drift, statistics
-from mdm.estimation.agreement import log_odds
 from mdm.estimation.drift import Capital
+from mdm.estimation.rows import log_odds
 from mdm.models import MDP
 
 P = [0.6, 0.3, 0.1]

@@ -44,7 +44,7 @@ def test_a_row_s_loss_is_the_difference_of_two_models(seed, sparse, outcomes):
     transitions[row.action, 3] = row.estimates
     rewards = model.outcome_rewards.array(1000) if outcomes else model.rewards
     other = MDP(transitions, rewards, discount=0.9, initial_belief=model.initial_belief)
-    (loss,) = losses(model, values, [row], {})
+    (loss,) = losses(model, values, [row], "steps")
     assert loss == pytest.approx(value(model, policy) - value(other, policy), abs=1e-9)
 
 
@@ -58,7 +58,7 @@ def test_the_values_are_those_of_the_solvers():
 def test_an_action_that_the_policy_does_not_take_loses_nothing_that_is_known():
     model = random_model(1)
     row = row_of(1, 2, np.arange(5), np.array(model.transition(1, 2)), {0: 4})
-    assert losses(model, Values(model, [0] * 5), [row], {}) == [None]
+    assert losses(model, Values(model, [0] * 5), [row], "steps") == [None]
 
 
 def test_a_row_of_jumps_keeps_the_old_probability_of_staying():
@@ -66,7 +66,7 @@ def test_a_row_of_jumps_keeps_the_old_probability_of_staying():
     chains = chains_of(visits([0, 1, 0, 2, 0, 1]))
     row = transition_rows(model, counted(chains.stays()), "jumps")[0]
     stays = float(model.transition(0, 0, 0))
-    (loss,) = losses(model, Values(model, [0] * 5), [row], {(0, 0): stays})
+    (loss,) = losses(model, Values(model, [0] * 5), [row], "jumps")
     transitions = np.array([model.transition_matrix(0), model.transition_matrix(1)])
     transitions[0, 0, 1:] = row.estimates * (1 - stays)
     other = MDP(transitions, model.rewards, discount=0.9, initial_belief=model.initial_belief)

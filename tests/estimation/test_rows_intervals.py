@@ -8,7 +8,7 @@ import scipy
 from hypothesis import given, strategies as st
 
 from mdm import ModelError
-from mdm.estimation.intervals import check_level, probability_intervals, rate_intervals
+from mdm.estimation.rows import check_level, probability_intervals, rate_intervals
 
 
 @given(st.lists(st.integers(0, 1000), min_size=2, max_size=8), st.floats(0.5, 0.99))

@@ -10,8 +10,7 @@ import pytest
 import scipy
 from hypothesis import given, strategies as st
 
-from mdm.estimation.agreement import discoveries, g_test, log_odds, verdicts
-from mdm.estimation.rows import row_of
+from mdm.estimation.rows import discoveries, g_test, log_odds, row_of, verdicts
 
 counts_of = st.lists(st.integers(0, 60), min_size=2, max_size=6).filter(any)
 

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 import mdm
 from mdm.estimation import chains_of, statistics
-from mdm.estimation.factors import pool_of
+from mdm.estimation.reestimation import pool_of
 from mdm.models import Factor, FactoredMDP, Node, Space, Table, TwoSliceNetwork
 
 LAMP, DOOR = Node("state", 0), Node("state", 1)

@@ -121,6 +121,10 @@ class Copy:
         """Return this agent's part of a step: a value for each factor that it owns."""
         return _encode(Part(time, tuple(values)))
 
+    def values_of(self, part: bytes | None) -> tuple[int | None, ...] | None:
+        """Return the values of this agent's part of a step; None where it has none."""
+        return None if part is None else _decode(part).values
+
     @property
     def aging(self) -> bool:
         """Whether the last word of an agent that is not there counts still."""

@@ -95,18 +95,18 @@ class TeamLayer(Layer):
         self._places = self.ownership.of[self.agent]
         self._own: tuple[int | None, ...] = (None,) * len(self._places)
         self._seen: list[int | None] = [None] * len(self._places)
-        self._held = self._shows = self.reported_held = self._missing = False
+        self.reported_held = False
         self.storage: Storage | None = None
         self.stopped: StoredStop | None = None
         self._lasting: tuple[Cause, ...] = ()
         self._hears: list[Subscription[Any]] = []
+        link.serve(link.key(ensemble.name, "configuration"), lambda _: msgspec.msgpack.encode(self.copy.facts))
 
     # -- Life ----------------------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
         """Listen to the own layers."""
         channel = self.owner.channel
-        self._held = self._missing = False
         self._now = self.runtime.dispatcher.now
         if self.ownership.takes == "state":
             self._take_in(channel("own_state", State, retain=True), self._on_own_state)
@@ -118,7 +118,6 @@ class TeamLayer(Layer):
         self._hears = [self.link.watch(self._on_live, self)]
         if self.storage is not None:
             self.subscribe(channel("mode", Mode, retain=True), self._on_mode)
-        self.serve_configuration()
 
     def _take_in(self, channel: Channel[T], handler: Callable[[T], object]) -> None:
         channel.input = True  # users' code may publish there, where no layer covers this agent's factors
@@ -145,12 +144,11 @@ class TeamLayer(Layer):
     def _on_live(self, link: Link) -> None:
         if link.refusal is not None:
             self.pause()
-        # Wait no longer: the team says what is next.
-        if self._missing and not self.unmet:
-            self._missing = False
+        safety = self.ensemble.safety
+        if "missing_teammate" in safety.modes.causes and not self.unmet:  # wait no longer: the team says what is next
             now = self.runtime.now()
-            self.ensemble.safety.stop(now)
-            self.ensemble.safety.reopen(_UNMET, now)
+            safety.stop(now)
+            safety.reopen(_UNMET, now)
         self.update_live(link)
         self.assess(self.runtime.now())
 
@@ -182,7 +180,6 @@ class TeamLayer(Layer):
     def miss(self, text: str) -> None:
         """Be safe until the teammates that were never met come, or a person asks for a start."""
         if self.unmet and not self.still and self.stopped is None and self.refusal is None:
-            self._missing = True
             self.ensemble.safety.wait("missing_teammate", text, self.runtime.now())
 
     def pause(self) -> None:
@@ -253,13 +250,6 @@ class TeamLayer(Layer):
             ValueError: If this is no memory of such a layer.
         """
         raise NotImplementedError
-
-    def serve_configuration(self) -> None:
-        """Answer requests for the configuration, which must be the same at all agents."""
-        if not self._shows:
-            self._shows = True
-            facts = msgspec.msgpack.encode(self.copy.facts)
-            self.link.serve(self.link.key(self.ensemble.name, "configuration"), lambda _: facts)
 
     def update_live(self, link: Link) -> None:
         """Update the live agents."""
@@ -349,10 +339,9 @@ class TeamLayer(Layer):
                 safety.endanger("lost_teammate", f"lost: {', '.join(sorted(self.lost))}", now)
             else:
                 safety.reopen(_TEAMMATE, now)
-        elif safety.on_lost_teammate == "hold" and bool(self.lost) != self._held:
-            self._held = bool(self.lost)
-            self.ensemble.action.bar(barred=self._held)
-            if not self._held:
+        elif safety.on_lost_teammate == "hold" and bool(self.lost) != self.ensemble.action.lives.barred:
+            self.ensemble.action.bar(barred=bool(self.lost))
+            if not self.lost:
                 self.process.repeat(now)
 
     # -- What outlives the process -------------------------------------------------------------------------------

@@ -514,13 +514,10 @@ class Clocks(Actor):
         # Of agents that are too far off: whether this one's own clock had been put right when that was told.
         self._off: dict[str, bool] = {}
         self._behind = False
-        self._serves = False
+        link.serve(link.key("clock"), lambda _: _TIME.pack(self.time()))
 
     def on_start(self) -> None:
-        """Answer requests for the time, and ask the others."""
-        if not self._serves:
-            self._serves = True
-            self._link.serve(self._link.key("clock"), lambda _: _TIME.pack(self.time()))
+        """Ask the others for their time."""
         self._lives.clear()
         self._watching = self._link.watch(self._on_live, self)
         self.every(1 / _CLOCK_PERIOD, self._on_tick)

@@ -7,6 +7,7 @@ its agent. Everything happens in turns of the event loop, and nothing waits.
 from __future__ import annotations
 
 from asyncio import get_running_loop
+from enum import Enum
 from typing import TYPE_CHECKING, Literal
 
 import msgspec
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from mdm.team.team import Team
     from mdm.team.transport.transport import Sample
 
-__all__ = ["ReplicatedLayer", "ReplicatedStatistics"]
+__all__ = ["ReplicatedLayer", "ReplicatedStatistics", "Stage"]
 
 _PATIENCE = 1.0
 _ALL = "all"
@@ -43,6 +44,24 @@ _AWAITED = (Component, Applied)
 """Messages that a leader awaits; until the last of them has come, each changes only the number that it awaits."""
 _BEHIND = (Entries, Snapshot)
 """Messages that tell of steps which others took before."""
+
+
+class Stage(Enum):
+    """The work that a step has left for later: its end, in the same turn, and its acknowledgement, a turn later.
+
+    | | nothing follows | the turn ends later | the last step is acknowledged later | both |
+    | --- | --- | --- | --- | --- |
+    | a step is processed | ``ENDING`` | ``ENDING`` | ``OVERLAPPING`` | ``OVERLAPPING`` |
+    | the turn ends, with an acknowledgement to send | | ``ACKNOWLEDGING`` | | ``ACKNOWLEDGING`` |
+    | the turn ends without one | | ``IDLE`` | | ``ACKNOWLEDGING`` |
+    | the acknowledgement is due | ``IDLE`` | ``ENDING`` | ``IDLE`` | ``ENDING`` |
+    | the layer stops | ``IDLE`` | ``IDLE`` | ``IDLE`` | ``IDLE`` |
+    """
+
+    IDLE = "nothing is left to do"
+    ENDING = "the turn ends later"
+    ACKNOWLEDGING = "the last step is acknowledged later"
+    OVERLAPPING = "the last step is acknowledged later, and the turn of the next one ends later"
 
 
 class ReplicatedStatistics(ActorStatistics, frozen=True):
@@ -87,6 +106,7 @@ class ReplicatedLayer(TeamLayer):
 
     Attributes:
         agreement: The state machine that this agent agrees by.
+        stage: The work that its last step has left for later.
     """
 
     def __init__(self, team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> None:
@@ -111,23 +131,18 @@ class ReplicatedLayer(TeamLayer):
         self._keys = {to: link.key(ensemble.name, "agreement", to or _ALL) for to in (None, *team.names)}
         self._applied = 0
         self._unsaid = 0
-        self._withheld = False
+        self.stage = Stage.IDLE
         self._role: Standing = "joining"
         self._term = 0
-        self._behind = False
-        self._asked = False
         self._alone: tuple[str, str] | None = None
-        self._saved: bytes | None = None
-        self._restored = False
+        self._saved: bytes | None = None  # a copy by which the ensemble has yet to start or stop
         self._complaint: tuple[str, int] | None = None
         self._timer: Timer | None = None
         self._age: Timer | None = None
         self._sending: Subscription[list[Send]] = Subscription(None, self, self._send_all)
         self._ending_turn: Subscription[None] = Subscription(None, self, self._end_turn)
-        self._turn_ends = False
         self._acknowledging: Subscription[None] = Subscription(None, self, self._acknowledge)
         self._acknowledgement: Send | None = None
-        self._acknowledges = False
 
     # -- Life ----------------------------------------------------------------------------------------------------
 
@@ -135,7 +150,6 @@ class ReplicatedLayer(TeamLayer):
         """Listen to the own layers and to the other agents."""
         self._dispatcher = self.runtime.dispatcher
         self._timer = self._age = None
-        self._asked = self._behind = self._turn_ends = False
         if self._saved is not None:  # the ensemble has failed, and begins anew: the team has gone on
             self.restore(self._saved)
             self._resume(self.runtime.now())
@@ -147,7 +161,7 @@ class ReplicatedLayer(TeamLayer):
     def on_stop(self) -> None:
         """Keep the copy for the next start."""
         super().on_stop()
-        self._turn_ends, self._acknowledgement, self._acknowledges = False, None, False
+        self.stage, self._acknowledgement = Stage.IDLE, None
         self._saved = self.copy.snapshot()
 
     # -- Sending -------------------------------------------------------------------------------------------------
@@ -156,9 +170,7 @@ class ReplicatedLayer(TeamLayer):
         """Propose this agent's part of the next step; without a majority it would be too old when a step took it."""
         if self._role == "waiting" and self.team.event_driven:
             self._unsaid += 1
-            self._withheld = True
             return
-        self._withheld = False
         self._process(self.agreement.propose(part, self._now()))
 
     def request(self, command: str, token: str) -> None:
@@ -204,12 +216,13 @@ class ReplicatedLayer(TeamLayer):
         Both come after this agent's callback, except changes that may prevent the callback.
         """
         agreement = self.agreement
-        if self._behind or agreement.reports or agreement.proposals.void or agreement.role != self._role:
+        if self.process.catching_up or agreement.reports or agreement.proposals.void or agreement.role != self._role:
             self._follow_up()
         if sends:
             self._dispatcher.deliver(self._sending, sends)
-        if not self._turn_ends:
-            self._turn_ends = True
+        stage = self.stage
+        if stage is Stage.IDLE or stage is Stage.ACKNOWLEDGING:
+            self.stage = Stage.ENDING if stage is Stage.IDLE else Stage.OVERLAPPING
             self._dispatcher.deliver_behind(self._ending_turn, None)
 
     def _send_all(self, sends: list[Send]) -> None:
@@ -229,23 +242,28 @@ class ReplicatedLayer(TeamLayer):
         """Acknowledge the last step, unless a proposal has done so meanwhile."""
         if self.runtime.tape is not None:
             self.runtime.tape.note(Acknowledged(self.runtime.now(), self.path))
-        word, self._acknowledgement, self._acknowledges = self._acknowledgement, None, False
-        if word is not None:
-            self._send(word)
+        if self.stage is Stage.ACKNOWLEDGING:
+            self.stage = Stage.IDLE
+        elif self.stage is Stage.OVERLAPPING:
+            self.stage = Stage.ENDING
+        send, self._acknowledgement = self._acknowledgement, None
+        if send is not None:
+            self._send(send)
 
     def _send(self, send: Send) -> None:
         self.link.send(self._keys[send.to], encode(send.message), priority="step")
 
     def _end_turn(self, _: None) -> None:
         """Do the work of a step that may wait until the end of the turn."""
-        if not self._turn_ends:  # the layer has stopped meanwhile
+        if self.stage is Stage.IDLE or self.stage is Stage.ACKNOWLEDGING:  # the layer has stopped meanwhile
             return
-        self._turn_ends = False
+        self.stage = Stage.IDLE if self.stage is Stage.ENDING else Stage.ACKNOWLEDGING
         self._follow_up()
         self.copy.digest()  # for which the next step then need not wait
-        if self._acknowledgement is not None and not self._acknowledges:
+        stage = self.stage
+        if self._acknowledgement is not None and (stage is Stage.IDLE or stage is Stage.ENDING):
             # Who observes something as soon as it was called offers it to the next step, and says the same by that.
-            self._acknowledges = True
+            self.stage = Stage.ACKNOWLEDGING if stage is Stage.IDLE else Stage.OVERLAPPING
             if self.runtime.tape is None or not self.runtime.tape.repeats:
                 get_running_loop().call_soon(self._dispatcher.deliver, self._acknowledging, None)
 
@@ -262,8 +280,7 @@ class ReplicatedLayer(TeamLayer):
         if message.term != agreement.state.term and not is_possible(message, agreement.order, now):
             self.drop(sample, "is of a term that cannot be")
             return
-        if isinstance(message, _BEHIND) and not self._behind:
-            self._behind = True
+        if isinstance(message, _BEHIND) and not self.process.catching_up:
             self.process.catch_up(now, over=False)
         sends = agreement.receive(sample.owner, sample.incarnation, message, now)
         if sends or not isinstance(message, _AWAITED) or message.term != agreement.state.term:
@@ -289,7 +306,7 @@ class ReplicatedLayer(TeamLayer):
 
     def _follow_up(self) -> None:
         agreement, now = self.agreement, self._now()
-        if self._restored:
+        if self._saved is not None and self.process.catching_up:
             self._resume(now)
         if agreement.proposals.void:
             self._report_void()
@@ -304,8 +321,7 @@ class ReplicatedLayer(TeamLayer):
                 else:
                     self.report(kind, text)
         self._role = agreement.role
-        if self._behind and agreement.state.fetching is None:
-            self._behind = False
+        if self.process.catching_up and agreement.state.fetching is None:
             self.process.catch_up(now, over=True)
         self._set_timer(now)
         self.assess(now)
@@ -319,17 +335,19 @@ class ReplicatedLayer(TeamLayer):
         if self._alone is not None:
             (command, token), self._alone = self._alone, None
             self.request(command, token)
-        elif self._role == "leading" and not self.copy.begun and not self._asked and not self.still:
-            self._asked = True
+        elif self._role == "leading" and not self.copy.begun and not self.still and not self._begins:
             self.request(BEGIN, "")
+
+    @property
+    def _begins(self) -> bool:
+        """Whether this agent has asked for the first start."""
+        return any(asked.command == BEGIN for asked in self.agreement.proposals.commands)
 
     def _report_void(self) -> None:
         """Report the commands, asked for here, that will be no step."""
         void, self.agreement.proposals.void = self.agreement.proposals.void, []
         for asked, reason in void:
-            if asked.command == BEGIN:
-                self._asked = False
-            elif asked.command != HOLD:
+            if asked.command not in {BEGIN, HOLD}:
                 self.report_void(asked.token, reason)
 
     def _set_timer(self, now: int) -> None:
@@ -345,22 +363,18 @@ class ReplicatedLayer(TeamLayer):
 
     def _propose_again(self, now: int) -> None:
         """Where events alone make steps: propose again values that the team has lost, and let other values expire."""
-        agreement = self.agreement
-        if agreement.state.term.number != self._term and self._role in {"leading", "following"} and not self._behind:
-            self._term = agreement.state.term.number
-            # What waits to be decided on is older than what was withheld, and would be the last word.
-            waits = bool(agreement.proposals.components)
-            if self._withheld if waits else self.copy.last_values(self.agent) != self.own:
+        agreement, copy = self.agreement, self.copy
+        if self._role in _STEADY and not self.process.catching_up:
+            waiting, number = agreement.proposals.components, agreement.state.term.number
+            said: tuple[int | None, ...] | None = self.own
+            if not waiting:  # steps without this agent may have been taken too long after its last word
+                said = copy.last_values(self.agent)
+            elif number != self._term:  # proposals may be older than the values that it saw without a majority
+                said = copy.values_of(waiting[-1])
+            self._term = number
+            if said != self.own:
                 self.propose_values(self.own)
-        elif (
-            self._role in _STEADY
-            and not (self._behind or agreement.proposals.components)
-            and self.copy.last_values(self.agent) != self.own
-        ):
-            self.propose_values(
-                self.own
-            )  # a step without this agent, taken before it was back, was too long after its word
-        if self._role == "leading" and self.copy.aging and self._age is None:
+        if self._role == "leading" and copy.aging and self._age is None:
             self._age = self.call_at(now + round(self.team.max_age * 1e9) + 1, self._on_age)
 
     def _on_age(self) -> None:
@@ -387,7 +401,7 @@ class ReplicatedLayer(TeamLayer):
     def assess(self, now: int) -> None:
         """Go safe, hold or go on, by who is there."""
         safety = self.ensemble.safety
-        if self._role in _STEADY and not self.lost and not self._held and not safety.modes.causes:
+        if self._role in _STEADY and not (self.lost or safety.modes.causes or self.ensemble.action.lives.barred):
             return  # as at nearly each step
         if self._role == "waiting" and self.copy.begun:
             safety.endanger("lost_majority", f"{self.agent} is without a majority of team {self.team.name!r}", now)
@@ -414,7 +428,7 @@ class ReplicatedLayer(TeamLayer):
                 *(term, commit.step, commit.inputs, commit.missing, commit.command),
                 action=self.ensemble.control.acted,
                 digest=self.copy.digest(),
-                caught_up=self._behind,
+                caught_up=self.process.catching_up,
             )
 
     def _apply_command(self, commit: Commit, now: int) -> None:
@@ -454,11 +468,11 @@ class ReplicatedLayer(TeamLayer):
                 self.report("snapshot", text)
             return
         self._complaint = None
-        self._restored = True
+        self._saved = snapshot
 
     def _resume(self, now: int) -> None:
         """Start or stop acting, by the copy that was restored and the commands of this agent."""
-        self._restored = False
+        self._saved = None
         if self.copy.running and not self.still:
             self.ensemble.safety.start(now)
         else:

@@ -250,6 +250,7 @@ class JointProcess:
 
     def open(self) -> None:
         """Refuse beliefs from outside: the agents share theirs."""
+        self.catching_up = False
         control = self._control
         for name in ("external_belief", "initial_belief"):
             channel = control.owner.channel(name, Belief, retain=name == "initial_belief")

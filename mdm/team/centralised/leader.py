@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import Enum
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -24,12 +25,36 @@ if TYPE_CHECKING:
     from mdm.team.team import Team
     from mdm.team.transport.transport import Sample
 
-__all__ = ["CentralisedLeader"]
+__all__ = ["Asked", "Beginning", "CentralisedLeader"]
 
 _MOST_TICKS = 8
 """Ticks for which parts are kept, such as those of an agent ahead of time."""
 
 _NOT_READY = "the configurations of the agents that are there were not compared yet, or most of them differ"
+
+
+class Beginning(Enum):
+    """How far a controller is from its first decision, in the order in which it comes to these."""
+
+    UNSEEN = "it has not seen yet who is there"
+    PATIENT = "it waits for agents that are not there"
+    IMPATIENT = "it waits only until it is refused no more, and outvoted no more"
+    READY = "it decides"
+
+
+class Asked(Enum):
+    """The commands that were asked of this life of the controller."""
+
+    NOTHING = "none"
+    VOID_START = "a start that was void, and nothing else"
+    COMMAND = "commands, and no start"
+    START = "commands, and a start"
+
+    def after(self, command: str, *, void: bool = False) -> Asked:
+        """Return what was asked for with one more command."""
+        if command in STARTS or self in {Asked.VOID_START, Asked.START}:
+            return Asked.VOID_START if void and self in {Asked.NOTHING, Asked.VOID_START} else Asked.START
+        return self if void else Asked.COMMAND
 
 
 class CentralisedLeader(TeamLayer):
@@ -43,6 +68,10 @@ class CentralisedLeader(TeamLayer):
         ensemble: The ensemble, whose control layer it leads.
         link: The connection of this agent to the others.
         placement: Where the ensemble's layers are.
+
+    Attributes:
+        beginning: How far it is from its first decision.
+        asked: The commands that were asked of this life of it.
     """
 
     def __init__(self, team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> None:
@@ -56,12 +85,12 @@ class CentralisedLeader(TeamLayer):
         self._last = self._last_sent = Decision(0, False, 0, None, None, {}, (), None, "", {})
         self._on: tuple[dict[str, bytes], tuple[str, ...], str | None, str] = ({}, (), None, "")
         self._started = self._barred = 0
-        self._asked = self._stopped = self._called = False
+        self._stopped = False
+        self.asked = Asked.NOTHING
+        self.beginning = Beginning.UNSEEN
         self._bars: dict[str, tuple[int, int, int]] = {}
         self._void: dict[str, str] = {}
         self._timer: Timer | None = None
-        self._ready = self._waited = self._outvoted = False
-        self._patient = True
         self._sending: Subscription[Decision] = Subscription(None, self, self._send_new)
         self._seeing = tuple(agent for agent in team.names if self.ownership.of[agent])
 
@@ -71,18 +100,19 @@ class CentralisedLeader(TeamLayer):
         super().on_start()
         self.ensemble.control.output.relay(self._publish)
         self.listen(join(self.team.name, "*", self.ensemble.name, "part"), self._on_proposal)
-        self._waited = False
+        if self.beginning is Beginning.PATIENT:
+            self.beginning = Beginning.UNSEEN
         self.every(4 / self.team.lease, lambda _: self._send_again())
 
     def on_running(self) -> None:
         """Begin anew after a failure; a team that was stopped stays so. At first configurations are compared."""
-        if self._ready:
+        if self.beginning is Beginning.READY:
             self._command("stop" if self._stopped else "start" if self.copy.begun else BEGIN)
 
     def update_live(self, _link: Link) -> None:
         """Update the live agents: a new one is sent the last decision; no step waits for one that is gone."""
-        if not self._waited:
-            self._waited = True
+        if self.beginning is Beginning.UNSEEN:
+            self.beginning = Beginning.PATIENT
             self.call_later(self.team.lease / 2, self._wait_no_more)
         self._begin()
         self._send_again()
@@ -91,22 +121,33 @@ class CentralisedLeader(TeamLayer):
 
     def _wait_no_more(self) -> None:
         """Wait no longer for agents that are not there."""
-        self._patient = False
-        self._begin()
+        if self.beginning is Beginning.PATIENT:
+            self.beginning = Beginning.IMPATIENT
+            self._begin()
 
     def _begin(self) -> None:
         """Begin to decide, once all are there or were waited for, unless most of them have another configuration."""
-        here, differing = (
-            len(self.link.live),
-            sum(agent in self.link.configuration.differing for agent in self.team.names),
-        )
-        waits = self.unmet or (self._patient and here + differing < len(self.team.names))
-        if self._ready or self.refusal is not None or waits:
+        if self.beginning is Beginning.READY or self.refusal is not None or self._waits or self._outvoted:
             return
-        self._outvoted = differing > here
-        if not self._outvoted:
-            self._ready = True
-            self._command(STOP if self._stopped else BEGIN)
+        self.beginning = Beginning.READY
+        self._command(STOP if self._stopped else BEGIN)
+
+    @property
+    def _differing(self) -> int:
+        """How many agents of the team are there with another configuration."""
+        return sum(agent in self.link.configuration.differing for agent in self.team.names)
+
+    @property
+    def _waits(self) -> bool:
+        """Whether it waits for agents that are not there."""
+        if self.unmet or self.beginning is Beginning.IMPATIENT:
+            return self.unmet
+        return len(self.link.live) + self._differing < len(self.team.names)
+
+    @property
+    def _outvoted(self) -> bool:
+        """Whether most of the agents that are there have another configuration."""
+        return self._differing > len(self.link.live)
 
     def pause(self) -> None:
         """Decide on nothing that was begun."""
@@ -119,18 +160,20 @@ class CentralisedLeader(TeamLayer):
 
     def request(self, command: str, token: str) -> None:
         """Carry out a command at all agents."""
-        self._called = self._called or command in STARTS
         if self.refusal is not None:
+            self.asked = self.asked.after(command, void=True)
             self._stopped = self._stopped or command == STOP  # as this agent has by now, whatever the others do
             self.report_void(token, f"{self.agent} takes no part in the team")
         elif self.unmet and command in STARTS:
-            self._patient = self._stopped = False
+            self.asked = self.asked.after(command, void=True)
+            self.beginning, self._stopped = Beginning.IMPATIENT, False
             self.link.go_without()
             self.commands.done(token)
-        elif not self._ready and command not in BARS:
+        elif self.beginning is not Beginning.READY and command not in BARS:
+            self.asked = self.asked.after(command, void=True)
             self.report_void(token, _NOT_READY)
         else:
-            self._asked = True
+            self.asked = self.asked.after(command)
             self._command(command, token, self.agent)
 
     @property
@@ -207,15 +250,14 @@ class CentralisedLeader(TeamLayer):
         agent = sample.owner
         if command not in BARS:
             known = proposal.step if proposal.life == self.link.transport.incarnation else -1
-            if known < self._barred or not self._ready:
+            if known < self._barred or self.beginning is not Beginning.READY:
                 self._void[agent] = proposal.token
                 self._send_again()
             else:
-                self._asked = True
-                self._called = self._called or command in STARTS
+                self.asked = self.asked.after(command)
                 self._command(command, proposal.token)
             return
-        if command == HOLD and not self._asked:
+        if command == HOLD and self.asked in {Asked.NOTHING, Asked.VOID_START}:
             command = STOP  # this life of the controller began by itself, and knows of no stop before
         self._bars[agent] = (sample.incarnation, proposal.number, self._last.step + 1)
         self._command(command, proposal.token, agent)
@@ -298,6 +340,11 @@ class CentralisedLeader(TeamLayer):
         # Behind this agent's callback, which does not wait for what is for the others.
         self.runtime.dispatcher.deliver(self._sending, self._last)
 
+    @property
+    def _called(self) -> bool:
+        """Whether somebody has asked this life of the controller for a start."""
+        return self.asked in {Asked.VOID_START, Asked.START}
+
     def _publish_again(self) -> None:
         """Have a command sent to all that changes no decision."""
         _, _, command, token = self._on
@@ -332,10 +379,12 @@ class CentralisedLeader(TeamLayer):
 
     def statistics(self) -> CentralisedStatistics:
         """Return where it stands."""
-        role = "leading" if self._ready else "waiting" if self.unmet else "joining"
+        ready = self.beginning is Beginning.READY
+        role = "leading" if ready else "waiting" if self.unmet else "joining"
+        refused = self.refusal is not None or not (ready or self._waits or not self._outvoted)
         return CentralisedStatistics(
             **msgspec.structs.asdict(super().statistics()),
-            role="refused" if self.refusal is not None or self._outvoted else role,
+            role="refused" if refused else role,
             leader=self.agent,
             step=self._last.step,
             digest=self._last.digest,

@@ -7,6 +7,7 @@ step at every other, whenever it arrives.
 from __future__ import annotations
 
 import copy
+from enum import Enum
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -41,13 +42,21 @@ if TYPE_CHECKING:
     from mdm.team.team import Team
     from mdm.team.transport.transport import Sample
 
-__all__ = ["CommunicatingLayer"]
+__all__ = ["CommunicatingLayer", "Stage"]
 
 _LONGEST_GAP = 1_000
 """Steps without an observation that an agent goes through to come to the present one; it leaves out those before."""
 
 _MOST_EARLY = 256
 """Experiences that are kept until the first step comes."""
+
+
+class Stage(Enum):
+    """How far an agent is with a step."""
+
+    DECIDED = "it has decided on the last step, and waits for the next tick"
+    LISTENING = "it waits for the experiences of others"
+    ANSWERING = "it has just heard some, and asks its communication policy once more behind them"
 
 
 class CommunicatingLayer(TeamLayer):
@@ -69,6 +78,7 @@ class CommunicatingLayer(TeamLayer):
         knowledge: The agent's knowledge.
         episode: The present episode; None before the first.
         stops: The stops that it knows of.
+        stage: How far it is with the present step.
     """
 
     def __init__(self, team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> None:
@@ -96,9 +106,10 @@ class CommunicatingLayer(TeamLayer):
         self._offset: int | None = None
         """The step of the episode at which the knowledge begins; None before the first step here."""
         self._first_tick: int | None = None
-        self._open: tuple[int, int] | None = None
+        self.stage = Stage.DECIDED
+        self._step_at = 0, 0
+        """The step that it decides on, and the time of its tick."""
         self._timer: Timer | None = None
-        self._asked = False
         self._last_step_of: dict[str, int] = {}
         self._early: list[tuple[str, Experience]] = []
         self._did: int | None = None
@@ -111,8 +122,7 @@ class CommunicatingLayer(TeamLayer):
 
     def on_start(self) -> None:
         """Listen to the own layers and to the other agents."""
-        self._open = self._timer = None
-        self._asked = False
+        self.stage, self._timer = Stage.DECIDED, None
         super().on_start()
         self.listen(join(self.team.name, "*", self.ensemble.name, "word"), self._on_update)
         self.every(1 / self.team.lease, lambda _: self._send())
@@ -272,8 +282,7 @@ class CommunicatingLayer(TeamLayer):
             self._first_tick = tick.number
         if self.refusal is not None or self.episode is None or not self._decides or tick.number < self.episode.origin:
             return
-        if self._open is not None:
-            self._decide()
+        self._decide()
         step = tick.number - self.episode.origin
         if self._offset is not None and step - self._step > _LONGEST_GAP:
             self._offset = None
@@ -281,7 +290,7 @@ class CommunicatingLayer(TeamLayer):
             self._arrive(step)
         else:
             self._go_on(step)
-        self._open = step, tick.time
+        self.stage, self._step_at = Stage.LISTENING, (step, tick.time)
         self._share()
         self._timer = self.call_later(self.team.deadline, self._decide)
         self._close()
@@ -329,15 +338,15 @@ class CommunicatingLayer(TeamLayer):
         if ensemble.mode == "safe":
             safe, bindings = ensemble.action.safe, ensemble.action.bindings
             return bindings.index(safe) if safe is not None and safe in bindings else None
-        if self._held:
+        if ensemble.action.lives.barred:
             return self._did
         return self.knowledge.component
 
     def _share(self) -> None:
         """Ask the communication policy, and send its choice."""
-        self._asked = False
-        if self._open is None:
+        if self.stage is Stage.DECIDED:
             return
+        self.stage = Stage.LISTENING
         assert self._first_tick is not None
         assert self._offset is not None
         history = self.knowledge.share((self.tick - self._first_tick) * (self.team.period or 0.0))
@@ -349,9 +358,9 @@ class CommunicatingLayer(TeamLayer):
 
     def _close(self) -> None:
         """Decide, where nothing is to be waited for any more."""
-        if self._open is None or self._asked:
+        if self.stage is not Stage.LISTENING:
             return
-        step, _ = self._open
+        step, _ = self._step_at
         if step and not getattr(self.team.communication, "silent", False):
             for agent in self._agents:
                 waited_for = agent != self.agent and agent in self.link.live
@@ -361,9 +370,9 @@ class CommunicatingLayer(TeamLayer):
 
     def _decide(self) -> None:
         """Decide by the present knowledge."""
-        if self._open is None:
+        if self.stage is Stage.DECIDED:
             return
-        step, time = self._open
+        step, time = self._step_at
         self._shut()
         ensemble, controller = self.ensemble, self.ensemble.controller
         decided = self.knowledge.decide()
@@ -377,7 +386,7 @@ class CommunicatingLayer(TeamLayer):
         self._publish_commit(step, missing, None, decided.action)
 
     def _shut(self) -> None:
-        self._open = None
+        self.stage = Stage.DECIDED
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -463,8 +472,8 @@ class CommunicatingLayer(TeamLayer):
         steps = [experience.step for experience in known if experience.step <= self.knowledge.step + 1]
         if steps:
             self._last_step_of[agent] = max(self._last_step_of.get(agent, 0), max(steps) + self._offset)
-        if self._open is not None and unapplied < len(known) and not self._asked:
-            self._asked = True  # and it may answer, behind what else has just arrived
+        if self.stage is Stage.LISTENING and unapplied < len(known):
+            self.stage = Stage.ANSWERING
             turn: Subscription[None] = Subscription(None, self, self._on_heard)
             self.runtime.dispatcher.deliver_behind(turn, None)
 

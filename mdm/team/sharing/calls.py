@@ -72,16 +72,9 @@ class Answers(Actor):
         self._layers = dict(layers)
         self._clocks = clocks
         self._validity = validity
-        self._serves = False
-
-    def on_start(self) -> None:
-        """Answer from now on."""
-        if self._serves:
-            return
-        self._serves = True
-        for name in self._ensembles:
+        for ensemble in self._ensembles:
             for call in CALLS:
-                self._link.serve(self._link.key(name, call), self._answering(name, call))
+                link.serve(link.key(ensemble, call), self._answering(ensemble, call))
 
     def _answering(self, name: str, call: str) -> Callable[[bytes], bytes]:
         function = getattr(self, f"_{call}", None)

@@ -9,7 +9,7 @@ from mdm.actors.actions.subprocesses import run_subprocess
 from mdm.actors.control.control_layer import ControlLayer, ControlStatistics
 from mdm.actors.control.drive import Drive, FixedRate, OnEvent
 from mdm.actors.control.planner import Planner, PlannerStatistics
-from mdm.actors.ensemble import Ensemble, EnsembleStatistics
+from mdm.actors.ensemble import Ensemble, EnsembleStatistics, EnsembleStatus
 from mdm.actors.options import ControlOptions, SafetyOptions
 from mdm.actors.predicates.predicate_manager import PredicateManager
 from mdm.actors.predicates.sources import EventSource, Sensor
@@ -24,6 +24,7 @@ __all__ = [
     "Drive",
     "Ensemble",
     "EnsembleStatistics",
+    "EnsembleStatus",
     "EventSource",
     "FixedRate",
     "ObservationFactor",

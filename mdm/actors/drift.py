@@ -56,7 +56,7 @@ class DriftMonitor(Actor):
         given = ensemble.controller.model if model is None else model
         if given is None:
             raise ConfigError(f"a drift monitor needs a model, but ensemble {ensemble.name!r} has none: give it one")
-        drive = ensemble.control.drive
+        drive = ensemble.status().drive
         rate = drive.rate if isinstance(drive, FixedRate) else None
         if rate is not None:
             given = given.step_by_step()

@@ -16,7 +16,7 @@ from mdm.actors.abstraction.observation_layer import ObservationLayer
 from mdm.actors.abstraction.state_layer import StateLayer
 from mdm.actors.actions.action_layer import SAFE_TIMEOUT, ActionLayer
 from mdm.actors.control.control_layer import ControlLayer
-from mdm.actors.control.drive import FixedRate
+from mdm.actors.control.drive import Drive, FixedRate
 from mdm.actors.control.source import JointProcess
 from mdm.actors.layer import Layer
 from mdm.actors.options import ControlOptions, SafetyOptions
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from mdm.policies import Policy
     from mdm.runtime import Supervision
 
-__all__ = ["MOST_LEVELS", "Ensemble", "EnsembleStatistics"]
+__all__ = ["MOST_LEVELS", "Ensemble", "EnsembleStatistics", "EnsembleStatus"]
 
 MOST_LEVELS = 100
 """Levels of a hierarchy."""
@@ -75,6 +75,42 @@ class EnsembleStatistics(ActorStatistics, frozen=True):
     safe_actions: int
     idle: float = 0.0
     live: dict[str, float] = msgspec.field(default_factory=dict)
+
+
+class EnsembleStatus(msgspec.Struct, frozen=True):
+    """An ensemble at one moment: all that may be read from outside of its layers.
+
+    Attributes:
+        mode: ``stopped``, ``deciding`` or ``safe``.
+        since: When it came into it, in nanoseconds.
+        causes: Why it is safe.
+        waiting: The unknown predicates that keep it from deciding, or the pause before it decides again.
+        idle_since: Nanoseconds since when it has had nothing to do; None where it has.
+        repeats: How often it was decided again for no other reason than that an action had ended.
+        decisions: The number of joint actions published.
+        action: The last one of this episode, by index; None before the first.
+        action_name: Its name; empty before the first.
+        cause: The kind of stimulus on which it was decided, as in `Decision`.
+        drive: When it decides.
+        deadline: Seconds from stimulus to decision; None where there is no limit.
+        on_no_observation: See `ControlOptions`.
+        searches: Whether a tree search decides.
+    """
+
+    mode: ModeName
+    since: int
+    causes: tuple[Cause, ...]
+    waiting: tuple[str, ...]
+    idle_since: int | None
+    repeats: int
+    decisions: int
+    action: int | None
+    action_name: str
+    cause: str
+    drive: Drive
+    deadline: float | None
+    on_no_observation: str
+    searches: bool
 
 
 class Ensemble(Layer):
@@ -211,7 +247,7 @@ class Ensemble(Layer):
         yield from self.misfits()
         if self.observation is not None:
             yield from self.observation.shared_events()
-        if self.safety.on_lost_teammate is not None and not self.control.source.shared:
+        if self.safety.on_lost_teammate is not None and not self.shared:
             yield ConfigError(
                 f"on_lost_teammate is for ensembles of a team, but {self.name!r} is of none",
                 key=f"ensembles.{self.name}.on_lost_teammate",
@@ -331,7 +367,7 @@ class Ensemble(Layer):
             ModelError: If there is no such state.
             Error: If it is of a team, where each agent's state factors tell its own part.
         """
-        if self.control.source.shared:
+        if self.shared:
             raise Error(
                 f"ensemble {self.name!r} is of a team, to which each agent tells the state factors that it owns: set "
                 "their predicates"
@@ -351,7 +387,7 @@ class Ensemble(Layer):
         index, values = self.controller.symbols.observed(observation)
         mask = tuple([value is not None for value in values])
         now = self.runtime.now()
-        name = "own_observation" if self.control.source.shared else "observation"
+        name = "own_observation" if self.shared else "observation"
         self.channel(name, Observation).publish(Observation(now, index, values, mask))
 
     def publish_belief(self, belief: npt.ArrayLike | str) -> None:
@@ -538,6 +574,56 @@ class Ensemble(Layer):
         for call in idle:
             call()
 
+    @property
+    def shared(self) -> bool:
+        """Whether a team decides, and not this ensemble alone."""
+        return self.control.source.shared
+
+    @property
+    def decides_alone(self) -> bool:
+        """Whether nothing but its own input has it decide: no tick, and no team."""
+        return self.control.event_driven and not self.shared
+
+    @property
+    def absence(self) -> str:
+        """Who of the team is not there whose factors are unknown, and what to do, in words; empty where nobody is."""
+        return self.control.source.absence
+
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """The unknown predicates that keep it from deciding, or the pause before it decides again."""
+        return self.safety.waiting.names + self.liveness.waiting
+
+    def status(self) -> EnsembleStatus:
+        """Return how the ensemble is now: what may be read from outside of its layers."""
+        modes, control = self.safety.modes, self.control
+        action = control.acted
+        return EnsembleStatus(
+            mode=modes.mode,
+            since=modes.since,
+            causes=self.causes,
+            waiting=self.waiting,
+            idle_since=self.liveness.since,
+            repeats=self.liveness.repeats,
+            decisions=control.decisions,
+            action=action,
+            action_name="" if action is None else self.joint_name(action),
+            cause=control.output.cause,
+            drive=control.drive,
+            deadline=control.deadline,
+            on_no_observation=control.on_no_observation,
+            searches=control.planner is not None,
+        )
+
+    def joint_name(self, action: int) -> str:
+        """Return the name of a joint action, by its index."""
+        return self.control.output.name_of(action)
+
+    def layer_statistics(self) -> dict[str, ActorStatistics]:
+        """Return the statistics of the control layer, of its planner where there is one, and of the action layer."""
+        layers = {"control": self.control, "planner": self.control.planner, "action": self.action}
+        return {name: layer.statistics() for name, layer in layers.items() if layer is not None}
+
     def statistics(self) -> EnsembleStatistics:
         """Return the mode, and why the ensemble waits."""
         modes = self.safety.modes
@@ -546,7 +632,7 @@ class Ensemble(Layer):
             mode=modes.mode,
             since=modes.since,
             causes=self.causes,
-            waiting=self.safety.waiting.names + self.liveness.waiting,
+            waiting=self.waiting,
             safe_actions=self.safety.runs,
             idle=self.liveness.idle,
             live=self.action.ages,
@@ -569,7 +655,7 @@ class Ensemble(Layer):
     def on_running(self) -> None:
         """Begin to decide, unless it was told otherwise meanwhile, or an ensemble above or a team starts it."""
         asked, self._asked = self._asked, None
-        if asked is None and not isinstance(self.parent, Ensemble) and not self.control.source.shared:
+        if asked is None and not isinstance(self.parent, Ensemble) and not self.shared:
             asked = "start"
         if asked in {"start", "resume"}:
             self.begin(resume=asked == "resume")

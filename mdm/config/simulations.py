@@ -73,8 +73,7 @@ class Simulated(msgspec.Struct, frozen=True):
         name = self.ensemble or system.top[0].name
         if name not in system.ensembles:
             raise Error(f"{file}: there is no ensemble {name!r}; there are {', '.join(system.ensembles)}")
-        control = system.ensembles[name].control
-        controller = control.controller
+        status, controller = system.ensembles[name].status(), system.ensembles[name].controller
         if controller.model is None:
             raise Error(f"{file}: ensemble {name!r} has no model to simulate")
         if controller.policy.num_actions != len(controller.model.action_space):
@@ -85,9 +84,9 @@ class Simulated(msgspec.Struct, frozen=True):
             "model": controller.model,
             "policy": controller.policy,
             "steps": self.steps or controller.horizon,
-            "drive": control.drive,
+            "drive": status.drive,
             "on_impossible": "predict" if controller.on_impossible == "safe_action" else controller.on_impossible,
-            "on_no_observation": control.on_no_observation,
+            "on_no_observation": status.on_no_observation,
             "tracker": controller.information if controller.has_own_tracker else None,
         }
 

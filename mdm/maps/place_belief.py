@@ -133,7 +133,7 @@ class PlaceBelief(Actor):
             return
         belief = places
         if len(self._shape) > 1:
-            present = self.ensemble.control.belief
+            present = self.ensemble.controller.belief
             if present is None:
                 raise Error(f"ensemble {self.ensemble.name!r} tracks no belief that particles could tell a part of")
             others = present.reshape(self._shape).sum(axis=self._axis, keepdims=True)

@@ -112,7 +112,7 @@ class World(Actor):
         self._belief_at_start: Callable[[int], Vector] | None = None
         if given.observed and given.pomdp is not None and ensemble.controller.symbols.num_states is not None:
             self._belief_at_start = given.pomdp.belief_at_start
-        self._waits = not isinstance(ensemble.control.drive, FixedRate)
+        self._waits = not isinstance(ensemble.status().drive, FixedRate)
         # Who decides at a fixed rate is told of each step, of one that nobody detected, too.
         unseen = self._waits and ensemble.controller.takes != "state"
         self._false_negative = given.false_negative if unseen else None

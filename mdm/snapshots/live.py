@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from mdm.actors import Ensemble, PredicateManager
+from mdm.actors import Ensemble, EnsembleStatus, PredicateManager
 from mdm.errors import Error, ModelError
 from mdm.faults import KINDS
 from mdm.maps.places import Places
@@ -125,14 +125,10 @@ class _Ensemble:
         self.stale = self.urgent = False
         ensemble = self.ensemble
         self.lookout.observe()
-        odd = self.lookout.look(now)
-        modes, lives, liveness = ensemble.safety.modes, ensemble.action.lives, ensemble.liveness
-        waiting = ensemble.safety.waiting.names + liveness.waiting
-        decisions = ensemble.control.output.decisions
-        living = lives.living
-        key = (modes.mode, modes.since, len(modes.causes), waiting, decisions, living, liveness.since, odd)
-        if self._frame is None or key != self._key:
-            self._key, self._frame = key, self._made(seconds, waiting, decisions, living, odd)
+        status = ensemble.status()
+        odd, living = self.lookout.look(now, status), ensemble.action.lives.living
+        if self._frame is None or (status, living, odd) != self._key:
+            self._key, self._frame = (status, living, odd), self._made(seconds, status, living, odd)
         return self._frame
 
     def look_at_cause(self, action: Action, count: int) -> str:
@@ -148,9 +144,9 @@ class _Ensemble:
         if before is not None:
             changed = changes(self.wired, before.state, action.state)
             ended = self.lookout.ended
-            if ended is not None and ended.action != ensemble.control.output.name_of(before.index):
+            if ended is not None and ended.action != self.ensemble.joint_name(before.index):
                 ended = None  # of a plain function nothing is heard
-        cause = ensemble.control.output.cause
+        cause = ensemble.status().cause
         self.cause = cause_in_words(cause, observed=self.lookout.latest, changed=changed, ended=ended)
         return self.cause
 
@@ -163,26 +159,22 @@ class _Ensemble:
     def _made(
         self,
         seconds: Callable[[int], float],
-        waiting: tuple[str, ...],
-        decisions: int,
+        status: EnsembleStatus,
         living: Iterable[Any],
         odd: tuple[str, ...],
     ) -> EnsembleFrame:
-        ensemble = self.ensemble
-        modes, since = ensemble.safety.modes, ensemble.liveness.since
+        since = status.idle_since
         last: Action | None = self.actions.last  # type: ignore[assignment]
         return EnsembleFrame(
-            mode=modes.mode,
-            since=seconds(modes.since),
-            causes=tuple(
-                [CauseFrame(c.kind, c.detail, seconds(c.since), remedy_of(c.kind)) for c in modes.causes.values()]
-            ),
-            waiting=waiting,
+            mode=status.mode,
+            since=seconds(status.since),
+            causes=tuple([CauseFrame(c.kind, c.detail, seconds(c.since), remedy_of(c.kind)) for c in status.causes]),
+            waiting=status.waiting,
             idle=None if since is None else seconds(since),
             live=tuple([LifeFrame(life.name, seconds(life.action.time)) for life in living]),
             epoch=-1 if last is None else last.epoch,
-            action="" if last is None else ensemble.control.output.name_of(last.index),
-            decisions=decisions,
+            action="" if last is None else self.ensemble.joint_name(last.index),
+            decisions=status.decisions,
             odd=odd,
         )
 
@@ -388,7 +380,7 @@ class LiveRun:
                     detail=cause,
                     life=frame.epoch,
                     count=count,
-                    at="" if each.ensemble.control.output.cause == "observation" else each.decided_at(last),
+                    at="" if each.ensemble.status().cause == "observation" else each.decided_at(last),
                 )
                 each.decisions = frame.decisions
         self._look_at_predicates(now)
@@ -513,7 +505,7 @@ class LiveRun:
             reward=None if reward is None or action is None or reward.epoch != action.epoch else reward.value,
             value=expected_return(controller, action.state if decided_on else current),
             belief=believed,
-            search=_searched(each.ensemble.control.planner),
+            search=_searched(each.ensemble.layer_statistics().get("planner")),
             observations=each.lookout.history,
             tally=each.lookout.tally,
         )
@@ -535,7 +527,7 @@ class LiveRun:
         counts["lost of the page"] = self._guard.lost
         near = [self._by_path[path] for path in close if path in self._by_path]
         for each in near:
-            statistics = each.ensemble.control.statistics()
+            statistics = each.ensemble.layer_statistics()["control"]
             for name in ("superseded", "undecided", "missed", "impossible"):
                 if value := getattr(statistics, name):
                     counts[f"{each.path}: {name}"] = value
@@ -633,10 +625,9 @@ def expected_return(controller: Any, at: Any) -> float | None:
         return None
 
 
-def _searched(planner: Any) -> str:
-    if planner is None:
+def _searched(told: Any) -> str:
+    if told is None:
         return ""
-    told = planner.statistics()
     return (
         f"{told.searched:,} of {told.asked:,} questions searched, {told.fallbacks:,} by the fallback, "
         f"{told.late:,} late; {told.expansions:,} leaves expanded"

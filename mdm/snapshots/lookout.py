@@ -16,7 +16,7 @@ from mdm.snapshots.oddities import KEPT, SEEN, WINDOW, Ended, Seen, lasting, lik
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from mdm.actors import Ensemble
+    from mdm.actors import Ensemble, EnsembleStatus
     from mdm.messages import ActionLife
 
 __all__ = ["Lookout"]
@@ -87,23 +87,21 @@ class Lookout:
         if found is not None:
             self._seen.append(Seen(time, symbol, *found))
 
-    def look(self, now: float) -> tuple[str, ...]:
+    def look(self, now: float, status: EnsembleStatus) -> tuple[str, ...]:
         """Return what looks odd, in words; looked for anew where that is half a second ago.
 
         Args:
             now: Seconds since the run's second 0.
+            status: How the ensemble is.
         """
         if self._repeats and now - self._repeats[-1][0] < _EVERY:
             return self.odd
-        ensemble = self._ensemble
-        acted = ensemble.control.output.acted
-        if self._repeats and self._repeats[-1][2] != acted:
+        if self._repeats and self._repeats[-1][2] != status.action:
             self._repeats.clear()
-        self._repeats.append((now, ensemble.liveness.repeats, acted))
+        self._repeats.append((now, status.repeats, status.action))
         while now - self._repeats[0][0] > WINDOW:
             self._repeats.popleft()
-        decides = ensemble.safety.modes.mode == "deciding"
-        found = [each for each in self._found(now) if each[1]] if decides else []
+        found = [each for each in self._found(now, status.action_name) if each[1]] if status.mode == "deciding" else []
         self.odd = tuple([text for _, text in found])
         self._tell_spells(now, dict(found))
         return self.odd
@@ -121,15 +119,13 @@ class Lookout:
                 del self._spells[key]
                 self._tell(last, key[0], "over", number, "")
 
-    def _found(self, now: float) -> list[tuple[tuple[str, int | str], str]]:
+    def _found(self, now: float, action: str) -> list[tuple[tuple[str, int | str], str]]:
         """Return what may look odd, in words, by the rule and by the life or the action that it is of."""
         ensemble = self._ensemble
         found: list[tuple[tuple[str, int | str], str]] = []
         times = self._repeats[-1][1] - self._repeats[0][1]
         if times:
-            acted = ensemble.control.output.acted
-            name = "" if acted is None else ensemble.control.output.name_of(acted)
-            found.append((("repeated", name), repeated(name, times)))
+            found.append((("repeated", action), repeated(action, times)))
         for life in ensemble.action.lives.living:
             if not life.secures and life.binding.ensemble is None:
                 since = self._seconds(life.action.time)

@@ -186,7 +186,7 @@ def facts(team: Team, ensemble: Ensemble, ownership: Ownership, start: bytes) ->
         ownership: Its factors, and their owners.
         start: The copy as it begins.
     """
-    controller = ensemble.controller
+    controller, own_deadline = ensemble.controller, ensemble.status().deadline
     return {
         "program's version": __version__,
         "team's drive": "events" if team.period is None else f"a period of {team.period:g} s",
@@ -198,7 +198,7 @@ def facts(team: Team, ensemble: Ensemble, ownership: Ownership, start: bytes) ->
         **ownership.facts(),
         "horizon": str(controller.horizon),
         "on_impossible": controller.on_impossible,
-        "deadline": "none" if ensemble.control.deadline is None else f"{ensemble.control.deadline:g} s",
+        "deadline": "none" if own_deadline is None else f"{own_deadline:g} s",
         _SAFE_ACTION: ANY if ensemble.action.idle else _safe_action(ensemble),
         "on_lost_teammate": ensemble.safety.on_lost_teammate or "continue",
         "memory": "limited" if getattr(controller.model, "is_sparing", False) else "not limited",

@@ -115,7 +115,7 @@ class Copy:
     @property
     def running(self) -> bool:
         """Whether it decides."""
-        return self._ensemble.control.running
+        return self._process.running
 
     def part(self, time: int, values: Iterable[int | None]) -> bytes:
         """Return this agent's part of a step: a value for each factor that it owns."""

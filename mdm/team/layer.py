@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
+from mdm.actors.control.drive import OnEvent
 from mdm.actors.layer import Layer
 from mdm.actors.safety.modes import WAYS_BACK
 from mdm.errors import ConfigError
@@ -451,26 +452,26 @@ class TeamLayer(Layer):
 
 def _check(team: Team, agent: str, ensemble: Ensemble, agents: tuple[str, ...]) -> None:
     """Refuse an ensemble that is none of a team."""
-    key, control = f"ensembles.{ensemble.name}", ensemble.control
+    key, status = f"ensembles.{ensemble.name}", ensemble.status()
     if ensemble.local:
         raise ConfigError(
             f"ensemble {ensemble.name!r} runs its agent's own plan, which needs no agreement: leave out local, or the "
             "team",
             key=f"{key}.local",
         )
-    if not control.event_driven:
+    if not isinstance(status.drive, OnEvent):
         raise ConfigError(
             f"ensemble {ensemble.name!r} has a drive of its own, but its team {team.name!r} says when it decides: "
             "leave it out",
             key=f"{key}.drive",
         )
-    if control.deadline is not None and control.planner is None:
+    if status.deadline is not None and not status.searches:
         raise ConfigError(
             f"ensemble {ensemble.name!r} has a deadline, from its stimulus to its decision, but in a team a step waits "
             "for the agents' parts, for the deadline of the team at most: leave it out",
             key=f"{key}.deadline",
         )
-    if control.on_no_observation != "predict":
+    if status.on_no_observation != "predict":
         raise ConfigError(
             f"on_no_observation of ensemble {ensemble.name!r} is for an agent alone: in a team, what nobody has "
             "observed is summed over",

@@ -110,7 +110,7 @@ class ReplicatedLayer(TeamLayer):
     """
 
     def __init__(self, team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> None:
-        if ensemble.control.planner is not None:
+        if ensemble.status().searches:
             raise ConfigError(
                 f"ensemble {ensemble.name!r} searches, which takes each agent another time: a replicated team needs a "
                 "policy that decides the same everywhere; centralised, one agent searches for all",
@@ -426,7 +426,7 @@ class ReplicatedLayer(TeamLayer):
             term = (commit.term.number, commit.term.leader, commit.term.incarnation)
             self.publish_commit(
                 *(term, commit.step, commit.inputs, commit.missing, commit.command),
-                action=self.ensemble.control.acted,
+                action=self.process.acted,
                 digest=self.copy.digest(),
                 caught_up=self.process.catching_up,
             )

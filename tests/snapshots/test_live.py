@@ -282,9 +282,9 @@ def test_of_a_thousand_ensembles_changes_are_seen_at_once_and_all_others_in_thei
         looks = dict.fromkeys(range(300), 0)
         for place, each in enumerate(live._ensembles):
 
-            def look(now, place=place, look=each.lookout.look):
+            def look(now, status, place=place, look=each.lookout.look):
                 looks[place] += 1
-                return look(now)
+                return look(now, status)
 
             each.lookout.look = look
         for _ in range(20):

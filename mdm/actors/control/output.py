@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -32,8 +32,36 @@ _EACH = 16
 """Decisions from one call to the next that looks at more than a length: what is read for each would be far apart."""
 
 
-def _ignore(_: Action) -> None:
-    """Discard a decided action."""
+class Outlet(Protocol):
+    """Where the decided actions go: to the channel ``action``, or another way."""
+
+    def emit(self, action: Action, /) -> None:
+        """Take a decided action."""
+
+
+class _Muted:
+    """Discards the decided actions."""
+
+    def emit(self, _: Action) -> None:
+        """Discard an action."""
+
+
+class _Relay:
+    """Emits the decided actions on a channel, and then tells somebody of each.
+
+    Args:
+        actions: The channel.
+        tell: Told of each action.
+    """
+
+    def __init__(self, actions: Channel[Action], tell: Callable[[Action], object]) -> None:
+        self._actions = actions
+        self._tell = tell
+
+    def emit(self, action: Action) -> None:
+        """Emit an action, and tell of it."""
+        self._actions.emit(action)
+        self._tell(action)
 
 
 class Output:
@@ -63,11 +91,11 @@ class Output:
         "_controller",
         "_deadline",
         "_decisions",
-        "_do",
         "_due",
         "_has_belief",
         "_latencies",
         "_now",
+        "_outlet",
         "_path",
         "_pending",
         "_refuses",
@@ -101,9 +129,10 @@ class Output:
         self._pending = self._latencies.pending
         self.look: Callable[[], int] = lambda: FULL
         self._due = 0
-        # Whether actions are emitted, and nobody is told of each besides.
+        # Whether the outlet is the channel of actions itself.
         self._alone = True
         self._actions: Channel[Action] | None = None
+        self._outlet: Outlet = _Muted()
         self._path = ""
         self._tape: Tape | None = None
 
@@ -111,9 +140,8 @@ class Output:
         """Publish under the name of a layer's ensemble."""
         channel = layer.owner.channel
         self._now = layer.runtime.clock.reader()
-        self._actions = actions = channel("action", Action)
-        self._do: Callable[[Action], object] = actions.emit
-        self._alone = True
+        self._actions = channel("action", Action)
+        self._let_out(self._actions)
         self._rewards = channel("reward", Reward, retain=True)
         self._beliefs = channel("belief", Belief, retain=True)
         self._decisions = layer.runtime.decisions
@@ -161,19 +189,20 @@ class Output:
             return
         if self._tape is not None:
             self._note(step, time, cause, observation, state)
-        self._do(Action(time, step.epoch, step.action, state))
-        self.acted = step.action
+        action = step.action
+        self._outlet.emit(Action(time, step.epoch, action, state))
+        self.acted = action
         self.cause = cause
         if step.reward is not None:
             self._rewards.emit(Reward(time, step.epoch, step.reward))
         if self._has_belief:
             self._publish_belief(time)
         if self._decisions.heard:
-            name = self.action_names[step.action] if self.action_names else step.action_name
+            name = self.action_names[action] if self.action_names else step.action_name
             self._decisions.publish(
                 Decision(
                     *(time, self._path, step.epoch, cause, state, observation),
-                    *(self._controller.belief, step.action, name, step.reward),
+                    *(self._controller.belief, action, name, step.reward),
                 )
             )
 
@@ -312,7 +341,7 @@ class Output:
             self._tape.decided(self, action.time, action.epoch, "team", None, None, belief, action.index, None)
         self.acted = action.index
         self.cause = "team"
-        self._emit(action)
+        self._channel.emit(action)
         if belief is not None:
             self._beliefs.emit(Belief(action.time, belief))
         if self._decisions.heard:
@@ -324,23 +353,21 @@ class Output:
     def repeat(self, time: int, state: int | None) -> None:
         """Publish the present action once more, where there is one, and the state that it was decided on."""
         if self.acted is not None:
-            self._emit(Action(time, max(self._controller.epoch - 1, 0), self.acted, state))
+            self._channel.emit(Action(time, max(self._controller.epoch - 1, 0), self.acted, state))
 
     def mute(self, *, muted: bool) -> None:
         """Let no decided action begin, or let them begin again."""
-        self._do = _ignore if muted else self._emit
-        self._alone = not muted
+        self._let_out(_Muted() if muted else self._channel)
 
     def relay(self, tell: Callable[[Action], object]) -> None:
         """Tell somebody of each decision besides, until the layer starts anew."""
+        self._let_out(_Relay(self._channel, tell))
 
-        def do(action: Action) -> None:
-            self._emit(action)
-            tell(action)
+    def _let_out(self, outlet: Outlet) -> None:
+        self._outlet = outlet
+        self._alone = outlet is self._actions
 
-        self._do = do
-        self._alone = False
-
-    def _emit(self, action: Action) -> None:
+    @property
+    def _channel(self) -> Channel[Action]:
         assert self._actions is not None
-        self._actions.emit(action)
+        return self._actions

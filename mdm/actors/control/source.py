@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from mdm.actors.control.control_layer import ControlLayer
     from mdm.actors.control.output import Observed
-    from mdm.controller import Step
+    from mdm.controller import Controller, Step
     from mdm.messages import Action, Tick
     from mdm.models.matrices import Vector
     from mdm.runtime import Channel
@@ -298,6 +298,35 @@ class JointProcess:
 
     def answer_later(self, cause: str, observation: Observed) -> None:
         """Do nothing: it was decided on."""
+
+    # -- For the team ----------------------------------------------------------------------------------------------
+
+    @property
+    def running(self) -> bool:
+        """Whether the layer decides."""
+        return self._control.running
+
+    def run(self, *, running: bool) -> None:
+        """Let the layer decide, or no more, as the team has decided."""
+        self._control.running = running
+
+    @property
+    def acted(self) -> int | None:
+        """The last joint action that was published in this episode, or None."""
+        return self._control.acted
+
+    @property
+    def blind(self) -> bool:
+        """Whether the layer decides on states, and knows none."""
+        return self._control.blind
+
+    def another(self) -> Controller:
+        """Return another controller of the same policy, model and options."""
+        return self._control.another()
+
+    def relay(self, tell: Callable[[Action], object]) -> None:
+        """Tell the team of each decision besides, until the layer starts anew."""
+        self._control.output.relay(tell)
 
     # -- Messages of the team ------------------------------------------------------------------------------------
 

@@ -31,7 +31,7 @@ def circles(ensemble: Ensemble) -> Iterator[str]:
         return
     used = state.inputs()
     ends = {name for name in used if name.endswith(".succeeded")}
-    if not ends or not ensemble.control.event_driven or ensemble.control.source.shared:
+    if not ends or not ensemble.decides_alone:
         return
     sensors = sorted(name for name in used if predicates.declared.senses(name))
     for values in islice(product((False, True), repeat=len(sensors)), _MOST):

@@ -14,6 +14,7 @@ from mdm.messages import Fault, PredicateUpdate
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
+    from mdm.actors.control.control_layer import ControlLayer
     from mdm.actors.ensemble import Ensemble
     from mdm.runtime.channel import Subscription
 
@@ -33,11 +34,13 @@ class Livelock:
 
     Args:
         ensemble: The ensemble.
+        control: Its control layer.
         used: Returns the names of all that its decisions depend on.
     """
 
-    def __init__(self, ensemble: Ensemble, used: Callable[[], Collection[str]]) -> None:
+    def __init__(self, ensemble: Ensemble, control: ControlLayer, used: Callable[[], Collection[str]]) -> None:
         self._ensemble = ensemble
+        self._control = control
         self._used = used
         self._action, self._times, self._again = "", 0, -1
         # At the last look: when it was, and how many decisions; the same at the begin of decisions that come quickly.
@@ -46,8 +49,8 @@ class Livelock:
         self._heard: Subscription[PredicateUpdate] | None = None
         self._changes: Counter[str] = Counter()
         self._counted = -1
-        if ensemble.control.event_driven:
-            ensemble.control.output.look = self._look
+        if control.event_driven:
+            control.output.look = self._look
 
     def decides_again(self, time: int) -> None:
         """Note that only the end of the action before led to this decision."""
@@ -79,7 +82,7 @@ class Livelock:
     def _look(self) -> int:
         """Look how quickly decisions come; return after how many to look again."""
         ensemble, (then, count) = self._ensemble, self._looked
-        now, decisions = self._looked = ensemble.runtime.now(), ensemble.control.decisions
+        now, decisions = self._looked = ensemble.runtime.now(), self._control.decisions
         more, passed = decisions - count, now - then
         # Of a turn without end `endless_turn` is told.
         if then < 0 or more * _SECOND < _RATE * passed or ensemble.runtime.dispatcher.goes_on:
@@ -87,7 +90,7 @@ class Livelock:
             return _FEWEST
         if self._spell[0] < 0:
             self._spell = then, count
-        lasts, shared = now - self._spell[0] >= _LASTS, ensemble.control.source.shared  # others' input decides, too
+        lasts, shared = now - self._spell[0] >= _LASTS, self._control.source.shared  # others' input decides, too
         if (
             lasts
             and not (self._told or self._heard or shared or ensemble.predicates is None)
@@ -107,7 +110,7 @@ class Livelock:
             manager, (since, count) = self._ensemble.predicates, self._spell
             assert manager is not None
             names = [name for name in flapping if not manager.declared.derived(name)] or flapping
-            rate = (self._ensemble.control.decisions - count) * _SECOND / (update.time - since)
+            rate = (self._control.decisions - count) * _SECOND / (update.time - since)
             what = f"predicate {names[0]!r} flaps" if len(names) == 1 else f"predicates {', '.join(names)} flap"
             self._report(f"{what}: {rate:.3g} decisions a second")
 

@@ -104,7 +104,7 @@ class Waiting:
             self._told = self.names
             *most, last = self.names
             names = f"{', '.join(most)} and {last} are" if most else f"{last} is"
-            absence = self._ensemble.control.source.absence
+            absence = self._ensemble.absence
             self._ensemble.report("waiting", f"cannot decide while {names} unknown{absence and f': {absence}'}")
 
 
@@ -141,6 +141,7 @@ class Liveness:
         self.since: int | None = None
         self.repeats = 0
         self._ensemble = ensemble
+        self._control = ensemble.control
         given = options.get("idle_after")
         if given is not None and not (is_number(given) and given > 0):
             text = f"idle_after is a number of seconds above 0, or infinite, not {given!r}"
@@ -156,7 +157,7 @@ class Liveness:
         self._patience: Timer | None = None
         self._later: Timer | None = None
         self._looks: Subscription[int] = Subscription(None, ensemble, self._look)
-        self._livelock = Livelock(ensemble, self._used)
+        self._livelock = Livelock(ensemble, self._control, self._used)
         ensemble.action.begins = self.began
         ensemble.action.ends = self.ended
         ensemble.action.clears = self.look
@@ -185,8 +186,7 @@ class Liveness:
     def notes(self) -> Iterator[str]:
         """Yield which actions can end with nothing that decides afterwards, unless an input changes."""
         ensemble = self._ensemble
-        control = ensemble.control
-        if not control.event_driven or control.source.shared:
+        if not ensemble.decides_alone:
             return
         used = self._used()
         pairs = [*zip(ensemble.action.names, ensemble.action.bindings, strict=True)]
@@ -205,7 +205,7 @@ class Liveness:
     def endless(self) -> Iterator[str]:
         """Yield which actions end all deciding where they never end themselves; of an ensemble at the top."""
         ensemble = self._ensemble
-        if ensemble.predicates is None or not ensemble.control.event_driven or ensemble.control.source.shared:
+        if ensemble.predicates is None or not ensemble.decides_alone:
             return
         given = self._given()
         if not given or not all(map(ACTION_END.fullmatch, given)):
@@ -221,7 +221,7 @@ class Liveness:
     def dead_ends(self) -> Iterator[str]:
         """Yield the safe modes that only a release ends: an input would, and only its own actions bring that about."""
         ensemble = self._ensemble
-        action, control, given = ensemble.action, ensemble.control, self._given()
+        action, control, given = ensemble.action, self._control, self._given()
         if action.safe is None or control.source.shared or not given or not all(map(self._is_own, given)):
             return
         heeded = set() if ensemble.predicates is None else {*ensemble.predicates.declared.used, *given}
@@ -347,14 +347,14 @@ class Liveness:
     @property
     def _decides_alone(self) -> bool:
         """Whether nothing but an input has it decide: at a fixed rate the next tick does."""
-        return self._ensemble.control.event_driven
+        return self._control.event_driven
 
     def _plan(self, pause: float, name: str, status: ActionStatus) -> None:
         self._cancel_again()
         ensemble = self._ensemble
-        alone = ensemble.control.decisions <= self._decisions + 1
+        alone = self._control.decisions <= self._decisions + 1
         self._livelock.ended(name, well=alone and status == "succeeded")
-        self._decisions = ensemble.control.decisions
+        self._decisions = self._control.decisions
         self._why = f"a pause of {pause:g} s, for action {name!r} {status.replace('_', ' ')}"
         self._again = ensemble.call_later(pause, self._decide_again)
         ensemble.action.heed(heeded=True)
@@ -376,10 +376,10 @@ class Liveness:
         self._cancel_again()
         if safety.modes.mode == "safe":  # by the failure itself
             safety.reopen(_ACTION, now)
-        elif safety.deciding and self._decides_alone and ensemble.control.decisions == self._decisions:
+        elif safety.deciding and self._decides_alone and self._control.decisions == self._decisions:
             self.repeats += 1
             self._livelock.decides_again(now)
-            ensemble.control.source.decide_again(now)
+            self._control.source.decide_again(now)
         self.look()
 
     def _give_up(self, name: str, text: str, sequel: Sequel) -> None:
@@ -396,7 +396,7 @@ class Liveness:
     def _rests(self) -> bool:
         """Whether it decides, nothing that it has decided runs or stands, and it is not about to decide."""
         ensemble = self._ensemble
-        control = ensemble.control
+        control = self._control
         return (
             self._again is None
             and ensemble.safety.deciding
@@ -437,7 +437,7 @@ class Liveness:
             return None
         if self._idle_after is not None:
             return self._idle_after
-        if ensemble.control.source.shared:  # its part may be done while others do theirs
+        if self._control.source.shared:  # its part may be done while others do theirs
             return None
         end = self._end
         if end is None:
@@ -453,7 +453,7 @@ class Liveness:
     @property
     def _chosen(self) -> str:
         """The action that was decided last in this episode; empty where there is none."""
-        acted = self._ensemble.control.acted
+        acted = self._control.acted
         return "" if acted is None else self._ensemble.action.name_of(acted)
 
     @property

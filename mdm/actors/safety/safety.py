@@ -49,6 +49,7 @@ class Safety:
         self.waiting = Waiting(ensemble)
         self.runs = 0
         self._ensemble = ensemble
+        self._control = ensemble.control
         self._reactions = {name: self._reaction(name, options.get(name)) for name in _REACTIONS}
         self.on_lost_teammate = self._lost_reaction(options.get("on_lost_teammate"))
         after_safe = options.get("after_safe", "reset")
@@ -105,7 +106,7 @@ class Safety:
         self._ended.clear()
         self._lost.clear()
         self._channel = ensemble.channel("mode", Mode, retain=True)
-        ensemble.control.guard = self
+        self._control.guard = self
         if ensemble.predicates is not None:
             self._watch(ensemble.predicates)
         if self._told[0] != "stopped":
@@ -235,7 +236,7 @@ class Safety:
         if unknown and manager is not None and unknown <= self._lost & manager.declared.aged:
             self._lose("stale_input", f"input is too old: {names}", time)
         else:
-            absence = self._ensemble.control.source.absence
+            absence = self._control.source.absence
             self._lose("unknown_input", f"the state turned unknown: {names}{absence and f'; {absence}'}", time)
         if self.deciding:
             self._ensemble.liveness.wait()
@@ -252,7 +253,7 @@ class Safety:
         """
         secured = self.returning and not self.modes.ending
         # An action that was decided in this turn may be about to begin.
-        acts = self.deciding and self._ensemble.control.decisions > self._base
+        acts = self.deciding and self._control.decisions > self._base
         if kind in self.modes.causes or not (secured or acts):
             return
         fault = Fault(time, self._ensemble.path, kind, text)
@@ -275,7 +276,7 @@ class Safety:
     # -- Orders --------------------------------------------------------------------------------------------------
 
     def _obey(self, orders: tuple[Order, ...], time: int) -> None:
-        action, control = self._ensemble.action, self._ensemble.control
+        action, control = self._ensemble.action, self._control
         if any(kind != "impossible_observation" for kind in self.modes.causes):
             self._stale = True
         for order in orders:
@@ -312,10 +313,8 @@ class Safety:
     def _resume(self, time: int) -> None:
         self._tell(time)
         stale, self._stale = self._stale and self._done is None, False
-        self._ensemble.control.source.go_on(
-            time, anew=stale and not self._keep, predict=stale or self._done is not None
-        )
-        if self.deciding and self._ensemble.control.blind:
+        self._control.source.go_on(time, anew=stale and not self._keep, predict=stale or self._done is not None)
+        if self.deciding and self._control.blind:
             self.waiting.begin()
 
     def _on_begin(self) -> None:
@@ -458,7 +457,7 @@ class Safety:
         It stays latched: the ensemble above ends, and it ends with that one.
         """
         self.modes.latch()
-        self._ensemble.control.source.latch()
+        self._control.source.latch()
         self._ensemble.action.latch()
         self._ensemble.action.end_functions()
 

@@ -78,7 +78,7 @@ def _redecided(record: Record, ensembles: Mapping[str, Ensemble]) -> list[dict[s
                 told = _where(decision, known)
                 visits[told] += 1
                 if step.action != decision.action:
-                    counts[told, decision.action_name, ensemble.control.output.name_of(step.action)] += 1
+                    counts[told, decision.action_name, ensemble.joint_name(step.action)] += 1
         except ModelError as error:
             rows.append({"ensemble": path, "problem": str(error)})
         for (state_name, then, now), count in counts.most_common():

@@ -188,14 +188,14 @@ class CentralisedFollower(TeamLayer):
         ):
             last = None
             self.proposals.doubt(decision.step)
-        control, safety = self.ensemble.control, self.ensemble.safety
+        safety = self.ensemble.safety
         held = self.still
         self._settle(decision)
         self._send_due()
         if last is not None and decision.step == last.step:
             safety.reopen(_CONTROLLER, now)
             return
-        control.running = decision.running
+        self.process.run(running=decision.running)
         self.report_held(settled=self.proposals.settled)
         if decision.command is not None:
             self.forget()

@@ -98,7 +98,7 @@ class CentralisedLeader(TeamLayer):
         """Listen to the own layers and to the other agents."""
         self._open = self._timer = None
         super().on_start()
-        self.ensemble.control.output.relay(self._publish)
+        self.process.relay(self._publish)
         self.listen(join(self.team.name, "*", self.ensemble.name, "part"), self._on_proposal)
         if self.beginning is Beginning.PATIENT:
             self.beginning = Beginning.UNSEEN
@@ -295,9 +295,9 @@ class CentralisedLeader(TeamLayer):
             live = self.link.live
             missing = tuple([agent for agent in self._seeing if agent not in live and agent not in inputs])
         self._on = (inputs, missing, None, "")
-        known, before = not self.ensemble.control.blind, self._last.step
+        known, before = not self.process.blind, self._last.step
         self.copy.step(inputs, missing, self.runtime.now())
-        if known and self.ensemble.control.blind:
+        if known and self.process.blind:
             self._publish(None)
         elif self._last.step == before:
             self._send_again()  # a search will decide later, or nothing is to be decided

@@ -95,7 +95,7 @@ class CommunicatingLayer(TeamLayer):
             )
         try:
             self.knowledge = Knowledge.of(
-                ensemble.controller, ensemble.control.another, ensemble.agent, copy.deepcopy(team.communication)
+                ensemble.controller, self.process.another, ensemble.agent, copy.deepcopy(team.communication)
             )
         except ConfigError as error:
             raise ConfigError(error.message, key=f"{key}.policy") from None
@@ -131,7 +131,7 @@ class CommunicatingLayer(TeamLayer):
     def on_running(self) -> None:
         """Go on after a failure."""
         if self._decides:
-            self.ensemble.control.running = True
+            self.process.run(running=True)
             self.ensemble.safety.start(self.runtime.now())
 
     def update_live(self, _link: Link) -> None:
@@ -230,7 +230,8 @@ class CommunicatingLayer(TeamLayer):
         self._early.clear()
         self._problem = None
         self.forget()
-        decides = self.ensemble.control.running = self._decides
+        decides = self._decides
+        self.process.run(running=decides)
         if decides:
             self.ensemble.safety.start(now)
         else:
@@ -252,7 +253,7 @@ class CommunicatingLayer(TeamLayer):
         self.keep()
         if decided:
             self._shut()
-            self.ensemble.control.running = False
+            self.process.run(running=False)
             self.ensemble.safety.stop(self.runtime.now())
             self._report_void_start(self.episode)
             self._send()
@@ -511,8 +512,8 @@ class CommunicatingLayer(TeamLayer):
 
 def _check_options(ensemble: Ensemble, key: str) -> None:
     """Refuse options that an ensemble of a communicating team cannot have."""
-    name, control, controller = ensemble.name, ensemble.control, ensemble.controller
-    if control.planner is not None:
+    name, status, controller = ensemble.name, ensemble.status(), ensemble.controller
+    if status.searches:
         raise ConfigError(
             f"ensemble {name!r} searches, but the agents of a communicating team have to foresee each other's "
             "decisions: give it a policy that was computed",
@@ -524,7 +525,7 @@ def _check_options(ensemble: Ensemble, key: str) -> None:
             "give it a policy over beliefs",
             key=f"{key}.policy",
         )
-    if control.deadline is not None:
+    if status.deadline is not None:
         raise ConfigError(
             f"in a communicating team the period and its deadline say when ensemble {name!r} decides: leave its "
             "deadline out",

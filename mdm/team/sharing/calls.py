@@ -109,24 +109,22 @@ class Answers(Actor):
 
     def _status(self, name: str) -> dict[str, Any]:
         ensemble, layer = self._ensembles[name], self._layers[name]
-        stands = layer.statistics()
+        stands, now = layer.statistics(), ensemble.status()
         status: dict[str, Any] = {
             "agent": self._link.agent,
             "ensemble": name,
-            "mode": ensemble.mode,
-            "causes": [f"{cause.kind}: {cause.detail}" for cause in ensemble.causes],
+            "mode": now.mode,
+            "causes": [f"{cause.kind}: {cause.detail}" for cause in now.causes],
             "idle": ensemble.liveness.resting,
-            "waiting": [*(f"agent {agent}" for agent in layer.awaited), *ensemble.statistics().waiting],
-            "action": None
-            if (acted := ensemble.control.acted) is None
-            else ensemble.controller.symbols.action_name(acted),
+            "waiting": [*(f"agent {agent}" for agent in layer.awaited), *now.waiting],
+            "action": None if now.action is None else ensemble.controller.symbols.action_name(now.action),
             "epoch": ensemble.controller.epoch,
             "live": list(self._link.live),
             "unmet": [agent for agent in layer.team.names if layer.unmet and agent not in self._link.live],
             "doubles": self._link.doubles,
             "clocks": msgspec.to_builtins(self._clocks.offsets),
             "held": layer.holds,
-            "stopped": None if ensemble.mode != "stopped" or layer.stopped is None else str(layer.stopped),
+            "stopped": None if now.mode != "stopped" or layer.stopped is None else str(layer.stopped),
             "unkept": None if layer.storage is None else layer.storage.unkept,
             "knows": layer.knows,
             "commands": layer.commands.outcomes,
@@ -138,14 +136,9 @@ class Answers(Actor):
         return status
 
     def _statistics(self, name: str) -> dict[str, Any]:
-        ensemble = self._ensembles[name]
-        parts = {
-            "ensemble": ensemble,
-            "control": ensemble.control,
-            "action": ensemble.action,
-            "team": self._layers[name],
-        }
-        found = {part: msgspec.structs.asdict(actor.statistics()) for part, actor in parts.items()}
+        ensemble, layer = self._ensembles[name], self._layers[name]
+        parts = {"ensemble": ensemble.statistics(), **ensemble.layer_statistics(), "team": layer.statistics()}
+        found = {part: msgspec.structs.asdict(parts[part]) for part in ("ensemble", "control", "action", "team")}
         return {**found, "transport": msgspec.structs.asdict(self._link.transport.statistics())}
 
     def _wiring(self, name: str) -> dict[str, Any]:

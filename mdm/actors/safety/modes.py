@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from mdm.messages import ModeName
 
-__all__ = ["AT_INPUT", "AT_KNOWN", "AT_STIMULUS", "WAYS_BACK", "Modes", "Order", "Stage", "Try"]
+__all__ = ["AT_INPUT", "AT_KNOWN", "AT_STIMULUS", "WAYS_BACK", "Aim", "Modes", "Order", "Stage", "Try"]
 
 
 class Order(Enum):
@@ -57,6 +57,20 @@ class Stage(Enum):
     BELOW = 3
     LAST = 4
     OVER = 5
+
+
+class Aim(Enum):
+    """The ensemble's aim, as last told: it says what follows a safe mode.
+
+    Attributes:
+        REST: It has been told nothing: it may go safe before its start, and is stopped again when no cause holds.
+        DECIDE: It decides, and again when no cause holds; at its end, when nothing follows, it stays safe.
+        STOP: Somebody has told it to stop, and not to start since: it is stopped when its safe action has ended.
+    """
+
+    REST = "rest"
+    DECIDE = "decide"
+    STOP = "stop"
 
 
 class Try(Enum):
@@ -125,9 +139,10 @@ class Modes:
             outlasts a stop.
         stage: How far its life has come.
         safe_action: How the safe action stands.
+        aim: What it was told last.
     """
 
-    __slots__ = ("_leaving", "_ordered", "_rests", "causes", "mode", "safe_action", "since", "stage")
+    __slots__ = ("aim", "causes", "mode", "safe_action", "since", "stage")
 
     def __init__(self, time: int = 0, held: Iterable[Cause] = ()) -> None:
         self.mode: ModeName = "stopped"
@@ -135,9 +150,7 @@ class Modes:
         self.causes = {cause.kind: cause for cause in held}
         self.stage = Stage.CLOSED
         self.safe_action = Try.NONE
-        self._ordered = False  # somebody has told it to stop, and not to start since
-        self._leaving = False
-        self._rests = False  # it had not started when it went safe, and is stopped again when no cause holds
+        self.aim = Aim.REST
 
     @property
     def deciding(self) -> bool:
@@ -162,7 +175,7 @@ class Modes:
     @property
     def leaving(self) -> bool:
         """Whether it is safe, and stopped when that is over."""
-        return self._leaving or self._rests
+        return self.mode == "safe" and self.aim is not Aim.DECIDE
 
     @property
     def held(self) -> tuple[Cause, ...]:
@@ -176,7 +189,7 @@ class Modes:
     def open(self, time: int) -> None:
         """A life begins, stopped: it keeps the causes that a restart does not mend."""
         held = self.held if "failure" in self.causes else ()
-        self._leaving = self._rests = self._ordered = False
+        self.aim = Aim.REST
         self.safe_action = Try.NONE
         self.causes = {cause.kind: cause for cause in held}
         self.stage = Stage.OPEN
@@ -214,11 +227,9 @@ class Modes:
         """The ensemble is to decide; where a cause has outlasted its stop, it is safe at once."""
         if self.stage is not Stage.OPEN:
             return ()
-        self._ordered = False
-        if self.mode == "safe":
-            self._leaving, self._rests = self._leaving and self.ended, self._rests and self.ended
-            return ()
-        if self.mode == "deciding" or self.ended:
+        if not self.ended:
+            self.aim = Aim.DECIDE
+        if self.mode != "stopped" or self.ended:
             return ()
         if self.causes:
             return self._secure(time)
@@ -232,14 +243,11 @@ class Modes:
         """
         if self.stage is Stage.BELOW:
             return ()
-        self._ordered = True
+        self.aim = Aim.STOP
         if self.mode == "deciding":
             self._enter("stopped", time)
             return (Order.HALT,)
-        if self.mode == "safe":
-            self._leaving = True
-            return self._leave(time)
-        return ()
+        return self._leave(time) if self.mode == "safe" else ()
 
     def endanger(self, kind: str, detail: str, time: int, *, at_rest: bool = False) -> Orders:
         """Something went wrong; where it has stopped, that is kept for its start.
@@ -256,9 +264,8 @@ class Modes:
         if self.mode != "deciding" and not self.securing and WAYS_BACK.get(kind) == "at once":
             return ()  # the robot is safe already, or stands, and nothing would ever take the cause away
         self.causes.setdefault(kind, Cause(kind, detail, time))
-        if self.mode == "safe" or (stopped and (self._ordered or not at_rest)):
+        if self.mode == "safe" or (stopped and (self.aim is Aim.STOP or not at_rest)):
             return ()
-        self._rests = stopped
         return self._secure(time)
 
     def end(self, time: int, kind: str = "end", detail: str = "the ensemble ends", *, unsafe: bool = False) -> Orders:
@@ -274,7 +281,11 @@ class Modes:
         if self.safe_action is Try.OWED:
             self.safe_action = Try.SECOND
             return (Order.SECURE,)
-        return () if self.securing or (self.mode == "stopped" and not unsafe) else self._secure(time)
+        if self.securing or (self.mode == "stopped" and not unsafe):
+            return ()
+        if self.mode == "stopped":
+            self.aim = Aim.DECIDE
+        return self._secure(time)
 
     def gone(self, kinds: frozenset[str], time: int) -> Orders:
         """Causes hold no more."""
@@ -329,8 +340,7 @@ class Modes:
         """Leave the safe mode where nothing holds it any more."""
         if self.securing:
             return ()
-        if self._leaving or (self._rests and not self.causes):
-            self._leaving = self._rests = False
+        if self.aim is Aim.STOP or (self.aim is Aim.REST and not self.causes):
             if not self.ended:
                 self.causes = {cause.kind: cause for cause in self.held}
             self._enter("stopped", time)

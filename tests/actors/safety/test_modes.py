@@ -8,7 +8,7 @@ import pytest
 from hypothesis import settings, strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from mdm.actors.safety.modes import AT_INPUT, AT_STIMULUS, WAYS_BACK, Modes, Order, Stage, Try
+from mdm.actors.safety.modes import AT_INPUT, AT_STIMULUS, WAYS_BACK, Aim, Modes, Order, Stage, Try
 
 CAUSES = ("impossible_observation", "deadline", "stale_input", "action", "mine", "lost_majority")
 TEAM = frozenset({"refused", "lost_majority"})
@@ -39,6 +39,10 @@ EVENTS = {
     "refused": lambda modes, time: modes.endanger("refused", "words", time, at_rest=True),
     **{cause: lambda modes, time, cause=cause: modes.endanger(cause, "words", time) for cause in CAUSES},
 }
+
+
+AIMS = {("stopped", Aim.REST), ("stopped", Aim.STOP), ("deciding", Aim.DECIDE), *(("safe", aim) for aim in Aim)}
+"""The modes, each with the aims that there are in it."""
 
 
 class World:
@@ -114,7 +118,7 @@ class World:
     @property
     def key(self):
         modes = self.modes
-        hidden = (modes.stage, modes.safe_action, modes._leaving, modes._rests, modes._ordered)
+        hidden = (modes.stage, modes.safe_action, modes.aim)
         told = (self.admits, self.safe_runs, self.wanted, self.ordered, self.tries)
         return (modes.mode, frozenset(modes.causes), hidden, told)
 
@@ -144,7 +148,7 @@ def search(causes):
 )
 def test_every_small_world_keeps_the_latch(causes, most):
     seen = search(causes)
-    assert {key[0] for key in seen} == {"stopped", "deciding", "safe"}
+    assert {(key[0], key[2][2]) for key in seen} == AIMS
     assert len(seen) > most
 
 

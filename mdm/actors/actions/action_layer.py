@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from mdm.actors.actions.binding import Binding, Callback, bindings_of, safe_binding
-from mdm.actors.actions.lives import Life, Lives, Order
+from mdm.actors.actions.lives import Life, Lives, Order, Part
 from mdm.actors.layer import Layer
 from mdm.errors import ConfigError, Error
 from mdm.messages import Action, ActionLife, ActionStatus
@@ -179,7 +179,7 @@ class ActionLayer(Layer):
     @property
     def idle(self) -> bool:
         """Whether nothing is done here, not even the safe action: other agents do it."""
-        return self.lives.delegated
+        return self.lives.part is Part.DELEGATED
 
     @property
     def live(self) -> tuple[str, ...]:
@@ -353,7 +353,7 @@ class ActionLayer(Layer):
             if self._patience is not None:
                 self._patience.cancel()
                 self._patience = None
-            if self.safe is None or lives.delegated:
+            if self.safe is None or self.idle:
                 self._tell_secured(None)
             else:
                 self._secures()

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from mdm.messages import Action, ActionStatus
 
-__all__ = ["Gate", "Kind", "Life", "Lives", "Order", "Orders"]
+__all__ = ["Gate", "Kind", "Life", "Lives", "Order", "Orders", "Part"]
 
 
 class Gate(Enum):
@@ -31,6 +31,20 @@ class Gate(Enum):
     OPEN = "open"
     SAFE = "safe"
     FAILED = "failed"
+
+
+class Part(Enum):
+    """The agent's part in the decided actions.
+
+    Attributes:
+        OWN: It carries them out.
+        BARRED: It begins none for now; running lives go on, and the safe action runs when due.
+        DELEGATED: Other agents carry out all of them, and the safe action, too; for good.
+    """
+
+    OWN = "own"
+    BARRED = "barred"
+    DELEGATED = "delegated"
 
 
 class Order(Enum):
@@ -100,9 +114,8 @@ class Lives(Generic[L]):
 
     Attributes:
         gate: Whether anything may begin.
-        barred: Whether no decided action may begin although the gate is open; running lives go on.
-        delegated: Whether other agents do all that is decided, and the safe action, too.
-        open: Whether a decided action may begin now: the gate is open, and it is neither barred nor delegated.
+        part: This agent's part in what is decided.
+        open: Whether a decided action may begin now: the gate is open, and they are this agent's own.
         calling: Whether the function of a life is being called, so that nothing else may begin.
         current: The life that the next decision replaces.
         pending: The one that begins when that has ended.
@@ -114,15 +127,14 @@ class Lives(Generic[L]):
     """
 
     __slots__ = (
-        "barred",
         "behind",
         "beside",
         "calling",
         "current",
-        "delegated",
         "gate",
         "left",
         "open",
+        "part",
         "pending",
         "replaced",
         "skipped",
@@ -130,7 +142,8 @@ class Lives(Generic[L]):
 
     def __init__(self) -> None:
         self.gate = Gate.CLOSED
-        self.open = self.barred = self.delegated = self.calling = False
+        self.part = Part.OWN
+        self.open = self.calling = False
         self.current: L | None = None
         self.pending: L | None = None
         self.beside: dict[str, L] = {}
@@ -159,7 +172,7 @@ class Lives(Generic[L]):
 
     def restart(self) -> None:
         """Begin a life of the layer: nothing may begin in it yet."""
-        self.barred = False
+        self._take(Part.OWN)
         self._set(Gate.CLOSED)
 
     def admit(self) -> None:
@@ -168,15 +181,13 @@ class Lives(Generic[L]):
 
     def bar(self, *, barred: bool) -> None:
         """Bar decided actions, or admit them again; running lives go on, and the safe action runs when due."""
-        self.barred = barred
+        self._take(Part.BARRED if barred else Part.OWN)
         if barred:
             self._discard()
-        self._set(self.gate)
 
     def delegate(self) -> None:
         """Take it that other agents do all that is decided."""
-        self.delegated = True
-        self._set(self.gate)
+        self._take(Part.DELEGATED)
 
     def latch(self) -> Orders[L]:
         """Let no decided action begin, and discard the pending life; running lives go on, but for replaced ones."""
@@ -211,9 +222,14 @@ class Lives(Generic[L]):
         self.pending = None
         self.behind.clear()
 
+    def _take(self, part: Part) -> None:
+        if self.part is not Part.DELEGATED:
+            self.part = part
+        self._set(self.gate)
+
     def _set(self, gate: Gate) -> None:
         self.gate = gate
-        self.open = gate is Gate.OPEN and not (self.barred or self.delegated)
+        self.open = gate is Gate.OPEN and self.part is Part.OWN
 
     # -- Choosing ------------------------------------------------------------------------------------------------
 

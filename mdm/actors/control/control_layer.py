@@ -329,7 +329,7 @@ class ControlLayer(Layer):
         index: int | None = given if given.__class__ is int or given is None else operator.index(given)
         self.state = index
         if index is None or not self.running or not self.event_driven:
-            if self.guard is not None and (index is None or self.source.held):
+            if self.guard is not None and (index is None or (not self.running and self.source.held)):
                 self._on_state_aside(state)
             return
         if self._acts and self.output.act_last(index, state.time):
@@ -370,7 +370,7 @@ class ControlLayer(Layer):
             symbol = self.symbol(observation)
             if not self.advance(symbol, observation.time):
                 return
-            if self.source.held:  # by now, for it was impossible
+            if not self.running:  # any more, for it was impossible
                 self.source.answer_later("observation", symbol)
             else:
                 self.decide(observation.time, "observation", symbol, tell=self._tell)
@@ -403,7 +403,7 @@ class ControlLayer(Layer):
             elif self._no_observation != "predict":
                 symbol = self._no_observation
             symbol = self._taken_in(symbol, tick.time)
-            if self.source.held:  # by now, for the observation is impossible
+            if not self.running:  # any more, for the observation is impossible
                 return
         if self.takes_states and self.state is None:
             self.undecided += 1

@@ -6,6 +6,7 @@ all agents decide on: it goes on deciding in safe modes, as they do, but its dec
 
 from __future__ import annotations
 
+from enum import Enum
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 import msgspec
@@ -51,12 +52,14 @@ class Source(Protocol):
     Attributes:
         shared: Whether other agents decide on the same.
         catching_up: Whether it repeats decisions that others made long ago, so that none is carried out.
-        held: Whether input is decided on only when a safe mode is over.
     """
 
     shared: bool
     catching_up: bool
-    held: bool
+
+    @property
+    def held(self) -> bool:
+        """Whether input is decided on only when a safe mode is over; nothing is decided then."""
 
     def open(self) -> None:
         """Listen; the layer starts."""
@@ -111,6 +114,22 @@ class Source(Protocol):
         """Decide when the safe mode is over which this observation has brought about."""
 
 
+class Held(Enum):
+    """How a safe mode of the ensemble holds its input, and what the belief knows of it.
+
+    Attributes:
+        NOT: There is none: input is decided on, or the ensemble is stopped.
+        BLINDLY: The belief does not know the action that is done.
+        KNOWING: It knows that one.
+        MOVED: It knows that one, and has gone by an observation since.
+    """
+
+    NOT = "not"
+    BLINDLY = "blindly"
+    KNOWING = "knowing"
+    MOVED = "moved"
+
+
 class OwnChannels:
     """The channels of the layer's ensemble: nothing is decided while that is safe.
 
@@ -122,16 +141,14 @@ class OwnChannels:
     absence = ""
 
     def __init__(self, control: ControlLayer) -> None:
-        self.held = False
+        self._held = Held.NOT
         self._control = control
-        # Of a safe mode: whether the belief knows the action done in it, and has gone by an observation since.
-        self._informed = self._moved = False
         self._unanswered: tuple[str, Observed] = ("release", None)
 
     def open(self) -> None:
         """Subscribe to its input, and to commands."""
         control, channel = self._control, self._control.owner.channel
-        self.held = False
+        self._held = Held.NOT
         if control.takes_states:
             self._listen(channel("state", State, retain=True), control.on_state)
         else:
@@ -143,6 +160,11 @@ class OwnChannels:
     def _listen(self, channel: Channel[T], handler: Callable[[T], object]) -> None:
         channel.input = True
         self._control.subscribe(channel, handler)
+
+    @property
+    def held(self) -> bool:
+        """Whether input is decided on only when a safe mode is over; nothing is decided then."""
+        return self._held is not Held.NOT
 
     def asked(self, command: CommandName) -> bool:
         """Return that it concerns this ensemble alone."""
@@ -165,16 +187,15 @@ class OwnChannels:
         control = self._control
         control.running = False
         control.withdraw()
-        self.held = True
-        self._informed = done is not None and not control.takes_states
-        self._moved = False
+        self._held = Held.BLINDLY if done is None or control.takes_states else Held.KNOWING
         self._unanswered = ("release", None)
         if done is not None:
             control.controller.last_action = control.output.acted = done
 
     def let_go(self) -> None:
         """Decide nothing more."""
-        self._control.running = self.held = False
+        self._control.running = False
+        self._held = Held.NOT
 
     def latch(self) -> None:
         """Decide nothing more; observations of a safe mode are taken in until that is over."""
@@ -183,13 +204,14 @@ class OwnChannels:
     def go_on(self, time: int, *, anew: bool, predict: bool) -> None:
         """Decide on the input known now."""
         control = self._control
-        self.held, control.running = False, True
+        moved = self._held is Held.MOVED
+        self._held, control.running = Held.NOT, True
         controller = control.controller
         if not control.takes_states:
             if (anew and not controller.given) or controller.over:
                 control.begin_episode()
                 self._unanswered = ("release", None)
-            elif predict and control.event_driven and not self._moved:
+            elif predict and control.event_driven and not moved:
                 control.advance(None, time)
         if control.running and control.event_driven and not control.blind:
             cause, observation = self._unanswered
@@ -212,8 +234,8 @@ class OwnChannels:
         control = self._control
         if not control.event_driven:
             control.keep(observation)
-        elif self._informed and not control.controller.over:
-            self._moved = True
+        elif self._held is not Held.BLINDLY and not control.controller.over:
+            self._held = Held.MOVED
             control.advance(control.symbol(observation), observation.time)
         control.reopen(AT_INPUT, observation.time)
 
@@ -221,7 +243,7 @@ class OwnChannels:
         """Let the belief go by a tick while the ensemble is safe, unless the tick ends that."""
         control = self._control
         control.reopen(AT_STIMULUS, tick.time)
-        if not control.running and self._informed and not control.controller.over:
+        if not control.running and self._held in {Held.KNOWING, Held.MOVED} and not control.controller.over:
             observation = control.kept()
             control.advance(None if observation is None else control.symbol(observation), tick.time)
 

@@ -45,7 +45,7 @@ class Livelock:
         self._action, self._times, self._again = "", 0, -1
         # At the last look: when it was, and how many decisions; the same at the begin of decisions that come quickly.
         self._looked = self._spell = -1, 0
-        self._told = False
+        # Of the present spell of such decisions: hears its flapping, until that is told.
         self._heard: Subscription[PredicateUpdate] | None = None
         self._changes: Counter[str] = Counter()
         self._counted = -1
@@ -71,10 +71,10 @@ class Livelock:
     def end(self) -> None:
         """Forget what was counted: the ensemble has stopped deciding."""
         self._times, self._again, self._looked = 0, -1, (-1, 0)
-        self._calm(told=False)
+        self._calm()
 
-    def _calm(self, *, told: bool) -> None:
-        self._told, self._spell = told, self._spell if told else (-1, 0)
+    def _calm(self) -> None:
+        self._spell = -1, 0
         if self._heard is not None:
             self._heard.cancel()
             self._heard = None
@@ -86,16 +86,12 @@ class Livelock:
         more, passed = decisions - count, now - then
         # Of a turn without end `endless_turn` is told.
         if then < 0 or more * _SECOND < _RATE * passed or ensemble.runtime.dispatcher.goes_on:
-            self._calm(told=False)
+            self._calm()
             return _FEWEST
         if self._spell[0] < 0:
             self._spell = then, count
         lasts, shared = now - self._spell[0] >= _LASTS, self._control.source.shared  # others' input decides, too
-        if (
-            lasts
-            and not (self._told or self._heard or shared or ensemble.predicates is None)
-            and (used := self._used())
-        ):
+        if lasts and not (self._heard or shared or ensemble.predicates is None) and (used := self._used()):
             self._heard = ensemble.predicates.updates.subscribe(self._on_update, ensemble, topics=used)
         return min(max(_FEWEST, more * _SECOND // (2 * passed)), _MOST) if passed else _MOST
 
@@ -105,8 +101,8 @@ class Livelock:
             self._counted = update.time
         self._changes.update((*update.rising, *update.falling))
         flapping = sorted(name for name, count in self._changes.items() if count >= _FLAPS)
-        if flapping:
-            self._calm(told=True)
+        if flapping and self._heard is not None:
+            self._heard.cancel()
             manager, (since, count) = self._ensemble.predicates, self._spell
             assert manager is not None
             names = [name for name in flapping if not manager.declared.derived(name)] or flapping

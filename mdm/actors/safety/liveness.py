@@ -51,7 +51,6 @@ class Waiting:
         self._subscriptions: list[Subscription[State] | Subscription[PredicateUpdate]] = []
         self._timer: Timer | None = None
         self._told: tuple[str, ...] = ()
-        self._waits = False
 
     def unknown(self) -> tuple[str, ...]:
         """Return the unknown predicates that keep the state unknown; empty where no state layer tells it."""
@@ -60,10 +59,9 @@ class Waiting:
 
     def begin(self) -> None:
         """Take it that the ensemble waits for its state."""
-        if self._waits:
+        if self._subscriptions:
             return
         ensemble = self._ensemble
-        self._waits = True
         self.names = self._wanted()
         self._told = ()
         self._timer = ensemble.call_later(_PATIENCE, self._tell)
@@ -74,7 +72,6 @@ class Waiting:
 
     def end(self) -> None:
         """Take it that it waits no more."""
-        self._waits = False
         self.names = ()
         if self._timer is not None:
             self._timer.cancel()
@@ -100,7 +97,7 @@ class Waiting:
     def _tell(self) -> None:
         self._timer = None
         self.names = self._wanted()
-        if self._waits and self.names and self.names != self._told:
+        if self._subscriptions and self.names and self.names != self._told:
             self._told = self.names
             *most, last = self.names
             names = f"{', '.join(most)} and {last} are" if most else f"{last} is"

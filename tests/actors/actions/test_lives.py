@@ -246,7 +246,7 @@ class World:
             return life and (life.name, life.ending, life.task, life.secures, getattr(life, "cancelled", False))
 
         lives = self.lives
-        machine = (lives.gate, lives.barred, lives.calling, of(lives.current), of(lives.pending), *lives.behind)
+        machine = (lives.gate, lives.part, lives.calling, of(lives.current), of(lives.pending), *lives.behind)
         beside = (tuple(map(of, lives.beside.values())), tuple(map(of, lives.replaced)))
         left = (tuple(map(of, self.left)), tuple(map(of, lives.left)))
         calls = tuple((of(life), tuple((order, of(one)) for order, one in rest)) for life, rest in self.calls)

@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 from random_models import dense
 from teams import team
 
-from mdm.solvers.jesp.joint_plan import Team
+from mdm.solvers.jesp import Team
 
 
 @given(st.integers(0, 2**32 - 1), st.booleans())

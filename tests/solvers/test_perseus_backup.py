@@ -10,7 +10,7 @@ from perseus_models import SEEDS, SMALL, parts
 from mdm.models.dynamics import Dynamics
 from mdm.solvers import Limits
 from mdm.solvers.joint_dynamics import JointDynamics
-from mdm.solvers.perseus.backup import Vectors, best, choose, improve, needed
+from mdm.solvers.perseus import Vectors, best, choose, improve, needed
 
 
 def drawn(model, seed):

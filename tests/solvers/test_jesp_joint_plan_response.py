@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from teams import best_of_all, team
 
-from mdm.solvers.jesp.joint_plan import Team, best_response, merged, plan_value, random_plan, solve_as_one
+from mdm.solvers.jesp import Team, best_response, merged, plan_value, random_plan, solve_as_one
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.integers(0, 1), st.booleans())

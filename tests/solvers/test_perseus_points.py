@@ -8,7 +8,7 @@ from mdm.models.dynamics import Dynamics
 from mdm.problems import tiger
 from mdm.solvers import Limits
 from mdm.solvers.joint_dynamics import JointDynamics
-from mdm.solvers.perseus.points import sampled, starts
+from mdm.solvers.perseus import sampled, starts
 
 
 def test_fewer_beliefs_are_sampled_where_there_is_no_room_for_all():

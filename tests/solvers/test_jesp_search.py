@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from teams import best_of_all, team
 
-from mdm.solvers.jesp.joint_plan import Team, plan_value, solve_as_one
-from mdm.solvers.jesp.search import PlanSearch
+from mdm.solvers.jesp import PlanSearch, Team, plan_value, solve_as_one
 
 NOTHING = -1e9
 

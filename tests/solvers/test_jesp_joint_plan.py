@@ -9,7 +9,7 @@ from sentences import refused
 from teams import by_trees, team, worth
 
 from mdm import ModelError
-from mdm.solvers.jesp.joint_plan import Team, as_controller, plan_size, plan_value, random_plan
+from mdm.solvers.jesp import Team, as_controller, plan_size, plan_value, random_plan
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.booleans())

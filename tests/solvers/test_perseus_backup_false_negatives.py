@@ -13,8 +13,7 @@ from mdm import ModelWarning, evaluate, load_model
 from mdm.models.dynamics import Dynamics
 from mdm.solvers import Limits
 from mdm.solvers.joint_dynamics import JointDynamics
-from mdm.solvers.perseus import perseus
-from mdm.solvers.perseus.backup import Constrained, Vectors
+from mdm.solvers.perseus import Improved, Vectors, perseus
 
 
 class Unhurried:
@@ -40,7 +39,7 @@ def test_backups_with_false_negatives_are_what_recursion_says(rounds):
     everything = [(None, row) for row in joints]
     beliefs = reachable(everything, model.initial_belief, rounds - 1)
     start = Vectors(np.stack(blind), np.arange(2), np.zeros(2, dtype=np.intp))
-    function = Constrained(dynamics, beliefs, start, missed)
+    function = Improved(dynamics, beliefs, start, missed)
     for _ in range(rounds):
         function.round(np.random.default_rng(0), Unhurried(), every=True)
     vectors = function.vectors

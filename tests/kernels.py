@@ -56,9 +56,7 @@ def _sweeps() -> None:
     from mdm import problems
     from mdm.models.dynamics import Dynamics
     from mdm.solvers import Limits, bounds
-    from mdm.solvers.mdp.policy_iteration import modified_policy_iteration
-    from mdm.solvers.mdp.prioritised_sweeping import prioritised_sweeping
-    from mdm.solvers.mdp.value_iteration import value_iteration
+    from mdm.solvers.mdp.value_iteration import modified_policy_iteration, prioritised_sweeping, value_iteration
 
     with patch.object(Dynamics, "is_dense", False), patch.object(bounds, "_LARGE", 0):
         for solver in (value_iteration, prioritised_sweeping, modified_policy_iteration):

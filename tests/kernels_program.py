@@ -18,9 +18,7 @@ from mdm.models import MDP, POMDP
 from mdm.models.dynamics import Dynamics
 from mdm.policies import AlphaVectors, alpha_vectors
 from mdm.solvers import Limits, bounds
-from mdm.solvers.mdp.policy_iteration import modified_policy_iteration
-from mdm.solvers.mdp.prioritised_sweeping import prioritised_sweeping
-from mdm.solvers.mdp.value_iteration import value_iteration
+from mdm.solvers.mdp.value_iteration import modified_policy_iteration, prioritised_sweeping, value_iteration
 from mdm.solvers.online.tree_search import TreeSearch
 from mdm.solvers.sarsop import sarsop, solver as sarsop_solver
 

@@ -110,7 +110,7 @@ def test_no_kernel_leaves_its_arrays(random):
     assert bounds_checked(random) >= {
         ("solvers.online.kernel", "grow"),
         ("solvers.sarsop.search", "explore"),
-        ("solvers.informed_sweep", "informed_sweep"),
+        ("solvers.mdp.sweeps", "informed_sweep"),
         ("solvers.mdp.sweeps", "sweep"),
         ("solvers.mdp.sweeps", "prioritised_sweeps"),
         ("policies.alpha_kernels", "at_belief"),

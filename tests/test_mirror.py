@@ -41,9 +41,7 @@ UNTESTED_ALONE = {
     "beliefs/support.py": "with every other filter, against one computation: test_filter",
     "beliefs/kernels.py": "the loops of filters, which test_filter compares compiled and not",
     "policies/alpha_kernels.py": "the loops of AlphaVectors, compared compiled and not by its tests",
-    "solvers/informed_sweep.py": "the loop of InformedBound, compared compiled and not by its tests",
-    "solvers/mdp/sweeps.py": "the loops of backups, which test_backups compares compiled and not",
-    "solvers/mdp/prioritised_sweeping.py": "with every solver of MDPs, against linear programs: test_rounds",
+    "solvers/mdp/sweeps.py": "the loops of backups and of InformedBound, which tests of these compare compiled and not",
 }
 """Modules that have no tests of their own, and where they are tested."""
 

@@ -28,7 +28,7 @@ from mdm.solvers.sarsop.graph import (
 
 if TYPE_CHECKING:
     from mdm.models.matrices import Vector
-    from mdm.solvers.sarsop.layout import Layout
+    from mdm.solvers.sarsop.graph import Layout
 
 __all__ = [
     "bytes_to_forget_nodes",

@@ -16,7 +16,7 @@ from mdm.compilation import compiled
 from mdm.solvers.sarsop.graph import EDGES, LINKS, NODES, OUTCOMES, POINTS, VALUES, VECTORS, WEIGHTS, Graph, Scratch
 
 if TYPE_CHECKING:
-    from mdm.solvers.sarsop.layout import Layout
+    from mdm.solvers.sarsop.graph import Layout
 
 __all__ = ["add_node", "add_vector", "arrive", "backup", "explore", "follow", "refresh"]
 

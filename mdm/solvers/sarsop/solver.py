@@ -28,7 +28,7 @@ from mdm.models.dynamics import Dynamics
 from mdm.policies import AlphaVectors, MixedAlphaVectors
 from mdm.solvers.bounds import blind_values, informed_values
 from mdm.solvers.joint_dynamics import JointDynamics
-from mdm.solvers.mdp.undiscounted import remedy
+from mdm.solvers.mdp.policy_iteration import remedy
 from mdm.solvers.sarsop.condensation import CHOICE, EVALUATION, Condensed, Kernels, Vectors, condensed
 from mdm.solvers.sarsop.graph import (
     EDGES,
@@ -40,15 +40,16 @@ from mdm.solvers.sarsop.graph import (
     VECTORS,
     WEIGHTS,
     bytes_of,
+    bytes_of_arrivals,
     grown,
     lacking,
+    layout_of,
     new_graph,
     new_scratch,
     room_for,
     rows_of,
     without_beliefs,
 )
-from mdm.solvers.sarsop.layout import bytes_of_arrivals, layout_of
 from mdm.solvers.sarsop.pruning import (
     bytes_to_forget_nodes,
     bytes_to_need_vectors,

@@ -18,8 +18,7 @@ from mdm.solvers import Limits
 from mdm.solvers.bounds import blind_values
 from mdm.solvers.sarsop import sarsop
 from mdm.solvers.sarsop.condensation import Controller, Kernels, Vectors, condensed
-from mdm.solvers.sarsop.graph import new_scratch
-from mdm.solvers.sarsop.layout import layout_of
+from mdm.solvers.sarsop.graph import layout_of, new_scratch
 
 
 def random_model(seed, discount=0.9):

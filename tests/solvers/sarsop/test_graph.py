@@ -7,8 +7,7 @@ from hypothesis import given, strategies as st
 
 from mdm.models.dynamics import Dynamics
 from mdm.problems import tiger
-from mdm.solvers.sarsop.graph import bytes_of, grown, hashed, new_graph
-from mdm.solvers.sarsop.layout import layout_of
+from mdm.solvers.sarsop.graph import bytes_of, grown, hashed, layout_of, new_graph
 
 
 @given(st.lists(st.integers(0, 2**42 - 1), max_size=60))

@@ -8,8 +8,8 @@ from random_models import flat_models
 from mdm.compilation import can_compile
 from mdm.models import dynamics as forms
 from mdm.models.dynamics import Dynamics
-from mdm.solvers.mdp import rounds as backups
-from mdm.solvers.mdp.rounds import backup, kernels, sweep
+from mdm.solvers.mdp import value_iteration as backups
+from mdm.solvers.mdp.value_iteration import backup, kernels, sweep
 
 
 @pytest.mark.compiled("sweeps", where_possible=True)

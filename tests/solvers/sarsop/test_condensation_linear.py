@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from mdm.solvers.sarsop.linear import solved
+from mdm.solvers.sarsop.condensation import solved
 
 
 def contraction(seed, size=12, discount=0.95):

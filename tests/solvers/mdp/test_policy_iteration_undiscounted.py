@@ -14,9 +14,8 @@ from mdm import problems
 from mdm.errors import ModelError
 from mdm.models import MDP
 from mdm.solvers import Limits
-from mdm.solvers.mdp.policy_iteration import modified_policy_iteration, policy_iteration
-from mdm.solvers.mdp.prioritised_sweeping import prioritised_sweeping
-from mdm.solvers.mdp.value_iteration import value_iteration
+from mdm.solvers.mdp.policy_iteration import policy_iteration
+from mdm.solvers.mdp.value_iteration import modified_policy_iteration, prioritised_sweeping, value_iteration
 
 every_solver = pytest.mark.parametrize(
     "solver", [value_iteration, prioritised_sweeping, policy_iteration, modified_policy_iteration]

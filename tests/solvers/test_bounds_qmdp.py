@@ -10,8 +10,8 @@ from sentences import refused
 from mdm.errors import ModelError
 from mdm.models import MDP, POMDP
 from mdm.solvers import Limits
+from mdm.solvers.bounds import qmdp
 from mdm.solvers.mdp.policy_iteration import policy_iteration
-from mdm.solvers.upper_bounds import qmdp
 
 
 @pytest.mark.parametrize(

@@ -20,10 +20,9 @@ from mdm.errors import ModelError
 from mdm.models import MDP
 from mdm.models.dynamics import Dynamics
 from mdm.solvers import Limits
-from mdm.solvers.mdp import rounds as backups
-from mdm.solvers.mdp.policy_iteration import modified_policy_iteration, policy_iteration
-from mdm.solvers.mdp.prioritised_sweeping import prioritised_sweeping
-from mdm.solvers.mdp.value_iteration import value_iteration
+from mdm.solvers.mdp import value_iteration as backups
+from mdm.solvers.mdp.policy_iteration import policy_iteration
+from mdm.solvers.mdp.value_iteration import modified_policy_iteration, prioritised_sweeping, value_iteration
 
 SOLVERS = [value_iteration, prioritised_sweeping, policy_iteration, modified_policy_iteration]
 TABLES = [
@@ -91,7 +90,7 @@ def test_bounds_hold_wherever_it_stops(solver, data):
     reports = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(backups, "can_compile", lambda: False)
-        patch.setattr("mdm.solvers.mdp.rounds._SWEEPS", (1, 1))
+        patch.setattr("mdm.solvers.mdp.value_iteration._SWEEPS", (1, 1))
         found = solver(model, limits=Limits(gap=0, iterations=limit, progress=reports.append))
     best = optimum(model)
     value = model.initial_belief @ best
@@ -191,7 +190,7 @@ def test_ctrl_c_returns_the_best_so_far(solver):
             signal.raise_signal(signal.SIGINT)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mdm.solvers.mdp.rounds._SWEEPS", (1, 1))
+        patch.setattr("mdm.solvers.mdp.value_iteration._SWEEPS", (1, 1))
         found = solver(model, limits=Limits(gap=0, progress=interrupt))
     assert found.reason == "interrupted"
     assert found.iterations == len(reports) == 2
@@ -203,7 +202,7 @@ def test_ctrl_c_returns_the_best_so_far(solver):
 def test_time_is_up(solver):
     times = iter(range(1000))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mdm.solvers.mdp.rounds._SWEEPS", (1, 1))
+        patch.setattr("mdm.solvers.mdp.value_iteration._SWEEPS", (1, 1))
         limits = Limits(gap=0, time=3, clock=lambda: float(next(times)))
         found = solver(chain(sparse=True, discount=0.999), limits=limits)
     assert found.reason == "time"

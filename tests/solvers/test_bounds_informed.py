@@ -8,7 +8,7 @@ from random_models import dense, factored_models, flat_models
 from mdm.models import POMDP
 from mdm.problems import tiger
 from mdm.solvers import Limits, solve
-from mdm.solvers.upper_bounds import fast_informed_bound, qmdp
+from mdm.solvers.bounds import fast_informed_bound, qmdp
 
 
 def joints(model):

@@ -340,7 +340,7 @@ class TeamLayer(Layer):
                 safety.endanger("lost_teammate", f"lost: {', '.join(sorted(self.lost))}", now)
             else:
                 safety.reopen(_TEAMMATE, now)
-        elif safety.on_lost_teammate == "hold" and bool(self.lost) != self.ensemble.action.lives.barred:
+        elif safety.on_lost_teammate == "hold" and bool(self.lost) != self.ensemble.action.barred:
             self.ensemble.action.bar(barred=bool(self.lost))
             if not self.lost:
                 self.process.repeat(now)

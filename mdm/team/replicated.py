@@ -401,7 +401,7 @@ class ReplicatedLayer(TeamLayer):
     def assess(self, now: int) -> None:
         """Go safe, hold or go on, by who is there."""
         safety = self.ensemble.safety
-        if self._role in _STEADY and not (self.lost or safety.modes.causes or self.ensemble.action.lives.barred):
+        if self._role in _STEADY and not (self.lost or safety.modes.causes or self.ensemble.action.barred):
             return  # as at nearly each step
         if self._role == "waiting" and self.copy.begun:
             safety.endanger("lost_majority", f"{self.agent} is without a majority of team {self.team.name!r}", now)

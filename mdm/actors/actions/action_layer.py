@@ -182,6 +182,11 @@ class ActionLayer(Layer):
         return self.lives.part is Part.DELEGATED
 
     @property
+    def barred(self) -> bool:
+        """Whether this agent begins none of its decided actions for now."""
+        return self.lives.part is Part.BARRED
+
+    @property
     def live(self) -> tuple[str, ...]:
         """The names of the actions that are live now."""
         current = () if self.lives.current is None else (self.lives.current.name,)

@@ -370,7 +370,7 @@ class ControlLayer(Layer):
             symbol = self.symbol(observation)
             if not self.advance(symbol, observation.time):
                 return
-            if not self.running:  # any more, for it was impossible
+            if self.controller.problem is not None and self.source.held:
                 self.source.answer_later("observation", symbol)
             else:
                 self.decide(observation.time, "observation", symbol, tell=self._tell)

@@ -339,7 +339,7 @@ class CommunicatingLayer(TeamLayer):
         if ensemble.mode == "safe":
             safe, bindings = ensemble.action.safe, ensemble.action.bindings
             return bindings.index(safe) if safe is not None and safe in bindings else None
-        if ensemble.action.lives.barred:
+        if ensemble.action.barred:
             return self._did
         return self.knowledge.component
 

@@ -75,7 +75,7 @@ def describe(machine):
         list(proposals.components), list(proposals.commands), proposals.offered, proposals.commanded,
         sorted(state.components.items()), list(state.commands.items()), sorted(state.applied.items()),
         sorted(state.doubts.items()), sorted(state.timers), machine.replica.position, machine.replica.value,
-        hold.still, hold.waits, hold.last, hold.at, hold.kept, machine.replica.running, machine.replica.started,
+        hold.held.name, hold.last, hold.at, machine.replica.running, machine.replica.started,
     ])  # fmt: skip
 
 

@@ -24,7 +24,7 @@ from mdm.team.agreement.messages import (
     Snapshot,
     Stale,
 )
-from mdm.team.agreement.proposals import BARS, STOP, Asked, Hold, Proposals
+from mdm.team.agreement.proposals import BARS, STOP, Asked, Held, Hold, Proposals
 from mdm.team.agreement.state import Ballot, State
 
 if TYPE_CHECKING:
@@ -342,7 +342,7 @@ class Agreement:
         state, proposals, hold = self.state, self.proposals, self.hold
         while (role := state.role) == "leading" or role == "following":
             step = self.log.position.step + 1
-            if hold.waits and not proposals.holds(hold.waits):
+            if hold.held is not Held.ACTING and hold.waits and not proposals.holds(hold.waits):
                 proposals.hold(hold.waits, state.term)
             if proposals.commands and proposals.commanded is None:
                 proposals.commanded = (state.term, step)

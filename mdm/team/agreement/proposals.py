@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from enum import Enum
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
     from mdm.team.agreement.log import Commit, Lineage
 
-__all__ = ["BARS", "HOLD", "OPENS", "STARTS", "STOP", "Asked", "Hold", "Proposals", "Standstill"]
+__all__ = ["BARS", "HOLD", "OPENS", "STARTS", "STOP", "Asked", "Held", "Hold", "Proposals", "Standstill"]
 
 STOP = "stop"
 
@@ -181,6 +182,20 @@ class Standstill(msgspec.Struct, frozen=True, array_like=True, gc=False):
     kept: bool = False
 
 
+class Held(Enum):
+    """How an agent obeys the last stop that it took, by where that stands in its history."""
+
+    ACTING = "it carries out the decisions of its copy"
+    ASKED = "the stop was asked of it, and is in no history of its own yet"
+    STOPPED = "the stop is a step"
+    KEPT = "a hold in place of the stop is a step, whatever the team does"
+    RECALLED = "as STOPPED in an earlier process: its history has not come to that step yet"
+    RECALLED_KEPT = "as KEPT in an earlier process: its history has not come to that step yet"
+
+
+_RECALLED = {Held.RECALLED: Held.STOPPED, Held.RECALLED_KEPT: Held.KEPT}
+
+
 class Hold:
     """Whether an agent carries out the decisions of its copy.
 
@@ -195,59 +210,62 @@ class Hold:
         agent: Which agent.
 
     Attributes:
-        still: Whether the agent carries out no decisions.
-        waits: The token of the stop that is in no history of this agent's yet; empty where there is none.
+        held: How the agent obeys the last stop.
         last: The token of the last stop that it took.
         at: Where that stands in the history, or stood in that of an earlier process.
-        kept: Whether the step there is a hold, which tells nothing of whether the team decides.
     """
 
     def __init__(self, agent: str) -> None:
         self.agent = agent
-        self.still = False
-        self.waits = ""
+        self.held = Held.ACTING
         self.last = ""
         self.at: Position | None = None
-        self.kept = False
+
+    @property
+    def still(self) -> bool:
+        """Whether the agent carries out no decisions."""
+        return self.held is not Held.ACTING
+
+    @property
+    def waits(self) -> str:
+        """The token of the stop that is in no history of this agent's yet; empty where there is none."""
+        return self.last if self.held in {Held.ASKED, Held.RECALLED, Held.RECALLED_KEPT} else ""
 
     def stop(self, token: str) -> None:
         """Take a stop that is asked of this agent."""
-        self.still = True
-        self.waits = self.last = token
-        self.at = None
+        self.held, self.last, self.at = Held.ASKED, token, None
 
     @property
     def standstill(self) -> Standstill | None:
         """What is to outlive the process; None where the agent acts."""
-        return Standstill(self.last, self.at, self.kept) if self.still else None
+        return Standstill(self.last, self.at, self.held in {Held.KEPT, Held.RECALLED_KEPT}) if self.still else None
 
     def recall(self, standstill: Standstill) -> None:
         """Obey the stop of an earlier process."""
-        self.still = True
-        self.waits = self.last = standstill.token
-        self.at, self.kept = standstill.at, standstill.kept
+        self.last, self.at = standstill.token, standstill.at
+        recalled = Held.RECALLED_KEPT if standstill.kept else Held.RECALLED
+        self.held = Held.ASKED if self.at is None else recalled
 
     def take(self, commit: Commit, position: Position) -> None:
         """Take note of a step that is applied."""
+        waits = self.waits
         if commit.command in BARS:
-            if self.waits and position == self.at:
-                self.waits = ""
-            elif commit.by == self.agent and commit.token == self.waits:
-                self.waits = ""
-                self.at, self.kept = position, commit.command == HOLD
-            elif commit.command == STOP and not self.waits:
-                self.still = True
-                self.last, self.at, self.kept = commit.token, position, False
-        elif commit.command in {"start", "resume"} and not self.waits:
-            self.still = False
+            if waits and position == self.at:
+                self.held = _RECALLED[self.held]
+            elif waits and commit.by == self.agent and commit.token == waits:
+                self.held, self.at = Held.KEPT if commit.command == HOLD else Held.STOPPED, position
+            elif commit.command == STOP and not waits:
+                self.held, self.last, self.at = Held.STOPPED, commit.token, position
+        elif commit.command in {"start", "resume"} and not waits:
+            self.held = Held.ACTING
 
     def restore(self, lineage: Lineage, *, running: bool) -> None:
         """Take note of another history, after whose last step the team decides or does not."""
-        if not self.still or (self.waits and self.at is None):
+        if self.at is None or not self.still:
             return
-        if self.at is None or not contains(lineage, self.at):
-            self.waits, self.at = self.last, None
+        if not contains(lineage, self.at):
+            self.held, self.at = Held.ASKED, None
             return
-        self.waits = ""
-        if running and not self.kept:
-            self.still = False
+        self.held = _RECALLED.get(self.held, self.held)
+        if running and self.held is Held.STOPPED:
+            self.held = Held.ACTING

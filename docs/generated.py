@@ -332,7 +332,7 @@ def statistics() -> str:
 
 def _agreement(*names: str) -> tuple[str, ...]:
     """Return the paths of messages of the agreement."""
-    return ("mdm.team.agreement.log.Commit", *(f"mdm.team.agreement.messages.{name}" for name in names))
+    return tuple(f"mdm.team.agreement.messages.{name}" for name in ("Commit", *names))
 
 
 SENT = (

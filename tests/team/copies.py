@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from zlib import crc32
 
-from mdm.team.agreement.log import START, Position
-from mdm.team.agreement.messages import Component, encode
+from mdm.team.agreement.messages import START, Component, Position, encode
 
 
 class Violation(AssertionError):

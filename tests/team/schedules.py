@@ -15,8 +15,7 @@ from random import Random
 from team.copies import Copy, Oracle, Violation
 
 from mdm.team.agreement import Agreement
-from mdm.team.agreement.log import START
-from mdm.team.agreement.messages import decode, encode
+from mdm.team.agreement.messages import START, decode, encode
 
 MILLISECOND = 1_000_000
 

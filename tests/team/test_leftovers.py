@@ -19,7 +19,7 @@ from mdm.actors.actions import action_layer
 from mdm.actors.control import output
 from mdm.runtime import statistics
 from mdm.team.agreement import agreement
-from mdm.team.agreement.log import Log
+from mdm.team.agreement.state import Log
 from mdm.team.team import Team
 from mdm.team.transport.network import Network
 from mdm.testing import run_virtual

@@ -6,7 +6,7 @@ import pytest
 from team.schedules import violation
 
 from mdm.team.agreement import Agreement
-from mdm.team.agreement.log import Commit, Term
+from mdm.team.agreement.messages import Commit, Term
 from mdm.team.agreement.proposals import Hold, Proposals
 from mdm.team.agreement.state import Ballot
 

@@ -11,7 +11,6 @@ it alone when it is lost.
 """
 
 from mdm.team.agreement.agreement import Agreement, Replica, Standing
-from mdm.team.agreement.log import Commit, Position, Term
-from mdm.team.agreement.messages import Message, Send, decode, encode
+from mdm.team.agreement.messages import Commit, Message, Position, Send, Term, decode, encode
 
 __all__ = ["Agreement", "Commit", "Message", "Position", "Replica", "Send", "Standing", "Term", "decode", "encode"]

@@ -9,23 +9,27 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal, Protocol
 
 from mdm.errors import ConfigError
-from mdm.team.agreement.log import START, Commit, Log, Position, Term, contains
 from mdm.team.agreement.messages import (
+    START,
     Applied,
     Begin,
     Call,
     Command,
+    Commit,
     Component,
     Ended,
     Entries,
     Fetch,
     Joined,
+    Position,
     Send,
     Snapshot,
     Stale,
+    Term,
+    contains,
 )
 from mdm.team.agreement.proposals import BARS, STOP, Asked, Held, Hold, Proposals
-from mdm.team.agreement.state import Ballot, State
+from mdm.team.agreement.state import Ballot, Log, State
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The messages by which agents agree on joint steps.
+"""The messages by which agents agree on joint steps, and the places in histories that they name.
 
 All are written as msgpack arrays that begin with the name of their kind, in a few microseconds.
 """
@@ -10,26 +10,31 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 import msgspec
 
 from mdm.errors import Error
-from mdm.team.agreement.log import START, Commit, Lineage, Members, Position, Term
 from mdm.team.transport.bounds import UNREADABLE, Life, Name, Number, Order, Text, can_be
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container
+    from collections.abc import Callable, Container, Sequence
 
 __all__ = [
+    "START",
     "Applied",
     "Begin",
     "Call",
     "Command",
+    "Commit",
     "Component",
     "Ended",
     "Entries",
     "Fetch",
     "Joined",
+    "Lineage",
     "Message",
+    "Position",
     "Send",
     "Snapshot",
     "Stale",
+    "Term",
+    "contains",
     "decode",
     "encode",
     "is_possible",
@@ -37,6 +42,66 @@ __all__ = [
 
 _STEP = 1000
 """Nanoseconds that a step takes at least."""
+
+
+class Term(msgspec.Struct, frozen=True, order=True, array_like=True, gc=False):
+    """A time in which one agent leads; a later one is greater. No two calls of any agents make the same.
+
+    Args:
+        number: Grows with each change of membership.
+        leader: The agent that called it.
+        incarnation: Which life of that agent.
+    """
+
+    number: Number
+    leader: Name
+    incarnation: Life
+
+
+class Position(msgspec.Struct, frozen=True, order=True, array_like=True, gc=False):
+    """A place in a history: the last step that was applied, and the term that committed it."""
+
+    term: Term
+    step: Number
+
+
+Lineage: TypeAlias = Annotated[tuple[Position, ...], msgspec.Meta(min_length=1, max_length=64)]
+Members: TypeAlias = Annotated[tuple[Name, ...], msgspec.Meta(max_length=256)]
+"""The last steps of the terms in a history; its own last step is the last of them."""
+
+START = Position(Term(0, "", 0), 0)
+"""Where every history begins: nothing was applied."""
+
+
+class Commit(msgspec.Struct, frozen=True, array_like=True, tag="commit", gc=False):
+    """A joint step, which every copy applies in its turn.
+
+    Args:
+        term: Who committed it, and when.
+        step: Counted from 1, over all terms.
+        previous: The term of the step before: together with ``step`` it says which history this goes on.
+        inputs: The components by agent, in the order of the team; an agent that saw nothing has none.
+        missing: Agents whose component is not known.
+        command: ``"start"``, ``"stop"``, ``"reset"``…: such a step has neither inputs nor missing agents.
+        by: Who gave the command.
+        digest: Of the leader's copy after the step before.
+        token: The identifier of the command.
+    """
+
+    term: Term
+    step: Number
+    previous: Term
+    inputs: Annotated[dict[Name, bytes], msgspec.Meta(max_length=256)]
+    missing: Members
+    command: Order | None
+    by: Name
+    digest: Text
+    token: Name = ""
+
+
+def contains(lineage: Sequence[Position], position: Position) -> bool:
+    """Return whether a history of this lineage has a position in it."""
+    return any(last.term == position.term and position.step <= last.step for last in lineage)
 
 
 class Call(msgspec.Struct, frozen=True, array_like=True, tag="call", gc=False):

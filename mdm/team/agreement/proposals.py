@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from mdm.team.agreement.log import Position, Term, contains
+from mdm.team.agreement.messages import Position, Term, contains
 from mdm.team.transport.bounds import Name
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from mdm.team.agreement.log import Commit, Lineage
+    from mdm.team.agreement.messages import Commit, Lineage
 
 __all__ = ["BARS", "HOLD", "OPENS", "STARTS", "STOP", "Asked", "Held", "Hold", "Proposals", "Standstill"]
 

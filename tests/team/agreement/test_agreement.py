@@ -8,14 +8,15 @@ from places import ROOT
 from team.lockstep import PATIENCE, RETRY, Lockstep
 
 from mdm.team.agreement import Agreement, Term
-from mdm.team.agreement.log import START, Position
 from mdm.team.agreement.messages import (
+    START,
     Applied,
     Begin,
     Command,
     Component,
     Ended,
     Joined,
+    Position,
     Stale,
 )
 

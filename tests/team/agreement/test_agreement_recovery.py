@@ -3,8 +3,7 @@ from __future__ import annotations
 import pytest
 from team.lockstep import DEADLINE, PATIENCE, RETRY, Lockstep
 
-from mdm.team.agreement.log import Position
-from mdm.team.agreement.messages import Entries, Fetch, Snapshot
+from mdm.team.agreement.messages import Entries, Fetch, Position, Snapshot
 
 
 def full(team, times=1, **options):

@@ -5,19 +5,22 @@ from sentences import refused
 
 from mdm.errors import Error
 from mdm.team.agreement import decode, encode
-from mdm.team.agreement.log import START, Commit, Position, Term
 from mdm.team.agreement.messages import (
+    START,
     Applied,
     Begin,
     Call,
     Command,
+    Commit,
     Component,
     Ended,
     Entries,
     Fetch,
     Joined,
+    Position,
     Snapshot,
     Stale,
+    Term,
     is_possible,
 )
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from mdm.team.agreement.log import Commit, Term
+from mdm.team.agreement.messages import Commit, Term
 from mdm.team.agreement.proposals import COMMANDS, WAITING, Asked, Proposals
 
 TERM = Term(1, "a", 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from team.lockstep import Lockstep
 
-from mdm.team.agreement.log import Commit, Position, Term
+from mdm.team.agreement.messages import Commit, Position, Term
 from mdm.team.agreement.proposals import Hold
 
 FIRST, SECOND = Term(1, "a", 1), Term(2, "b", 1)

@@ -9,8 +9,7 @@ from team.copies import Violation
 from team.invariants import INVARIANTS, check
 from team.lockstep import Lockstep
 
-from mdm.team.agreement.log import START, Position, Term
-from mdm.team.agreement.messages import Joined
+from mdm.team.agreement.messages import START, Joined, Position, Term
 from mdm.team.agreement.state import Ballot, State
 
 FIRST, SECOND = Term(1, "a", 1), Term(2, "b", 1)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
-from mdm.team.agreement.log import START, TERMS, Commit, Log, Position, Term, contains
+from mdm.team.agreement.messages import START, Commit, Position, Term, contains
+from mdm.team.agreement.state import TERMS, Log
 
 
 def commit(number, step, previous, missing=(), command=None):

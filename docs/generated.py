@@ -73,7 +73,7 @@ TABLES = {
     "[team] agents": ("mdm.config.team_file.AgentTable", ()),
     "[team.communication]": (
         "mdm.config.team_file.CommunicationTable",
-        ("mdm.team.communicating.communication.Budget", "mdm.team.communicating.communication.ValueOfCommunication"),
+        ("mdm.team.communication.Budget", "mdm.team.communication.ValueOfCommunication"),
     ),
     "[team.allowance]": ("mdm.config.team_file.AllowanceTable", ("mdm.team.transport.allowance.Allowance",)),
     "[[team.ceilings]]": ("mdm.config.team_file.CeilingTable", ("mdm.team.transport.ceilings.Ceiling",)),
@@ -297,8 +297,8 @@ STATISTICS = (
     "mdm.team.member.MemberStatistics",
     "mdm.team.replicated.ReplicatedStatistics",
     "mdm.team.centralised.messages.CentralisedStatistics",
-    "mdm.team.communicating.episode.CommunicatingStatistics",
-    "mdm.team.communicating.recollection.RecollectionStatistics",
+    "mdm.team.communicating.CommunicatingStatistics",
+    "mdm.team.knowledge.RecollectionStatistics",
     "mdm.team.transport.transport.TransportStatistics",
 )
 """What the methods `statistics` return."""
@@ -371,7 +371,7 @@ SENT = (
     ),
     (
         "ENSEMBLE/word",
-        ("mdm.team.communicating.episode.Update",),
+        ("mdm.team.communicating.Update",),
         "an agent of a communicating team, to all",
         "what its communication policy shares, once; its episode, once a lease and when agents come or go",
     ),

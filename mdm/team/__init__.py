@@ -12,17 +12,9 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mdm.team.communicating.communication import (
-        Always,
-        Budget,
-        CommunicationPolicy,
-        Never,
-        OnChange,
-        ValueOfCommunication,
-    )
-    from mdm.team.communicating.knowledge import Knowledge, SharedHistory
-    from mdm.team.communicating.recollection import Experience, Recollection, RecollectionStatistics
+    from mdm.team.communication import Always, Budget, CommunicationPolicy, Never, OnChange, ValueOfCommunication
     from mdm.team.decisions import Committed
+    from mdm.team.knowledge import Experience, Knowledge, Recollection, RecollectionStatistics, SharedHistory
     from mdm.team.member import Member, MemberStatistics, Teammates
     from mdm.team.ownership import Placement
     from mdm.team.sharing.commanding import Confirmation
@@ -58,12 +50,9 @@ __all__ = [
 ]
 
 _HOMES = {
-    "communicating.communication": (
-        *("Always", "Budget", "CommunicationPolicy", "Never", "OnChange", "ValueOfCommunication"),
-    ),
-    "communicating.knowledge": ("Knowledge", "SharedHistory"),
-    "communicating.recollection": ("Experience", "Recollection", "RecollectionStatistics"),
+    "communication": ("Always", "Budget", "CommunicationPolicy", "Never", "OnChange", "ValueOfCommunication"),
     "decisions": ("Committed",),
+    "knowledge": ("Experience", "Knowledge", "Recollection", "RecollectionStatistics", "SharedHistory"),
     "member": ("Member", "MemberStatistics", "Teammates"),
     "ownership": ("Placement",),
     "sharing.commanding": ("Confirmation",),

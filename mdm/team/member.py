@@ -14,7 +14,7 @@ from mdm.runtime import Actor, ActorStatistics
 from mdm.team.centralised.follower import CentralisedFollower
 from mdm.team.centralised.leader import CentralisedLeader
 from mdm.team.centralised.messages import CentralisedStatistics, controlling
-from mdm.team.communicating.layer import CommunicatingLayer
+from mdm.team.communicating import CommunicatingLayer
 from mdm.team.decisions import Committed, Decisions
 from mdm.team.link import Clocks, Link
 from mdm.team.ownership import Placement, placement_of
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from mdm.actors import PredicateManager
     from mdm.runtime import Channel, Runtime
-    from mdm.team.communicating.episode import CommunicatingStatistics
+    from mdm.team.communicating import CommunicatingStatistics
     from mdm.team.team import Team
     from mdm.team.transport.access import Access
     from mdm.team.transport.allowance import Allowance

@@ -13,14 +13,14 @@ from mdm.actors.control.drive import drive_of
 from mdm.errors import ConfigError
 from mdm.logic import similar
 from mdm.runtime.time.clock import check_seconds
-from mdm.team.communicating.communication import Always
+from mdm.team.communication import Always
 from mdm.team.transport.ceilings import Ceiling, ceiling_settings
 from mdm.team.transport.keys import check_name
 from mdm.team.transport.settings import address, check_endpoint
 
 if TYPE_CHECKING:
     from mdm.actors import Drive, Ensemble
-    from mdm.team.communicating.communication import CommunicationPolicy
+    from mdm.team.communication import CommunicationPolicy
     from mdm.team.member import Member
     from mdm.team.sharing.commanding import Confirmation
     from mdm.team.transport.access import Access

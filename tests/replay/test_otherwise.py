@@ -16,7 +16,7 @@ from mdm.recording.stimuli import Received
 from mdm.replay import Together, replay_together
 from mdm.replay.traffic import Traffic
 from mdm.team import Team
-from mdm.team.communicating.communication import Always, OnChange, ValueOfCommunication
+from mdm.team.communication import Always, OnChange, ValueOfCommunication
 
 pytestmark = pytest.mark.usefixtures("recorded_here")
 

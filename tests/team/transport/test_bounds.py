@@ -7,11 +7,16 @@ from hypothesis import given, strategies as st
 from mdm.controller.held import Held, opened
 from mdm.errors import Error
 from mdm.messages import Belief
-from mdm.team.agreement import log, messages
+from mdm.team import communicating
+from mdm.team.agreement import messages
 from mdm.team.centralised import messages as centralised
-from mdm.team.communicating import episode
 from mdm.team.sharing.remote import Wire
 from mdm.team.transport.bounds import HOUR, UNREADABLE, Life, Name, Number, Text, can_be
+
+
+def _said_of(number):
+    episode = communicating.Episode(number, 0, "a", running=True)
+    return communicating.encode(communicating.Update(episode, ""))
 
 
 def _opened_by(decode):
@@ -49,9 +54,12 @@ DEEP = b"\x91" * 100_000 + b"\xc0"
 @pytest.mark.parametrize(
     ("decode", "whole"),
     [
-        (messages.decode, messages.encode(messages.Stale(log.START.term))),
+        (messages.decode, messages.encode(messages.Stale(messages.START.term))),
         (_opened_by(centralised.decode_proposal), centralised.encode(centralised.Proposal(0, 0, None, None))),
-        (_opened_by(episode.decode), episode.encode(episode.Update(episode.Episode(0, 0, "a", running=True), ""))),
+        (
+            _opened_by(communicating.decode),
+            _said_of(0),
+        ),
         (opened, msgspec.msgpack.encode(Held("", 0, None, False, None, None, None))),
         (Wire(Belief).decode, msgspec.msgpack.encode({"time": 0, "probabilities": None})),
     ],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given, strategies as st
 
 from mdm.team import Experience
-from mdm.team.communicating.episode import Episode, Update, decode, encode
+from mdm.team.communicating import Episode, Update, decode, encode
 
 STOPS = st.dictionaries(st.sampled_from("abc"), st.integers(0, 2))
 EPISODES = st.builds(

@@ -12,8 +12,7 @@ from mdm.team.transport.allowance import TokenBucket
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mdm.team.communicating.knowledge import Knowledge
-    from mdm.team.communicating.recollection import Experience
+    from mdm.team.knowledge import Experience, Knowledge
 
 __all__ = ["Always", "Budget", "CommunicationPolicy", "Never", "OnChange", "ValueOfCommunication"]
 

@@ -16,7 +16,7 @@ import mdm
 from mdm import problems
 from mdm.errors import ConfigError
 from mdm.team import Always, Budget, Knowledge, Never, OnChange, Team, ValueOfCommunication
-from mdm.team.communicating.episode import Update, encode
+from mdm.team.communicating import Update, encode
 from mdm.team.transport.envelope import Packer
 from mdm.team.transport.network import Network
 from mdm.testing import run_virtual

@@ -1,1 +1,0 @@
-"""Agents that decide by their own knowledge: its computation, and when to share it."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mdm import FormatError
-from mdm.formats import policies
+from mdm.formats import files as policies
 from mdm.models import POMDP
 
 

@@ -140,7 +140,7 @@ def test_every_page_is_in_the_index():
 
 
 def test_every_format_is_in_the_readme():
-    from mdm.formats.models import MODEL_SUFFIXES
+    from mdm.formats.files import MODEL_SUFFIXES
 
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     for suffix in MODEL_SUFFIXES:

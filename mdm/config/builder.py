@@ -17,7 +17,7 @@ from mdm.config.system import System
 from mdm.config.tables import EventTable, PredicateTable
 from mdm.errors import ConfigError
 from mdm.formats.archive.npz import is_archive
-from mdm.formats.recognition import beginning, holds_policy
+from mdm.formats.files import beginning, holds_policy
 from mdm.logic import Formula, parse, similar
 from mdm.runtime.process.emergency import check_emergency
 from mdm.runtime.time.clock import check_seconds

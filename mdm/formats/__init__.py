@@ -1,8 +1,7 @@
 """File formats of models, policies and durations, in folders by the program that wrote them, one module per format."""
 
 from mdm.formats.archive.model import load_durations, save_durations
-from mdm.formats.models import load_model, save_model
-from mdm.formats.policies import check_policy_file, load_policy, load_rewards, save_policy
+from mdm.formats.files import check_policy_file, load_model, load_policy, load_rewards, save_model, save_policy
 
 __all__ = [
     "check_policy_file",

@@ -5,9 +5,12 @@ Document types are refused: they can define entities that grow without bound or 
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import TYPE_CHECKING, NoReturn
 from xml.parsers import expat
+
+from mdm.formats.source import number
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterator
@@ -60,6 +63,17 @@ class Element:
         """
         value = self.attributes.get(name)
         return self.fail(f"<{self.tag}> needs the attribute {name!r}") if value is None else value.strip()
+
+    def number(self, word: str) -> float:
+        """Parse a word of this element as a finite number.
+
+        Raises:
+            FormatError: If it is none.
+        """
+        value = number(word)
+        return (
+            self.fail(f"{word[:40]!r} is not a finite number") if value is None or not math.isfinite(value) else value
+        )
 
     def fail(self, message: str) -> NoReturn:
         """Raise a `FormatError` at this element."""

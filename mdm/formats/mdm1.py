@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import NoReturn
 
-    from mdm.formats.policies import PolicyKind
+    from mdm.formats.files import PolicyKind
     from mdm.models import MDP
 
 __all__ = ["read", "table", "write"]

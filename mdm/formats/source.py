@@ -1,10 +1,11 @@
-"""The text of a plain or gzipped file, its words, and their lines and columns."""
+"""The text of a plain or gzipped file, its words, and their lines and columns; and what a reader left of it."""
 
 from __future__ import annotations
 
 import gzip
 import io
 import re
+import warnings
 import zlib
 from bisect import bisect_right
 from itertools import accumulate
@@ -14,7 +15,7 @@ from typing import NoReturn
 from mdm.errors import FormatError
 from mdm.progress import report_share
 
-__all__ = ["LARGEST", "Source", "Words", "content", "number", "suffixes"]
+__all__ = ["LARGEST", "Inventory", "Source", "Words", "content", "number", "suffixes"]
 
 LARGEST = 10_000_000
 """The most states, actions or observations that a file may have."""
@@ -179,3 +180,39 @@ def suffixes(path: str | Path) -> str:
     """Return a file's suffix in lower case, without ``.gz``."""
     path = Path(path)
     return (Path(path.stem).suffix if path.suffix.lower() == ".gz" else path.suffix).lower()
+
+
+# -- The rest of a file ------------------------------------------------------------------------------------------------
+
+_PLACES = 3
+"""Places of one thing that are told."""
+
+
+class Inventory:
+    """What was not carried over, each thing with its places, in the order of the file."""
+
+    def __init__(self) -> None:
+        self._left: dict[tuple[str, str], list[str]] = {}
+
+    def leave(self, what: str, place: str, why: str = "") -> None:
+        """Note something, with its place, such as ``line 3``, and why, where that is not plain."""
+        self._left.setdefault((what, why), []).append(place)
+
+    def add(self, other: Inventory) -> None:
+        """Note what another reader has noted."""
+        for (what, why), places in other._left.items():
+            self._left.setdefault((what, why), []).extend(places)
+
+    def lines(self) -> list[str]:
+        """Return a line for each thing: what, where and why."""
+        return [
+            f"{what}, of {', '.join(places[:_PLACES])}"
+            + (f" and {len(places) - _PLACES} more" if len(places) > _PLACES else "")
+            + (f": {why}" if why else "")
+            for (what, why), places in self._left.items()
+        ]
+
+    def warn(self, path: Path, kind: type[Warning]) -> None:
+        """Warn once of all that was left of a file; not where that is nothing."""
+        if self._left:
+            warnings.warn(kind(f"{path}: not carried over: {'; '.join(self.lines())}"), stacklevel=2)

@@ -11,7 +11,7 @@ from random_policies import floats
 from sentences import refused
 
 from mdm import FormatError
-from mdm.formats import mdm1 as ublas, policies
+from mdm.formats import files as policies, mdm1 as ublas
 
 
 def printed(array):

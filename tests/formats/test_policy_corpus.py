@@ -10,7 +10,7 @@ import pytest
 from places import each, foreign
 
 from mdm import FormatError, load_model
-from mdm.formats import policies
+from mdm.formats import files as policies
 from mdm.policies import (
     AlphaVectors,
     DeterministicPolicy,

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from mdm import FormatError
-from mdm.formats import policies
+from mdm.formats import files as policies
 from mdm.models import POMDP, Factor, Space
 
 DATA = places.DATA / "policies"

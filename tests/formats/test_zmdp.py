@@ -11,7 +11,7 @@ from random_policies import alpha, assert_same
 from sentences import refused
 
 from mdm import FormatError
-from mdm.formats import policies, zmdp
+from mdm.formats import files as policies, zmdp
 from mdm.policies import AlphaVectors, MaskedAlphaVectors, MixedAlphaVectors
 
 

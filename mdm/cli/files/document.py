@@ -9,7 +9,7 @@ import numpy as np
 
 from mdm.formats import load_durations, load_model, load_policy
 from mdm.formats.archive.npz import is_archive, kind
-from mdm.formats.recognition import is_policy as text_is_policy
+from mdm.formats.files import is_policy as text_is_policy
 from mdm.formats.source import suffixes
 from mdm.models import MDP, Durations
 from mdm.models.units import in_words

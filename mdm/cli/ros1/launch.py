@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mdm.errors import Error
-from mdm.formats.inventory import Inventory
 from mdm.formats.markup import stream
-from mdm.formats.source import Source
+from mdm.formats.source import Inventory, Source
 
 if TYPE_CHECKING:
     from mdm.formats.markup import Element

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from itertools import accumulate
 from pathlib import Path
 
-from mdm.formats.inventory import Inventory
+from mdm.formats.source import Inventory
 
 __all__ = ["Action", "Control", "Declaration", "Program", "Routine", "Text", "programs", "read_program"]
 

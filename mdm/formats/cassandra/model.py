@@ -25,7 +25,7 @@ from mdm.models.matrices import TOLERANCE, RowError, csr, is_compressed
 from mdm.models.validation import is_collecting, placing, remark, report
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from pathlib import Path
 
     from mdm.models.matrices import Matrix, Vector
@@ -246,26 +246,9 @@ class _Reader:
         else:
             remark("no start is given: every state is as likely")
             start = np.full(len(states), 1 / len(states))
-        try:
-            statements = Statements(
-                self._words,
-                states=states,
-                actions=actions,
-                observations=observations,
-                start=start,
-                sign=sign,
-                field=self._field,
-                colons=False,
-            )
-            statements.read(self._sections[""][0])
-            with placing(lambda error, _: statements.refuse(error)):
-                return build(self._source, statements, states, actions, observations, discount, start, sparse)
-        except RowError as error:
-            statements.refuse(error)
-        except ModelError as error:
-            raise FormatError(str(error), file=self._source.path) from None
-        except MemoryError:
-            self._source.fail("the model is too large for this machine's memory")
+        spaces = states, actions, observations
+        at = self._sections[""][0]
+        return build(self._source, self._words, at, spaces, discount, sign, start, sparse, field=self._field)
 
     def _field(self, at: int, words: list[str], space: Space, where: str) -> Field:
         word = words[0]
@@ -279,20 +262,66 @@ class _Reader:
 
 def build(
     source: Source,
+    words: Words,
+    at: int,
+    spaces: tuple[Space, Space, Space | None],
+    discount: float,
+    sign: float,
+    start: npt.NDArray[np.float64],
+    sparse: bool | None,
+    *,
+    field: Callable[[int, list[str], Space, str], Field],
+    colons: bool = False,
+) -> MDP | POMDP:
+    """Return the model that statements define, or fail with the actions that have none.
+
+    Args:
+        source: The file.
+        words: Its words.
+        at: The place of the first statement.
+        spaces: The states, actions and observations.
+        discount: The discount.
+        sign: -1 where values are costs, else 1.
+        start: The initial belief, S numbers.
+        sparse: Force CSR (True) or dense (False) matrices; None chooses by size and density.
+        field: See `Statements`.
+        colons: See `Statements`; rows of O that were not given and that no transition reaches are then uniform, with a
+            warning.
+    """
+    states, actions, observations = spaces
+    try:
+        statements = Statements(
+            words,
+            states=states,
+            actions=actions,
+            observations=observations,
+            start=start,
+            sign=sign,
+            field=field,
+            colons=colons,
+        )
+        statements.read(at)
+        with placing(lambda error, _: statements.refuse(error)):
+            return _made(source, statements, spaces, discount, start, sparse, fill=colons)
+    except RowError as error:
+        statements.refuse(error)
+    except ModelError as error:
+        raise FormatError(str(error), file=source.path) from None
+    except MemoryError:
+        source.fail("the model is too large for this machine's memory")
+
+
+def _made(
+    source: Source,
     statements: Statements,
-    states: Space,
-    actions: Space,
-    observations: Space | None,
+    spaces: tuple[Space, Space, Space | None],
     discount: float,
     start: npt.NDArray[np.float64],
     sparse: bool | None,
     *,
-    fill: bool = False,
+    fill: bool,
 ) -> MDP | POMDP:
-    """Return the model that the statements define, or fail with the actions that have none.
-
-    With ``fill``, rows of O that were not given and that no transition reaches are uniform, with a warning.
-    """
+    states, actions, observations = spaces
     for letter, stack in (("T", statements.transitions), ("O", statements.observations)):
         for action in stack.missing() if stack is not None else []:
             problem = f"no {letter!r} statement is given for action {actions.names[action]!r}"
@@ -313,34 +342,21 @@ def build(
             f"the reward of action {actions.names[action]!r} in {where} is given twice by one entry: the last counts"
         )
     transitions = statements.transitions.matrices()
-    finer = statements.rewards if statements.rewards.finer else None
+    common: dict[str, Any] = {
+        "discount": discount,
+        "states": states,
+        "actions": actions,
+        "initial_belief": start,
+        "outcome_rewards": statements.rewards if statements.rewards.finer else None,
+        "sparse": sparse,
+    }
     if observations is None or statements.observations is None:
-        rewards = statements.rewards.expected(_normalised(transitions), None)
-        return MDP(
-            transitions,
-            rewards,
-            discount=discount,
-            states=states,
-            actions=actions,
-            initial_belief=start,
-            outcome_rewards=finer,
-            sparse=sparse,
-        )
+        return MDP(transitions, statements.rewards.expected(_normalised(transitions), None), **common)
     matrices = statements.observations.matrices()
     if fill:
         matrices = _filled(source, transitions, matrices)
-    return POMDP(
-        transitions,
-        matrices,
-        statements.rewards.expected(_normalised(transitions), _normalised(matrices)),
-        discount=discount,
-        states=states,
-        actions=actions,
-        observation_names=observations,
-        initial_belief=start,
-        outcome_rewards=finer,
-        sparse=sparse,
-    )
+    rewards = statements.rewards.expected(_normalised(transitions), _normalised(matrices))
+    return POMDP(transitions, matrices, rewards, observation_names=observations, **common)
 
 
 def _filled(source: Source, transitions: list[Any], observations: list[Any]) -> list[Any]:
@@ -359,7 +375,7 @@ def _filled(source: Source, transitions: list[Any], observations: list[Any]) -> 
             result.append(matrix)
     if count:
         text = f"{source.path}: {count} rows of O are not given, of next states that are never reached; read as uniform"
-        warnings.warn(text, ModelWarning, stacklevel=6)
+        warnings.warn(text, ModelWarning, stacklevel=7)
     return result
 
 

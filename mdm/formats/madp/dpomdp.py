@@ -16,13 +16,13 @@ import numpy.typing as npt
 
 from mdm.errors import FormatError, ModelError
 from mdm.formats.cassandra.model import StatementWriter, Symbols, build
-from mdm.formats.cassandra.statements import Field, Statements, check_commas, foreign, unknown
+from mdm.formats.cassandra.statements import Field, check_commas, foreign, unknown
 from mdm.formats.source import LARGEST, Source, Words, number
 from mdm.formats.target import write_text
 from mdm.models import POMDP, Space
-from mdm.models.matrices import TOLERANCE, RowError
+from mdm.models.matrices import TOLERANCE
 from mdm.models.space import Factor
-from mdm.models.validation import is_collecting, placing, remark
+from mdm.models.validation import is_collecting, remark
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -198,28 +198,11 @@ class _Reader:
         actions = self._per_agent("actions", agents)
         observations = self._per_agent("observations", agents)
         start = self._start(states)
-        try:
-            self._words = Words(self._source, skip=self._body - 1)
-            statements = Statements(
-                self._words,
-                states=states,
-                actions=actions,
-                observations=observations,
-                start=start,
-                sign=sign,
-                field=self._field,
-                colons=True,
-            )
-            statements.read(0)
-            parts = (states, actions, observations, discount, start, sparse)
-            with placing(lambda error, _: statements.refuse(error)):
-                model = build(self._source, statements, *parts, fill=True)
-        except RowError as error:
-            statements.refuse(error)
-        except ModelError as error:
-            raise FormatError(str(error), file=self._source.path) from None
-        except MemoryError:
-            self._source.fail("the model is too large for this machine's memory")
+        self._words = Words(self._source, skip=self._body - 1)
+        spaces = states, actions, observations
+        model = build(
+            self._source, self._words, 0, spaces, discount, sign, start, sparse, field=self._field, colons=True
+        )
         assert isinstance(model, POMDP)
         return model
 

@@ -7,13 +7,12 @@ variables, ``vectorLength`` the number of joint values of the others.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mdm.formats.markup import Element, stream
-from mdm.formats.source import LARGEST, Source, number as number_of
+from mdm.formats.source import LARGEST, Source
 from mdm.formats.target import write_text
 from mdm.policies import AlphaVectors, MixedAlphaVectors
 
@@ -144,7 +143,7 @@ def _dense(element: Element, length: int) -> npt.NDArray[np.float64]:
     words = element.text.split()
     if len(words) != length:
         element.fail(f"vectorLength is {length}, but {len(words)} numbers are given")
-    return np.array([_number(element, word) for word in words])
+    return np.array([element.number(word) for word in words])
 
 
 def _sparse(element: Element, length: int) -> npt.NDArray[np.float64]:
@@ -157,15 +156,8 @@ def _sparse(element: Element, length: int) -> npt.NDArray[np.float64]:
     for index, value in zip(words[::2], words[1::2], strict=True):
         if not index.isdecimal() or len(index) > 20 or int(index) >= length:
             element.fail(f"{index[:40]!r} is not an index from 0 to {length - 1}")
-        values[int(index)] = _number(element, value)
+        values[int(index)] = element.number(value)
     return values
-
-
-def _number(element: Element, word: str) -> float:
-    value = number_of(word)
-    if value is None or not math.isfinite(value):
-        element.fail(f"{word[:40]!r} is not a finite number")
-    return value
 
 
 def _whole(element: Element, name: str, largest: int, default: str | None = None, *, lowest: int = 1) -> int:

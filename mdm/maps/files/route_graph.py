@@ -18,7 +18,7 @@ import msgspec
 
 from mdm.checks import is_number
 from mdm.errors import MapWarning
-from mdm.formats.inventory import Inventory
+from mdm.formats.source import Inventory
 from mdm.maps.files.gathered import Gathered
 from mdm.maps.graph import Edge, Graph, Node, Pose
 

@@ -13,7 +13,7 @@ import math
 from typing import TYPE_CHECKING
 
 from mdm.errors import FormatError, MapWarning
-from mdm.formats.inventory import Inventory
+from mdm.formats.source import Inventory
 from mdm.logic import parse
 from mdm.maps.files.gathered import Gathered
 from mdm.maps.graph import Edge, Graph, Node, Pose

@@ -186,7 +186,7 @@ def test_where_there_can_be_no_file_one_line_says_so_and_the_matrices_are_made_o
     if wrong == "a file in its place":
         folder.write_text("")
     else:
-        monkeypatch.setattr("mdm.formats.archive.store.shutil.disk_usage", lambda _: type("Disk", (), {"free": 0}))
+        monkeypatch.setattr("mdm.formats.archive.flat.shutil.disk_usage", lambda _: type("Disk", (), {"free": 0}))
     model, made = spared(walker(20)), []
     original = model._made
     monkeypatch.setattr(model, "_made", lambda: made.append(1) or original())

@@ -18,8 +18,7 @@ from sentences import refused
 from mdm import FormatError, ModelError, load_model, load_policy
 from mdm.errors import ModelWarning
 from mdm.formats.archive import model as archive, npz
-from mdm.formats.models import save_model
-from mdm.formats.policies import save_policy
+from mdm.formats.files import save_model, save_policy
 from mdm.models import MDP, POMDP
 from mdm.policies import AlphaVectors
 

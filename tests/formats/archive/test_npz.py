@@ -11,7 +11,7 @@ from random_models import assert_same
 from sentences import refused
 
 from mdm import FormatError, load_model, save_model
-from mdm.formats import policies
+from mdm.formats import files as policies
 from mdm.models import POMDP
 
 

@@ -8,7 +8,7 @@ from random_policies import assert_same
 from sentences import refused
 
 from mdm import FormatError, ModelError
-from mdm.formats import policies
+from mdm.formats import files as policies
 from mdm.formats.archive import policy as policy_archive
 from mdm.models import POMDP, Factor, Space
 from mdm.policies import (

@@ -9,7 +9,7 @@ from policy_files import assert_refused, model_of, pairs
 
 from mdm import ConfigError, Controller, FormatError
 from mdm.errors import ModelError
-from mdm.formats import policies
+from mdm.formats import files as policies
 from mdm.models import POMDP
 from mdm.policies import AlphaVectors
 

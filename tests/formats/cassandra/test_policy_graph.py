@@ -9,7 +9,7 @@ from policy_files import assert_refused, model_of
 from sentences import refused
 
 from mdm import FormatError
-from mdm.formats import policies
+from mdm.formats import files as policies
 from mdm.policies import FiniteStateController
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 from sentences import refused
 
 from mdm import FormatError, ModelError
-from mdm.formats import policies
+from mdm.formats import files as policies
 from mdm.models import MDP, POMDP, Factor, Space
 from mdm.policies import FiniteStateController, JointController
 from mdm.problems import dec_tiger

@@ -12,7 +12,7 @@ from random_policies import q_values
 from sentences import refused
 
 from mdm import FormatError
-from mdm.formats import policies
+from mdm.formats import files as policies
 from mdm.formats.madp import q_table
 from mdm.models import MDP
 from mdm.policies import (

@@ -11,7 +11,7 @@ from policy_files import assert_refused, model_of, pairs
 from random_policies import alpha, assert_same
 
 from mdm import FormatError
-from mdm.formats import policies
+from mdm.formats import files as policies
 from mdm.formats.madp import value_function
 
 

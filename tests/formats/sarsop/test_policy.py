@@ -11,7 +11,7 @@ import pytest
 from sentences import refused
 
 from mdm import FormatError
-from mdm.formats import policies
+from mdm.formats import files as policies
 from mdm.formats.sarsop import policy as sarsop_policy
 from mdm.models import MDP, Factor, Space
 from mdm.policies import AlphaVectors, MixedAlphaVectors

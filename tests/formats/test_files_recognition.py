@@ -10,7 +10,7 @@ from places import DATA, EXAMPLES
 from sentences import refused
 
 from mdm import FormatError, load_model, load_policy
-from mdm.formats.recognition import beginning, holds_policy, is_policy
+from mdm.formats.files import beginning, holds_policy, is_policy
 
 MODELS = sorted((DATA / "models").iterdir())
 POLICIES = sorted((DATA / "policies").iterdir())

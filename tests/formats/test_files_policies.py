@@ -22,7 +22,7 @@ from random_policies import (
 from sentences import refused
 
 from mdm import FormatError, ModelError, load_policy
-from mdm.formats import policies
+from mdm.formats import files as policies
 from mdm.models import MDP
 from mdm.policies import (
     AlphaVectors,

@@ -11,8 +11,8 @@ from strict import pgmx as strict
 from strict.numbers import RefusedError, assert_same_numbers
 
 from mdm.errors import ModelWarning
-from mdm.formats.openmarkov import writer as pgmx
-from mdm.formats.openmarkov.writer import Names
+from mdm.formats import openmarkov as pgmx
+from mdm.formats.openmarkov import Names
 from mdm.models import POMDP, Factor, Space
 
 CLASHING = [

@@ -8,7 +8,7 @@ from sentences import refused
 
 from mdm import FormatError
 from mdm.formats.markup import stream
-from mdm.formats.openmarkov.reader import Potentials, Variable, names_of, reference
+from mdm.formats.openmarkov import Potentials, Variable, names_of, reference
 from mdm.formats.source import Source
 from mdm.models import Node
 

@@ -17,7 +17,7 @@ from strict.numbers import assert_same_numbers
 
 from mdm import ModelError
 from mdm.errors import ModelWarning
-from mdm.formats.openmarkov import writer as pgmx
+from mdm.formats import openmarkov as pgmx
 from mdm.models import MDP, POMDP, Factor, FactoredMDP, FactoredPOMDP, Node, Space, Table, Tree, TwoSliceNetwork
 from mdm.problems import fire_fighting_graph, patrol
 

@@ -13,7 +13,7 @@ from sentences import refused
 
 from mdm import ModelError
 from mdm.errors import ModelWarning
-from mdm.formats.sarsop import writer as pomdpx
+from mdm.formats.sarsop import model as pomdpx
 from mdm.models import POMDP, FactoredPOMDP
 from mdm.problems import hallway, rock_sample, tag
 

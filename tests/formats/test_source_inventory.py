@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mdm.errors import MapWarning, ModelWarning
-from mdm.formats.inventory import Inventory
+from mdm.formats.source import Inventory
 
 
 def test_each_thing_is_told_once_with_its_first_places_and_why():

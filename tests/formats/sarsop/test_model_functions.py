@@ -7,7 +7,7 @@ import pytest
 
 from mdm import FormatError
 from mdm.formats.markup import stream
-from mdm.formats.sarsop.reader import Variable, function
+from mdm.formats.sarsop.model import Variable, function
 from mdm.formats.source import Source
 from mdm.models import Factor, Node
 

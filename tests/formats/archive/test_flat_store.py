@@ -16,8 +16,8 @@ import pytest
 from sentences import refused
 
 from mdm.errors import ModelWarning
-from mdm.formats.archive import store as stores
-from mdm.formats.archive.store import Store, StoreError, user_folder
+from mdm.formats.archive import flat as stores
+from mdm.formats.archive.flat import Store, StoreError, user_folder
 
 NUMBERS = np.linspace(0, 1, 5000)
 

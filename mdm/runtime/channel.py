@@ -185,8 +185,9 @@ class Channel(Generic[T]):
                 dispatcher.tape.said(self, message, time)
             self.published += 1
             self.last = message
-            if self._sole is not None and not dispatcher.queue:
-                dispatcher.run(self._sole, message)
+            sole = self._sole
+            if sole is not None and not dispatcher.queue:
+                dispatcher.run_from(sole, message)
             elif self._subscriptions:
                 self._queue(message)
                 dispatcher.run()

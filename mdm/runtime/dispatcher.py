@@ -385,34 +385,60 @@ class Dispatcher:
         finally:
             self.time = -1
 
-    def run(  # noqa: C901 - hot path, no calls
-        self, first: Subscription[Any] | None = None, message: object = None
-    ) -> None:
-        """Run a turn, which begins with a message to one subscriber where that is given, and nothing waits.
+    def run_from(self, first: Subscription[Any], message: object) -> None:
+        """Run a turn that begins with a message to one subscriber, where nothing waits.
 
-        Hot path: a hop costs about 0.2 µs, of which the handler's call is half; one by a call 0.1 µs.
+        Hot path: a hop by a call costs about 0.1 µs.
         """
         if self.watch is not None:
-            self._run_watched(first, message)
+            self.queue.append((first, message))
+            self._run_watched()
+            return
+        self.active = True
+        self.straight = _STRAIGHT
+        try:
+            try:
+                first.handler(message)
+            except RecursionError as error:
+                limit = sys.getrecursionlimit()
+                sys.setrecursionlimit(limit + _ROOM)  # here there may be none even to say so
+                self._fail_later(self._culprit(first), error, limit)
+                return
+            except BaseException as error:
+                self._culprit(first).fail(error)
+            left = _SLICE - 1 - _STRAIGHT + self.straight
+            self.straight = 0
+            if not (self.queue or self._behind):
+                self._turns += 1
+                self.active = False
+                self.time = -1
+                return
+        except BaseException:
+            self._leave()
+            raise
+        self.run(left)
+
+    def _leave(self) -> None:
+        """Let the event loop go on with a turn that an error has ended."""
+        self.straight = 0
+        self.active = False  # where there is no room to go on later, the next message does
+        self._resume_later()
+
+    def run(self, budget: int = _SLICE) -> None:  # noqa: C901 - hot path, no calls
+        """Run a turn: deliver what is queued, and what that leads to.
+
+        Hot path: a hop costs about 0.2 µs, of which the handler's call is half.
+
+        Args:
+            budget: After how many messages the clock is read for the first time.
+        """
+        if self.watch is not None:
+            self._run_watched()
             return
         queue = self.queue
         self.active = True
-        budget = _SLICE
         deadline = slices = 0
         try:
-            if first is not None:
-                self.straight = _STRAIGHT
-                try:
-                    first.handler(message)
-                except RecursionError as error:
-                    limit = sys.getrecursionlimit()
-                    sys.setrecursionlimit(limit + _ROOM)  # here there may be none even to say so
-                    self._fail_later(self._culprit(first), error, limit)
-                    return
-                except BaseException as error:
-                    self._culprit(first).fail(error)
-                budget -= 1 + _STRAIGHT - self.straight
-                self.straight = 0
             while True:
                 while queue:
                     subscription, message = queue.popleft()
@@ -448,17 +474,13 @@ class Dispatcher:
             self.active = False
             self.time = -1
         except BaseException:
-            self.straight = 0
-            self.active = False  # where there is no room to go on later, the next message does
-            self._resume_later()
+            self._leave()
             raise
 
-    def _run_watched(self, first: Subscription[Any] | None, message: object) -> None:
+    def _run_watched(self) -> None:
         """As `run`, with each message from the queue, and cut where whoever watches says so."""
         queue, left = self.queue, 4 * self._max_slices * _SLICE
         self.active = True
-        if first is not None:
-            queue.append((first, message))
         try:
             while (watch := self.watch) is not None:
                 if watch():

@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any
+from weakref import WeakValueDictionary
 
 if TYPE_CHECKING:
     import asyncio
@@ -28,9 +29,23 @@ class Jobs:
         ended: Called on the event loop when one of them has ended.
     """
 
-    # Of the class until one of an object's own is set: to make an object then calls nothing, at half the cost.
-    count: int = 0
-    ended: Callable[[], object] | None = None
+    def __init__(self, owner: object = None) -> None:
+        self.count = 0
+        self.ended: Callable[[], object] | None = None
+        self._owner = owner
+
+    @classmethod
+    def of(cls, owner: object) -> Jobs:
+        """Return the jobs of an owner: itself, or those made for an object such as an action when it needs some.
+
+        An object is known by its identity, and lives as long as its jobs.
+        """
+        if isinstance(owner, Jobs):
+            return owner
+        jobs = _OWNED.get(id(owner))
+        if jobs is None:
+            jobs = _OWNED[id(owner)] = Jobs(owner)
+        return jobs
 
     def call(self, function: Callable[..., Any], *args: object) -> Any:
         """Call a function; jobs count that it, and the tasks that it makes, hand to executors."""
@@ -51,8 +66,10 @@ class Jobs:
             self.ended()
 
 
-OWNER: ContextVar[Jobs | None] = ContextVar("mdm_jobs", default=None)
-"""The jobs of the work whose code runs, its own tasks included."""
+_OWNED: WeakValueDictionary[int, Jobs] = WeakValueDictionary()
+
+OWNER: ContextVar[object] = ContextVar("mdm_jobs", default=None)
+"""The owner of the jobs of the work whose code runs, its own tasks included: see `Jobs.of`."""
 
 
 def watch(loop: asyncio.AbstractEventLoop) -> None:
@@ -82,10 +99,10 @@ class _Watched:
         self._original = loop.run_in_executor
 
     def __call__(self, executor: Executor | None, function: Callable[..., Any], *args: Any) -> Any:
-        jobs = OWNER.get()
-        if jobs is None:
+        owner = OWNER.get()
+        if owner is None:
             return self._original(executor, function, *args)
-        job = _Job(self._loop, jobs)
+        job = _Job(self._loop, Jobs.of(owner))
         try:
             if executor is not None and not isinstance(executor, ThreadPoolExecutor):
                 return self._original(_Submitting(executor, job), function, *args)  # type: ignore[arg-type]

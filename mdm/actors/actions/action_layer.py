@@ -119,7 +119,6 @@ class ActionLayer(Layer):
     __slots__ = (
         "_briefs",
         "_component",
-        "_jobs",
         "_now",
         "_others",
         "_recent",
@@ -171,7 +170,6 @@ class ActionLayer(Layer):
         self._others = False
         self._heeded = False
         self._idle: list[Callable[[], None]] = []
-        self._jobs = Jobs()  # of the next plain function
         self._secured: Secured = lambda _: None
         self._secures: Callable[[], None] = lambda: None
         self._patience: Timer | None = None
@@ -404,21 +402,18 @@ class ActionLayer(Layer):
         self._recent.append(self._now() - action.time)
         if len(self._recent) >= FULL:
             self._latencies.fold()
-        jobs = self._jobs
-        token = _own(jobs)  # as `Jobs.call` does, without a call of its own
+        token = _own(action)  # whose jobs are made where it has any
         try:
             lives.calling = True
             result = brief.function(action) if brief.takes_action else brief.function()
             lives.calling = False
             _disown(token)
-            self._jobs = Jobs()  # now, and not when the next function waits for it
         except BaseException as error:
             _disown(token)
-            self._jobs = Jobs()
             self._raised(self._begun(index, action), error)
             return
         if result is not None or not lives.open:
-            self._returned(self._begun(index, action), result, jobs)
+            self._returned(self._begun(index, action), result, Jobs.of(action))
             return
         self._swift += 1
         if self._tape is not None:

@@ -129,8 +129,8 @@ class Output:
         self._pending = self._latencies.pending
         self.look: Callable[[], int] = lambda: FULL
         self._due = 0
-        # Whether the outlet is the channel of actions itself.
-        self._alone = True
+        # Whether the outlet is the channel of actions itself, whenever it is decided.
+        self._alone = deadline is None
         self._actions: Channel[Action] | None = None
         self._outlet: Outlet = _Muted()
         self._path = ""
@@ -218,12 +218,9 @@ class Output:
             self.publish(step, time, cause, observation, state)
             return
         # Hot path.
-        latency = self._now() - time
-        self._pending.append(latency)
+        self._pending.append(self._now() - time)
         if not len(self._pending) % _EACH:
             self._fold()
-        if self._deadline is not None and self._is_refused(step, latency, time):
-            return
         if self._tape is not None:
             self._note(step, time, cause, observation, state)
         self.acted = action = step.action
@@ -241,7 +238,7 @@ class Output:
         Returns:
             Whether that was all there is to it; otherwise nothing was done.
         """
-        if self._decisions.heard or not self._alone or self._deadline is not None:
+        if self._decisions.heard or not self._alone:
             return False
         epoch = self._controller.epoch
         action = self._controller.look_up(state)
@@ -365,7 +362,7 @@ class Output:
 
     def _let_out(self, outlet: Outlet) -> None:
         self._outlet = outlet
-        self._alone = outlet is self._actions
+        self._alone = outlet is self._actions and self._deadline is None
 
     @property
     def _channel(self) -> Channel[Action]:

@@ -438,7 +438,16 @@ class PredicateManager(Actor):
                         self._watch(name)
         if change is None:
             return
-        self._publish(update.time, change)
+        topics: Topics | None = change.noted
+        if topics is None or self.map.heard:
+            self._publish(update.time, change)
+        elif change.events:  # hot path: events alone, as often before
+            self._event_counter = counter = self._event_counter + 1
+            self.events.emit_last_on(EventUpdate(update.time, counter, change.events), topics)
+        else:  # hot path: predicates alone have changed, as often before
+            self._counter = counter = self._counter + 1
+            message = PredicateUpdate(update.time, counter, change.rising, change.falling, change.unknown)
+            self.updates.emit_last_on(message, topics)
 
     def _fresh(self, update: SensorUpdate) -> tuple[tuple[str, bool | None], ...]:
         """Return the values of an update, unknown where they waited for longer than they hold."""
@@ -453,19 +462,6 @@ class PredicateManager(Actor):
         return tuple((name, None if name in stale else value) for name, value in update.predicates)
 
     def _publish(self, time: int, change: Change) -> None:
-        """Publish the changes, as the last thing that a turn's handler does."""
-        topics: Topics | None = change.noted
-        if topics is None or self.map.heard:
-            self._publish_both(time, change)
-        elif change.events:  # hot path: events alone, as often before
-            self._event_counter = counter = self._event_counter + 1
-            self.events.emit_last_on(EventUpdate(time, counter, change.events), topics)
-        else:  # hot path: predicates alone have changed, as often before
-            self._counter = counter = self._counter + 1
-            message = PredicateUpdate(time, counter, change.rising, change.falling, change.unknown)
-            self.updates.emit_last_on(message, topics)
-
-    def _publish_both(self, time: int, change: Change) -> None:
         """Publish a change of predicates, of holds, and events; a recurring change is quicker from now on."""
         for name in change.disarmed:
             timer = self._hold_timers.pop(name, None)

@@ -10,7 +10,7 @@ BIN := $(ENVIRONMENT)/bin
 READY := $(ENVIRONMENT)/.ready
 DEMO := $(ENVIRONMENT)/.demo
 
-.PHONY: environment demo test test-slow sentences public-names test-newest wheel-test chaos lint types docs pictures bench clean
+.PHONY: environment demo test test-slow sentences public-names test-newest wheel-test chaos lint types docs pictures bench gate clean
 
 # The virtual environment: with all that a contributor needs, or at first with what the demo needs alone.
 $(BIN)/python:
@@ -117,6 +117,9 @@ docs: $(READY)
 # The pictures of the tutorial, drawn anew from what its programs do: look at them.
 pictures: $(READY)
 	$(BIN)/python docs/pictures/tutorial.py
+
+gate: $(READY)
+	$(BIN)/python benchmarks/gate.py
 
 bench: $(READY)
 	$(BIN)/python benchmarks/decision_latency.py

@@ -1,8 +1,7 @@
 """The layers as actors: predicate manager, state, observation, control and action layer, and the ensemble."""
 
 from mdm.actors.abstraction.factors import ObservationFactor, StateFactor
-from mdm.actors.abstraction.observation_layer import ObservationLayer
-from mdm.actors.abstraction.state_layer import StateLayer
+from mdm.actors.abstraction.layers import ObservationLayer, StateLayer
 from mdm.actors.actions.action_layer import ActionLayer, ActionStatistics
 from mdm.actors.actions.binding import Binding, bind
 from mdm.actors.actions.subprocesses import run_subprocess

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 import anyio
 import msgspec
 
-from mdm.actors.abstraction.factors import ObservationFactor, StateFactor
-from mdm.actors.abstraction.observation_layer import ObservationLayer
-from mdm.actors.abstraction.state_layer import StateLayer
+from mdm.actors.abstraction.factors import ObservationFactor, StateFactor, combined
+from mdm.actors.abstraction.layers import ObservationLayer, StateLayer
 from mdm.actors.actions.action_layer import SAFE_TIMEOUT, ActionLayer
 from mdm.actors.control.control_layer import ControlLayer
 from mdm.actors.control.drive import Drive, FixedRate
@@ -24,7 +23,6 @@ from mdm.actors.predicates.predicate_manager import PredicateManager
 from mdm.actors.safety.circles import circles
 from mdm.actors.safety.liveness import Liveness
 from mdm.actors.safety.safety import Safety
-from mdm.actors.wiring import combined
 from mdm.checks import check_flag
 from mdm.errors import ConfigError, Error
 from mdm.messages import Belief, Cause, Control, ModeName, Observation, State
@@ -312,7 +310,7 @@ class Ensemble(Layer):
         layer = self.state if self.controller.takes == "state" else self.observation
         if declared is None or layer is None:
             return set()
-        names = {name for factor in layer.factors for name in _inputs(factor) if name is not None}
+        names = {name for factor in layer.factors for name in factor.sources if name is not None}
         sensed = {sensor for name in names for sensor in declared.inputs_of(name) if declared.senses(sensor)}
         return set() if sensed & declared.aged else sensed
 
@@ -720,10 +718,6 @@ class Ensemble(Layer):
         # One that begins when all has settled here, and not below, comes to its end, too, before it is the last word.
         early = 0.5 + max(last, own) + once if self.subensembles else 0.0
         return 0.5 + max(below, early) + 2 * once
-
-
-def _inputs(factor: StateFactor | ObservationFactor) -> Sequence[str | None]:
-    return factor.predicates if isinstance(factor, StateFactor) else factor.events
 
 
 def _call(target: object) -> str:

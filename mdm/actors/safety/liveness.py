@@ -260,12 +260,8 @@ class Liveness:
 
     def _used(self) -> set[str]:
         """Return the inputs that the ensemble's decisions depend on."""
-        ensemble, used = self._ensemble, set[str]()
-        declared = None if ensemble.predicates is None else ensemble.predicates.declared
-        names = [name for factor in (ensemble.state.own if ensemble.state else ()) for name in factor.predicates]
-        observed = ensemble.observation.own if ensemble.observation else ()
-        names += [name for factor in observed for name in factor.events if name is not None]
-        return used if declared is None else used.union(*map(declared.inputs_of, names))
+        layers = (self._ensemble.state, self._ensemble.observation)
+        return set[str]().union(*(layer.inputs() for layer in layers if layer is not None))
 
     # -- Ends and retries -----------------------------------------------------------------------------------------
 

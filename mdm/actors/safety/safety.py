@@ -121,12 +121,10 @@ class Safety:
     def _watch(self, manager: PredicateManager) -> None:
         """Notice sensors that become too old, and those of observations that turn unknown: no state tells of these."""
         ensemble = self._ensemble
-        states = [name for factor in (ensemble.state.own if ensemble.state else ()) for name in factor.predicates]
-        observed = ensemble.observation.own if ensemble.observation else ()
-        events = [name for factor in observed for name in factor.events if name is not None]
+        observed = ensemble.observation.inputs() if ensemble.observation else frozenset()
+        used = observed | (ensemble.state.inputs() if ensemble.state else frozenset())
         declared = manager.declared
-        used = frozenset(given for name in (*states, *events) for given in declared.inputs_of(name))
-        others = frozenset(given for name in events for given in declared.inputs_of(name) if declared.senses(given))
+        others = frozenset(filter(declared.senses, observed))
         watched = {
             "stale_input": (used & declared.aged, "input is too old"),
             "unknown_input": (others - declared.aged, "input turned unknown"),

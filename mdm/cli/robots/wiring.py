@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from mdm.actors.wiring import combined
+from mdm.actors.abstraction.factors import combined
 
 if TYPE_CHECKING:
     from mdm.actors import Ensemble, ObservationLayer, StateLayer

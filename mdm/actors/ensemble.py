@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping
-from itertools import islice
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import anyio
 import msgspec
 
-from mdm.actors.abstraction.factors import ObservationFactor, StateFactor, combined
+from mdm.actors.abstraction.factors import ObservationFactor, StateFactor
 from mdm.actors.abstraction.layers import ObservationLayer, StateLayer
 from mdm.actors.actions.action_layer import SAFE_TIMEOUT, ActionLayer
 from mdm.actors.control.control_layer import ControlLayer
@@ -20,8 +19,8 @@ from mdm.actors.control.source import JointProcess
 from mdm.actors.layer import Layer
 from mdm.actors.options import ControlOptions, SafetyOptions
 from mdm.actors.predicates.predicate_manager import PredicateManager
-from mdm.actors.safety.circles import circles
 from mdm.actors.safety.liveness import Liveness
+from mdm.actors.safety.notes import notes
 from mdm.actors.safety.safety import Safety
 from mdm.checks import check_flag
 from mdm.errors import ConfigError, Error
@@ -275,44 +274,30 @@ class Ensemble(Layer):
                     key=f"ensembles.{self.name}.states",
                 )
 
+    @property
+    def bound(self) -> bool:
+        """Whether it is bound to an action of an ensemble above it."""
+        return isinstance(self.parent, Ensemble)
+
     def notes(self) -> Iterator[str]:
         """Yield allowed oddities: input that nothing here gives, or nothing takes; of this ensemble alone."""
-        over_states = self.controller.takes == "state"
-        wanted, other = ("states", "observations") if over_states else ("observations", "states")
-        given = {"states": self.state, "observations": self.observation}
-        if given[wanted] is None:
-            yield f"ensemble {self.name!r} has no {wanted}: it waits for code that publishes what it decides on"
-        if given[other] is not None:
-            yield f"ensemble {self.name!r} has {other}, but its policy decides on {wanted}"
-        for kind, layer in (("state", self.state), ("observation", self.observation)):
-            pairs = [] if layer is None else list(islice(combined(layer.factors, layer.space), 2))
-            if layer is not None and pairs:
-                names = ", ".join(factor.name for factor in layer.factors)
-                (symbol, condition) = pairs[-1]
-                yield (
-                    f"ensemble {self.name!r}: the order of the {kind} factors {names} decides which is which, for the "
-                    f"model does not name them: {kind} {symbol!r} is {condition}"
-                )
-        if self.action.safe is not None and (silent := self._silent()):
-            yield (
-                f"ensemble {self.name!r} has a safe action, but nothing tells that {', '.join(sorted(silent))} "
-                f"{'is' if len(silent) == 1 else 'are'} no longer sensed: give sensors a max_age"
-            )
-        yield from self.liveness.notes()
-        yield from circles(self)
-        if not isinstance(self.parent, Ensemble):  # else a decision above ends its action, too
-            yield from self.liveness.endless()
-            yield from self.liveness.dead_ends()
+        yield from notes(self)
 
-    def _silent(self) -> set[str]:
-        """Return the predicates that it decides on and that code sets, unless one of them becomes unknown by age."""
-        declared = None if self.predicates is None else self.predicates.declared
-        layer = self.state if self.controller.takes == "state" else self.observation
-        if declared is None or layer is None:
+    def inputs(self) -> set[str]:
+        """Return the names of all that its decisions depend on, as its factors have it."""
+        layers = (self.state, self.observation)
+        return set[str]().union(*(layer.inputs() for layer in layers if layer is not None))
+
+    def given(self) -> set[str]:
+        """Return those of its inputs that no formula of others defines."""
+        if self.predicates is None:
             return set()
-        names = {name for factor in layer.factors for name in factor.sources if name is not None}
-        sensed = {sensor for name in names for sensor in declared.inputs_of(name) if declared.senses(sensor)}
-        return set() if sensed & declared.aged else sensed
+        declared = self.predicates.declared
+        return {
+            name
+            for name in self.inputs()
+            if name not in declared.names or declared.senses(name) or declared.raises(name)
+        }
 
     def tree(self) -> str:
         """Return the ensemble and those below it, a line each, indented, with the action that each is bound to."""
@@ -653,7 +638,7 @@ class Ensemble(Layer):
     def on_running(self) -> None:
         """Begin to decide, unless it was told otherwise meanwhile, or an ensemble above or a team starts it."""
         asked, self._asked = self._asked, None
-        if asked is None and not isinstance(self.parent, Ensemble) and not self.shared:
+        if asked is None and not self.bound and not self.shared:
             asked = "start"
         if asked in {"start", "resume"}:
             self.begin(resume=asked == "resume")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import operator
 import sys
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, Unpack, cast
 
 import msgspec
 
@@ -21,7 +21,7 @@ from mdm.actors.layer import Layer
 from mdm.actors.options import ControlOptions
 from mdm.actors.safety.modes import AT_INPUT, AT_KNOWN
 from mdm.controller import Controller
-from mdm.errors import ConfigError, Error, ModelError, PolicyError
+from mdm.errors import Error, ModelError, PolicyError
 from mdm.messages import Answer, Belief, Control, Fault, Observation, Question, State, Tick
 from mdm.options import check_options
 from mdm.runtime import ActorStatistics, Histogram
@@ -29,10 +29,11 @@ from mdm.runtime.supervision import text_of
 from mdm.runtime.time.clock import check_seconds
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from mdm.actors.control.output import Observed
     from mdm.actors.control.source import Source
+    from mdm.actors.safety.safety import Safety
     from mdm.controller import Step
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models.matrices import Vector
@@ -40,27 +41,6 @@ if TYPE_CHECKING:
     from mdm.runtime import Ticker
 
 __all__ = ["ControlLayer", "ControlStatistics"]
-
-
-class Guard(Protocol):
-    """Receives a control layer's alarms and decides whether the ensemble goes safe."""
-
-    @property
-    def deciding(self) -> bool:
-        """Whether the layer may decide."""
-
-    @property
-    def returning(self) -> bool:
-        """Whether it may not now, and may when a safe mode is over."""
-
-    def alarm(self, fault: Fault) -> bool:
-        """Report a fault; return whether nothing that was or is decided may start."""
-
-    def reopen(self, kinds: frozenset[str], time: int) -> None:
-        """Take causes of a safe mode as gone."""
-
-    def blind(self, time: int) -> None:
-        """Take it that no state is known."""
 
 
 _OWN = ("drive", "on_no_observation", "deadline")
@@ -153,7 +133,7 @@ class ControlLayer(Layer):
         unseen = own.get("on_no_observation", "predict")
         self._no_observation = unobserved(unseen, self.controller.symbols.observation_space)
         self.on_no_observation: str = unseen
-        self.guard: Guard | None = None
+        self.guard: Safety | None = None
         self.source: Source = OwnChannels(self)
         self.running = False
         self.alarms = 0
@@ -180,12 +160,6 @@ class ControlLayer(Layer):
         patience = 0.0 if self.planner is None else PATIENCE
         latest = None if self.deadline is None else round((self.deadline + patience) * 1e9)
         self.output = Output(self.controller, latest, self._refuses)
-
-    # -- Checks --------------------------------------------------------------------------------------------------
-
-    def problems(self) -> Iterator[ConfigError]:
-        """Yield nothing: a control layer that could be built can start."""
-        yield from ()
 
     # -- Commands ------------------------------------------------------------------------------------------------
 

@@ -8,26 +8,24 @@ state reports the input that it waits for.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections import Counter
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from mdm.actors.actions.sequel import Due, Sequel, Tries
-from mdm.actors.predicates.declarations import ACTION_END
-from mdm.actors.safety.livelock import Livelock
 from mdm.checks import is_number
 from mdm.errors import ConfigError
 from mdm.messages import Fault, Idle, PredicateUpdate, State
 from mdm.runtime.channel import Subscription
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from mdm.actors.actions.binding import Binding
+    from mdm.actors.control.control_layer import ControlLayer
     from mdm.actors.ensemble import Ensemble
     from mdm.actors.options import SafetyOptions
     from mdm.messages import ActionStatus
     from mdm.runtime import Timer
 
-__all__ = ["IDLE_AFTER", "Liveness", "Waiting"]
+__all__ = ["IDLE_AFTER", "Livelock", "Liveness", "Waiting"]
 
 
 _PATIENCE = 1.0
@@ -105,6 +103,103 @@ class Waiting:
             self._ensemble.report("waiting", f"cannot decide while {names} unknown{absence and f': {absence}'}")
 
 
+_TIMES: Final = 30
+_AT_ONCE: Final = 100_000_000
+_RATE: Final = 10
+_LASTS: Final = 1_500_000_000
+_FLAPS: Final = 8
+_SECOND: Final = 1_000_000_000
+_FEWEST, _MOST = 16, 256
+
+
+class Livelock:
+    """Reports, once a spell, an action that succeeds at once again and again, or a predicate that flaps.
+
+    It is the opposite of idleness: decisions of which nothing comes. No plain decision pays for it. Decisions for an
+    action's end alone are counted where they are made; how quickly others come is looked at some twice a second, and
+    what flaps is heard only while they come too quickly.
+
+    Args:
+        ensemble: The ensemble.
+        control: Its control layer.
+    """
+
+    def __init__(self, ensemble: Ensemble, control: ControlLayer) -> None:
+        self._ensemble = ensemble
+        self._control = control
+        self._action, self._times, self._again = "", 0, -1
+        # At the last look: when it was, and how many decisions; the same at the begin of decisions that come quickly.
+        self._looked = self._spell = -1, 0
+        # Of the present spell of such decisions: hears its flapping, until that is told.
+        self._heard: Subscription[PredicateUpdate] | None = None
+        self._changes: Counter[str] = Counter()
+        self._counted = -1
+        if control.event_driven:
+            control.output.look = self._look
+
+    def decides_again(self, time: int) -> None:
+        """Note that only the end of the action before led to this decision."""
+        self._again = time
+
+    def ended(self, action: str, *, well: bool) -> None:
+        """Take the end of an action that is decided again; ``well`` if it succeeded, and no other decision came."""
+        again, self._again = self._again, -1
+        at_once = again >= 0 and self._ensemble.runtime.now() - again <= _AT_ONCE
+        self._times = self._times + 1 if well and at_once and action == self._action else 0
+        self._action = action
+        if self._times == _TIMES:
+            self._report(
+                f"action {action!r} has succeeded at once {_TIMES} times in a row, and was decided again each time: "
+                "its success changes nothing of what it is decided on"
+            )
+
+    def end(self) -> None:
+        """Forget what was counted: the ensemble has stopped deciding."""
+        self._times, self._again, self._looked = 0, -1, (-1, 0)
+        self._calm()
+
+    def _calm(self) -> None:
+        self._spell = -1, 0
+        if self._heard is not None:
+            self._heard.cancel()
+            self._heard = None
+
+    def _look(self) -> int:
+        """Look how quickly decisions come; return after how many to look again."""
+        ensemble, (then, count) = self._ensemble, self._looked
+        now, decisions = self._looked = ensemble.runtime.now(), self._control.decisions
+        more, passed = decisions - count, now - then
+        # Of a turn without end `endless_turn` is told.
+        if then < 0 or more * _SECOND < _RATE * passed or ensemble.runtime.dispatcher.goes_on:
+            self._calm()
+            return _FEWEST
+        if self._spell[0] < 0:
+            self._spell = then, count
+        lasts, shared = now - self._spell[0] >= _LASTS, self._control.source.shared  # others' input decides, too
+        if lasts and not (self._heard or shared or ensemble.predicates is None) and (used := ensemble.inputs()):
+            self._heard = ensemble.predicates.updates.subscribe(self._on_update, ensemble, topics=used)
+        return min(max(_FEWEST, more * _SECOND // (2 * passed)), _MOST) if passed else _MOST
+
+    def _on_update(self, update: PredicateUpdate) -> None:
+        if not 0 <= update.time - self._counted <= _SECOND:
+            self._changes.clear()
+            self._counted = update.time
+        self._changes.update((*update.rising, *update.falling))
+        flapping = sorted(name for name, count in self._changes.items() if count >= _FLAPS)
+        if flapping and self._heard is not None:
+            self._heard.cancel()
+            manager, (since, count) = self._ensemble.predicates, self._spell
+            assert manager is not None
+            names = [name for name in flapping if not manager.declared.derived(name)] or flapping
+            rate = (self._control.decisions - count) * _SECOND / (update.time - since)
+            what = f"predicate {names[0]!r} flaps" if len(names) == 1 else f"predicates {', '.join(names)} flap"
+            self._report(f"{what}: {rate:.3g} decisions a second")
+
+    def _report(self, detail: str) -> None:
+        runtime = self._ensemble.runtime
+        runtime.faults.publish(Fault(runtime.now(), self._ensemble.path, "livelock", detail))
+
+
 IDLE_AFTER = 10.0
 """Seconds of idleness after which it is told as a fault, where an action that takes time has ended."""
 
@@ -154,7 +249,7 @@ class Liveness:
         self._patience: Timer | None = None
         self._later: Timer | None = None
         self._looks: Subscription[int] = Subscription(None, ensemble, self._look)
-        self._livelock = Livelock(ensemble, self._control, self._used)
+        self._livelock = Livelock(ensemble, self._control)
         ensemble.action.begins = self.began
         ensemble.action.ends = self.ended
         ensemble.action.clears = self.look
@@ -179,89 +274,6 @@ class Liveness:
             return ()
         now = self._ensemble.runtime.now()
         return tuple(f"{name!r} to hold for {(due - now) / 1e9:g} s more" for name, due in self._holding().items())
-
-    def notes(self) -> Iterator[str]:
-        """Yield which actions can end with nothing that decides afterwards, unless an input changes."""
-        ensemble = self._ensemble
-        if not ensemble.decides_alone:
-            return
-        used = self._used()
-        pairs = [*zip(ensemble.action.names, ensemble.action.bindings, strict=True)]
-        lasting = [(name, binding) for name, binding in pairs if binding.lasts and binding.ensemble is None]
-        unsaid = [name for name, binding in lasting if binding.sequel.then is None]
-        succeed = {name for name in unsaid if f"{name}.succeeded" not in used}
-        retried = {name for name, binding in lasting if self.retries or binding.sequel.retries}
-        fail = {name for name in unsaid if name not in retried and f"{name}.failed" not in used}
-        for which, word in ((succeed & fail, "ended"), (succeed - fail, "succeeded"), (fail - succeed, "failed")):
-            if which:
-                yield (
-                    f"ensemble {ensemble.name!r}: when {' or '.join(filter(which.__contains__, unsaid))} has {word}, "
-                    f'nothing decides afterwards unless an input changes: say then = "decide" or "wait" at the action'
-                )
-
-    def endless(self) -> Iterator[str]:
-        """Yield which actions end all deciding where they never end themselves; of an ensemble at the top."""
-        ensemble = self._ensemble
-        if ensemble.predicates is None or not ensemble.decides_alone:
-            return
-        given = self._given()
-        if not given or not all(map(ACTION_END.fullmatch, given)):
-            return  # another input may change its decision
-        pairs = zip(ensemble.action.names, ensemble.action.bindings, strict=True)
-        names = [name for name, binding in pairs if binding.lasts and binding.timeout is None]
-        if names:
-            yield (
-                f"ensemble {ensemble.name!r} decides on the ends of its actions alone, so that one that never ends is "
-                f"its last: give a timeout to {', '.join(names)}"
-            )
-
-    def dead_ends(self) -> Iterator[str]:
-        """Yield the safe modes that only a release ends: an input would, and only its own actions bring that about."""
-        ensemble = self._ensemble
-        action, control, given = ensemble.action, self._control, self._given()
-        if action.safe is None or control.source.shared or not given or not all(map(self._is_own, given)):
-            return
-        heeded = set() if ensemble.predicates is None else {*ensemble.predicates.declared.used, *given}
-        found: dict[str, tuple[str, str]] = {}
-        for name, binding in zip(action.names, action.bindings, strict=True):
-            ends = ("failed",) if binding.timeout is None else ("failed", "timed_out")
-            unheeded = binding.lasts and any(f"{name}.{end}" not in heeded for end in ends)
-            if ensemble.safety.reacts_to_failures and unheeded and not binding.sequel.retries:
-                found[f"actions.{name}"] = f"{name} has failed", 'say then = "decide" at the action'
-            elif binding.sequel.attempts is not None and f"{name}.gave_up" not in heeded:
-                found[f"actions.{name}"] = f"{name} is given up", f"use {name}.gave_up, or leave attempts out"
-        if control.deadline is not None and control.event_driven:
-            found["deadline"] = "a decision was late", "decide at a fixed rate, or leave the deadline out"
-        for key, (case, way_out) in found.items():
-            yield (
-                f"ensembles.{ensemble.name}.{key}: where {case}, nothing but a release leads out of the safe mode, for "
-                f"only the ensemble's own actions change what it decides on ({', '.join(sorted(given))}): {way_out}"
-            )
-
-    def _is_own(self, name: str) -> bool:
-        """Whether an input changes by actions here or below alone: it is the end of one, or the robot's place."""
-        manager, action = self._ensemble.predicates, self._ensemble.action
-        if manager is not None and manager.declared.moves(name):
-            return True
-        own = ACTION_END.fullmatch(name) is not None and name.rpartition(".")[0] in action.names
-        return own or any(below.liveness._is_own(name) for below in self._ensemble.subensembles)  # noqa: SLF001 - family
-
-    def _given(self) -> set[str]:
-        """Return those of its inputs that no formula of others defines."""
-        manager = self._ensemble.predicates
-        if manager is None:
-            return set()
-        declared = manager.declared
-        return {
-            name
-            for name in self._used()
-            if name not in declared.names or declared.senses(name) or declared.raises(name)
-        }
-
-    def _used(self) -> set[str]:
-        """Return the inputs that the ensemble's decisions depend on."""
-        layers = (self._ensemble.state, self._ensemble.observation)
-        return set[str]().union(*(layer.inputs() for layer in layers if layer is not None))
 
     # -- Ends and retries -----------------------------------------------------------------------------------------
 
@@ -404,7 +416,7 @@ class Liveness:
         """Return the predicates that may yet change its decision since they are about to be true, and when they are."""
         manager = self._ensemble.predicates
         held = {} if manager is None else manager.holding
-        return {name: held[name] for name in sorted(held.keys() & self._used())} if held else {}
+        return {name: held[name] for name in sorted(held.keys() & self._ensemble.inputs())} if held else {}
 
     def _look(self, time: int) -> None:
         ensemble = self._ensemble
@@ -476,7 +488,7 @@ class Liveness:
 
     def _on_hold(self, name: str) -> None:
         """Count as waiting, and not as idle, while a predicate is about to become true."""
-        if name in self._used():
+        if name in self._ensemble.inputs():
             self._end_rest()
             self.look()
 

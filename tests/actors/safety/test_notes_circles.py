@@ -7,7 +7,7 @@ from itertools import product
 import pytest
 
 import mdm
-from mdm.actors.safety.circles import circles
+from mdm.actors.safety.notes import circles
 
 
 async def takes_time():

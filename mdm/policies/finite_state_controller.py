@@ -1,32 +1,216 @@
-"""Finite-state controllers: graphs with an action per node and an edge per observation.
+"""Finite-state controllers: graphs with an action per node and an edge per observation; and one for each agent.
 
 A controller executes the action of its node and follows the edge of the observation; it needs no belief. Policy graphs
-and policy trees have this form (E. A. Hansen, *Solving POMDPs by searching in policy space*, UAI 1998). A step costs
-one look-up.
+and policy trees have this form (E. A. Hansen, *Solving POMDPs by searching in policy space*, UAI 1998). A step costs a
+look-up per agent, and needs no model.
+
+Joint policies of decentralised POMDPs have a controller per agent, each by its agent's own observations (D. S.
+Bernstein, R. Givan, N. Immerman and S. Zilberstein, *The complexity of decentralized control of Markov decision
+processes*, Mathematics of Operations Research 27, 2002). A plan of finite horizon is a tree with a node per history of
+observations.
 """
 
 from __future__ import annotations
 
+import itertools
+import math
+import operator
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Self, SupportsIndex
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, SupportsIndex
 
 import numpy as np
 
 from mdm.errors import ModelError
-from mdm.models.matrices import numbers
-from mdm.policies.plan import Plan
-from mdm.policies.policy import listed, other_sizes, whole
+from mdm.models.matrices import distribution, numbers
+from mdm.policies.batch import ENDED
+from mdm.policies.policy import Kind, listed, other_sizes, whole
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     import numpy.typing as npt
 
-    from mdm.models import MDP
+    from mdm.models import MDP, POMDP
     from mdm.models.matrices import Vector
+    from mdm.policies.batch import Batch, Indices
     from mdm.policies.policy import Arrays, Packed
 
-__all__ = ["FiniteStateController"]
+__all__ = ["FiniteStateController", "JointController", "Plan", "Walk"]
+
+
+class Plan(Kind):
+    """The base of finite-state controllers: a single one, or one per agent."""
+
+    input: Literal["observation"] = "observation"
+    num_observations: int
+
+    @property
+    def controllers(self) -> tuple[FiniteStateController, ...]:
+        """The controllers, one per agent."""
+        raise NotImplementedError
+
+    def information(self, model: MDP | None) -> Walk:
+        """Return the first nodes."""
+        known = model is not None and self.num_states is not None
+        return Walk(self.controllers, model.initial_belief if known and model is not None else None)
+
+    def action(self, nodes: Sequence[int]) -> int:
+        """Return the (joint) action at the node of each controller."""
+        action = 0
+        for controller, node in zip(self.controllers, nodes, strict=True):
+            action = action * controller.num_actions + controller.actions[node]
+        return action
+
+    def batch(self, model: MDP) -> Batch | None:
+        """Return its decisions for a batch of episodes."""
+        return None if model.pomdp is None else PlanBatch(self.controllers, model.pomdp)
+
+
+class Walk:
+    """The present node of each controller: the `Information` of a plan, without a belief.
+
+    The symbols of a team are joint, with the first agent the most significant. Each controller is updated by its
+    agent's own component. If the nodes have values, the first node is the best one at a given or the initial belief.
+
+    Args:
+        controllers: One per agent.
+        initial: The initial belief.
+    """
+
+    belief: None = None
+    expected: None = None
+
+    def __init__(self, controllers: Sequence[FiniteStateController], initial: Vector | None = None) -> None:
+        self._controllers = tuple(controllers)
+        self._counts = tuple(each.num_observations for each in self._controllers)
+        self._initial = initial
+        self.current: tuple[int, ...] = ()
+        self.reset()
+
+    @property
+    def ended(self) -> bool:
+        """Whether the present action is the last: the node of some agent has no successors."""
+        return any(each.is_last(node) for each, node in zip(self._controllers, self.current, strict=True))
+
+    @property
+    def impossible(self) -> str:
+        """Why an observation is impossible, in words."""
+        return f"has no edge at the nodes {self.current}"
+
+    def reset(self, belief: npt.ArrayLike | None = None) -> None:
+        """Begin at the first nodes.
+
+        Raises:
+            ModelError: If a belief is given, but the nodes have no values for it; the nodes stay as they were.
+        """
+        given = self._initial if belief is None else belief
+        if given is None:
+            self.current = tuple(each.start for each in self._controllers)
+            return
+        size = self._controllers[0].num_states
+        if size is None or len(self._controllers) > 1:
+            raise ModelError("the controller's nodes have no values: it cannot begin from a belief")
+        self.current = (self._controllers[0].start_node(distribution(given, what="the belief", size=size)),)
+
+    def update(self, action: int | None, observation: int | tuple[int | None, ...] | frozenset[int] | None) -> float:
+        """Follow the edges of an observation.
+
+        Args:
+            action: Ignored: the nodes determine it.
+            observation: The index of the (joint) observation; or a component per agent, with None for a missing one;
+                or None for no observation. Without an observation an agent stays at its node.
+
+        Returns:
+            1; or 0 if a controller has no edge for the observation, and stays at its node.
+
+        Raises:
+            ModelError: If there is no such observation; the nodes are unchanged.
+        """
+        if observation is None:
+            return 1.0
+        if isinstance(observation, frozenset):
+            raise ModelError("a plan has an edge for each whole observation: it cannot go by a part of one")
+        if not isinstance(observation, tuple):
+            total = int(np.prod(self._counts))
+            if not 0 <= observation < total:
+                raise ModelError(f"there is no observation {observation}; the controller's {total} count from 0")
+            observation = tuple(int(part) for part in np.unravel_index(observation, self._counts))
+        if len(observation) != len(self._controllers):
+            raise ModelError(f"an observation has {len(self._controllers)} components, not {len(observation)}")
+        moves = zip(self._controllers, self.current, observation, strict=True)
+        after = [node if part is None else controller.next_node(node, part) for controller, node, part in moves]
+        self.current = tuple(node if later is None else later for node, later in zip(self.current, after, strict=True))
+        return 0.0 if None in after else 1.0
+
+    def snapshot(self) -> Any:
+        """Return the nodes."""
+        return list(self.current)
+
+    def restore(self, snapshot: Any) -> None:
+        """Restore a snapshot.
+
+        Raises:
+            ModelError: If a node is none of its controller; the nodes are unchanged.
+        """
+        nodes = tuple(operator.index(node) for node in snapshot)
+        for controller, node in zip(self._controllers, nodes, strict=True):
+            if not 0 <= node < controller.num_nodes:
+                raise ModelError(f"there is no node {node}; the controller's {controller.num_nodes} count from 0")
+        self.current = nodes
+
+
+class PlanBatch:
+    """The nodes of a batch of episodes, one per episode and agent.
+
+    Args:
+        controllers: One per agent.
+        model: The model.
+    """
+
+    def __init__(self, controllers: Sequence[FiniteStateController], model: POMDP) -> None:
+        self._controllers = tuple(controllers)
+        self._model = model
+        team = len(self._controllers) > 1
+        self._shape = model.action_space.shape if team else (len(model.action_space),)
+        self._seen = model.observation_space.shape if team else (len(model.observation_space),)
+        self._actions = [np.array(controller.actions) for controller in self._controllers]
+        self._successors = [
+            np.array([[ENDED if node is None else node for node in row] for row in controller.successors])
+            for controller in self._controllers
+        ]
+        self._nodes = np.empty((len(self._controllers), 0), dtype=np.intp)
+
+    def begin(self, states: Indices, numbers: Vector) -> Indices:
+        """Return the first actions."""
+        alone = self._controllers[0] if len(self._controllers) == 1 else None
+        if alone is not None and alone.values is not None:  # begin at the best node for the initial belief
+            first, inverse = np.unique(states, return_inverse=True)
+            nodes = np.array([alone.start_node(self._model.belief_at_start(int(state))) for state in first])
+            self._nodes = nodes[None, inverse]
+        else:
+            starts = np.array([controller.start for controller in self._controllers])
+            self._nodes = np.repeat(starts[:, None], len(states), axis=1)
+        return self._at(self._nodes)
+
+    def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:
+        """Return the next actions."""
+        parts = np.unravel_index(seen, self._seen)
+        for agent, (successors, part) in enumerate(zip(self._successors, parts, strict=True)):
+            self._nodes[agent, episodes] = successors[self._nodes[agent, episodes], part]
+        nodes = self._nodes[:, episodes]
+        return np.where((nodes == ENDED).any(axis=0), ENDED, self._at(nodes))
+
+    def keep(self, which: npt.NDArray[np.bool_]) -> None:
+        """Drop the other episodes' nodes."""
+        self._nodes = self._nodes[:, which]
+
+    def _at(self, nodes: Indices) -> Indices:
+        parts = [actions[row] for actions, row in zip(self._actions, nodes, strict=True)]
+        joint: Indices = np.ravel_multi_index(parts, self._shape)
+        return joint
+
+
+# -- A controller ------------------------------------------------------------------------------------------------------
 
 
 class FiniteStateController(Plan):
@@ -236,3 +420,159 @@ class FiniteStateController(Plan):
             raise ModelError(f"the value of node {int((~np.isfinite(matrix)).any(axis=1).argmax())} is not finite")
         matrix.setflags(write=False)
         return matrix
+
+
+# -- A controller per agent --------------------------------------------------------------------------------------------
+
+_MOST = 20_000
+"""The largest number of joint nodes."""
+
+
+class JointController(Plan):
+    """A `FiniteStateController` per agent, each updated by its agent's own observations.
+
+    Args:
+        controllers: One per agent, in the agents' order, over that agent's own actions and observations.
+
+    Raises:
+        ModelError: If there is none.
+
+    Example::
+
+        listen = mdm.policies.FiniteStateController([0], [[0, 0]], num_actions=3)
+        policy = mdm.policies.JointController([listen, listen])
+        mdm.Controller(policy, mdm.problems.dec_tiger()).start().action_name  # 'listen listen'
+    """
+
+    kind: ClassVar[str] = "joint"
+    form = "a finite-state controller per agent"
+
+    def __init__(self, controllers: Iterable[FiniteStateController]) -> None:
+        self._controllers = tuple(controllers)
+        if not self._controllers:
+            raise ModelError("a joint policy needs at least one agent's controller")
+
+    @property
+    def controllers(self) -> tuple[FiniteStateController, ...]:
+        """The agents' controllers."""
+        return self._controllers
+
+    @property
+    def num_agents(self) -> int:
+        """The number of agents."""
+        return len(self.controllers)
+
+    @property
+    def num_actions(self) -> int:  # type: ignore[override]
+        """The number of joint actions."""
+        return math.prod(controller.num_actions for controller in self.controllers)
+
+    @property
+    def num_states(self) -> None:  # type: ignore[override]
+        """None: it has no values."""
+
+    @property
+    def start(self) -> tuple[int, ...]:
+        """The agents' first nodes."""
+        return tuple(controller.start for controller in self.controllers)
+
+    @property
+    def num_observations(self) -> int:  # type: ignore[override]
+        """The number of joint observations."""
+        return math.prod(controller.num_observations for controller in self.controllers)
+
+    @property
+    def horizon(self) -> int | None:  # type: ignore[override]
+        """The number of decisions up to the end of the first agent's plan; None if no plan ends."""
+        return min((each.horizon for each in self.controllers if each.horizon is not None), default=None)
+
+    def actions_at(self, nodes: Sequence[int]) -> tuple[int, ...]:
+        """Return each agent's own action at its node."""
+        pairs = zip(self.controllers, self._per_agent(nodes, "nodes"), strict=True)
+        return tuple(controller.action_at(node) for controller, node in pairs)
+
+    def next_nodes(self, nodes: Sequence[int], observations: Sequence[int]) -> tuple[int | None, ...]:
+        """Return each agent's next node after its own observation; None at the end of its plan."""
+        seen = self._per_agent(observations, "observations")
+        given = zip(self.controllers, self._per_agent(nodes, "nodes"), seen, strict=True)
+        return tuple(controller.next_node(node, observation) for controller, node, observation in given)
+
+    def _per_agent(self, given: Sequence[int], what: str) -> Sequence[int]:
+        if len(given) != self.num_agents:
+            raise ModelError(f"{len(given)} {what} are given for {self.num_agents} agents")
+        return given
+
+    def joined(self) -> FiniteStateController | None:
+        """Return a single controller over joint actions and observations; None if it has more than 20,000 nodes.
+
+        Its nodes are the reachable combinations of the agents' nodes.
+        """
+        actions = [controller.num_actions for controller in self.controllers]
+        seen = list(itertools.product(*(range(controller.num_observations) for controller in self.controllers)))
+        index = {self.start: 0}
+        pending = [self.start]
+        found: list[int] = []
+        successors: list[list[int | None]] = []
+        for nodes in pending:  # it grows meanwhile
+            found.append(int(np.ravel_multi_index(self.actions_at(nodes), actions)))
+            row: list[int | None] = []
+            for observations in seen:
+                after = self.next_nodes(nodes, observations)
+                joint = tuple(node for node in after if node is not None)
+                if len(joint) < len(after):
+                    row.append(None)
+                    continue
+                if joint not in index:
+                    if len(index) == _MOST:
+                        return None
+                    index[joint] = len(index)
+                    pending.append(joint)
+                row.append(index[joint])
+            successors.append(row)
+        return FiniteStateController(found, successors, self.num_actions)
+
+    def mismatch(self, model: MDP) -> str | None:
+        """Return why it does not fit a model, as a sentence; None if it fits."""
+        if model.observation_space is None:
+            return "the policy needs observations, but the model has none"
+        if self.num_agents != model.num_agents:
+            return f"the policy is for {self.num_agents} agents, but the model has {model.num_agents}"
+        if len(model.observation_space.factors) != model.num_agents:
+            return f"the model's observations need a factor for each of its {model.num_agents} agents"
+        factors = zip(self.controllers, model.action_space.factors, model.observation_space.factors, strict=True)
+        for agent, (controller, actions, observations) in enumerate(factors):
+            ours, theirs = (controller.num_actions, controller.num_observations), (len(actions), len(observations))
+            if ours != theirs:
+                return f"agent {agent}: {other_sizes(ours, ('actions', 'observations'), theirs)}"
+        return None
+
+    def facts(self) -> dict[str, Any]:
+        """Return its sizes by name."""
+        nodes = [controller.num_nodes for controller in self.controllers]
+        return {**super().facts(), "agents": self.num_agents, "nodes": nodes}
+
+    def packed(self) -> Packed:
+        """Return its sizes and arrays."""
+        sizes: dict[str, int] = {"agents": self.num_agents}
+        arrays: dict[str, Any] = {}
+        for agent, controller in enumerate(self.controllers):
+            own_sizes, own_arrays = controller.packed()
+            sizes |= {f"agent{agent}_{name}": size for name, size in own_sizes.items()}
+            arrays |= {f"agent{agent}_{name}": array for name, array in own_arrays.items()}
+        return sizes, arrays
+
+    @classmethod
+    def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:
+        """Return a packed policy."""
+
+        def own(agent: int, of: Mapping[str, Any]) -> dict[str, Any]:
+            prefix = f"agent{agent}_"
+            return {name.removeprefix(prefix): value for name, value in of.items() if name.startswith(prefix)}
+
+        controllers = []
+        for agent in range(sizes["agents"]):
+            try:
+                controllers.append(FiniteStateController.unpacked(own(agent, sizes), own(agent, arrays), seed))
+            except KeyError as error:
+                raise KeyError(f"agent{agent}_{error.args[0]}") from None
+        return cls(controllers)

@@ -9,7 +9,7 @@ from sentences import refused
 
 from mdm import ModelError
 from mdm.policies import FiniteStateController, JointController
-from mdm.policies.plan import Walk
+from mdm.policies.finite_state_controller import Walk
 
 # A plan of two decisions, and one that goes round for ever but has no edge for its observation 1 at node 1.
 PLAN = FiniteStateController([0, 1, 2], [[1, 2], [None, None], [None, None]], 3)

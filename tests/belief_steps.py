@@ -7,11 +7,10 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from mdm.beliefs import Support, compact
+from mdm.beliefs import Support, dense as compact
 from mdm.beliefs.choice import AdaptiveFilter
-from mdm.beliefs.compact import CompactFilter
 from mdm.beliefs.compressed import GroupedFilter
-from mdm.beliefs.dense import LikelyFilter
+from mdm.beliefs.dense import CompactFilter, LikelyFilter
 from mdm.beliefs.support import CompiledSupportFilter
 from mdm.models import POMDP
 from mdm.models.dynamics import Dynamics

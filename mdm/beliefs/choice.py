@@ -13,12 +13,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdm.beliefs.compact import LINE, CompactFilter
 from mdm.beliefs.compressed import CompressedFilter, GroupedFilter, held_numbers
-from mdm.beliefs.dense import FoldedFilter, LikelyFilter
+from mdm.beliefs.dense import LINE, CompactFilter, FoldedFilter, LikelyFilter
 from mdm.beliefs.filter import Filter
-from mdm.beliefs.network import NetworkFilter
-from mdm.beliefs.support import CompiledSupportFilter, SupportFilter
+from mdm.beliefs.support import CompiledSupportFilter, NetworkFilter, SupportFilter
 from mdm.compilation import can_compile, may_compile
 from mdm.errors import ConfigError
 from mdm.models.dynamics import Dynamics

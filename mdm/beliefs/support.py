@@ -1,6 +1,8 @@
 """Belief filters by support: the states of non-zero probability.
 
-Cost of a step: O(non-zeros of their rows of T), however many states the model has.
+Cost of a step: O(non-zeros of their rows of T), however many states the model has. For factored models too large to
+flatten the rows of T are computed from the network when needed: the support is expanded variable by variable, as
+`flattening` does for all states, at some numpy calls per variable and O(possible transitions from the support).
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import numpy as np
 from mdm.beliefs.compressed import unsigned
 from mdm.beliefs.filter import SparseFilter
 from mdm.models.dynamics import once
+from mdm.models.factored.flattening import following, observed_chances
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,9 +22,10 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from mdm.models.dynamics import Dynamics
+    from mdm.models.factored.two_slice import TwoSliceNetwork
     from mdm.models.matrices import Matrix, Vector
 
-__all__ = ["CompiledSupportFilter", "SupportFilter"]
+__all__ = ["CompiledSupportFilter", "NetworkFilter", "SupportFilter"]
 
 
 class SupportFilter(SparseFilter):
@@ -59,9 +63,7 @@ class SupportFilter(SparseFilter):
         """Return the next states, and the weight of each."""
         reached = np.concatenate([targets for _, targets, _ in parts])
         weights = np.concatenate([self._values[of] * data for of, _, data in parts])
-        states, place = np.unique(reached, return_inverse=True)
-        sums = np.bincount(place, weights, minlength=len(states))
-        return states, sums.astype(np.float64, copy=False)
+        return _each_once(reached, weights)
 
     def _write(self, states: npt.NDArray[Any], values: Vector) -> float:
         kept = values > 0
@@ -142,3 +144,67 @@ def _entries(matrix: Matrix, rows: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int
     of = np.repeat(np.arange(len(rows)), lengths)
     at = np.arange(len(of)) + np.repeat(starts - (np.cumsum(lengths) - lengths), lengths)
     return of, matrix.indices[at], matrix.data[at]
+
+
+# -- Networks ----------------------------------------------------------------------------------------------------------
+
+
+class NetworkFilter(SparseFilter):
+    """Holds a belief by its support, and takes transitions from the network.
+
+    Each event counts as that of a single step: to sum over steps without one takes the matrices of all states.
+
+    Args:
+        network: The network, with observations.
+    """
+
+    def __init__(self, network: TwoSliceNetwork) -> None:
+        assert network.observations is not None
+        super().__init__(len(network.states))
+        self._network = network
+
+    def step_any(self, action: int, observations: Sequence[int]) -> float:
+        """Update by an action and a set of possible observations; return their probability."""
+        of, next_states, weights = self._following(action)
+        before = self._states[of] if self._network.event_observations else None
+        if before is None:
+            next_states, weights = _each_once(next_states, weights)
+        chances = observed_chances(self._network, action, before, next_states, observations)
+        if before is not None:
+            next_states, weights = _each_once(next_states, weights * chances)
+        else:
+            weights = weights * chances
+        return self._write(next_states, weights)
+
+    def predict(self, action: int) -> float:
+        """Predict: update by an action without an observation; return 1."""
+        _, next_states, weights = self._following(action)
+        return self._write(*_each_once(next_states, weights))
+
+    def snapshot(self) -> Any:
+        """Return the internal form of the belief, which is normalised."""
+        return super().snapshot()[:2]
+
+    def restore(self, snapshot: Any) -> None:
+        """Restore a snapshot."""
+        states, values = snapshot
+        super().restore([states, values, 1.0])
+
+    def _following(self, action: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Vector]:
+        of, next_states, chances = following(self._network, action, self._states)
+        return of, next_states, self._values[of] * chances
+
+    def _write(self, states: npt.NDArray[np.intp], weights: Vector) -> float:
+        total = float(weights.sum())
+        if not total > 0:
+            return 0.0
+        kept = weights > 0
+        self._keep(states[kept], weights[kept] / total)
+        return min(total, 1.0)
+
+
+def _each_once(states: npt.NDArray[np.intp], weights: Vector) -> tuple[npt.NDArray[np.intp], Vector]:
+    """Return each state once, with the sum of its weights."""
+    reached, place = np.unique(states, return_inverse=True)
+    sums: Any = np.bincount(place, weights, minlength=len(reached))
+    return reached, sums

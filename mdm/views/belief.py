@@ -10,7 +10,7 @@ import numpy as np
 
 from mdm.beliefs import Support
 from mdm.errors import Error, ModelError
-from mdm.simulation.episodes import EpisodeRunner
+from mdm.simulation.batch import EpisodeRunner
 from mdm.views.canvas import pyplot
 from mdm.views.grid import action_colours
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP, Space
     from mdm.models.matrices import Vector
-    from mdm.simulation.episodes import EpisodeStep
+    from mdm.simulation.batch import EpisodeStep
 
 __all__ = ["belief_figure", "state_name", "two_state_figure"]
 

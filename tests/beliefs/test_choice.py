@@ -12,9 +12,8 @@ from belief_steps import needs_numba
 
 from mdm.beliefs import BeliefTracker, choice as belief_choice
 from mdm.beliefs.choice import AdaptiveFilter, chosen_filter
-from mdm.beliefs.compact import CompactFilter
 from mdm.beliefs.compressed import CompressedFilter
-from mdm.beliefs.dense import FoldedFilter, LikelyFilter
+from mdm.beliefs.dense import CompactFilter, FoldedFilter, LikelyFilter
 from mdm.models import POMDP, Factor, Space
 
 

@@ -11,11 +11,10 @@ from belief_steps import assert_step, corridor, loaded, needs_numba
 from hypothesis import given, settings, strategies as st
 from random_models import dense, flat_models, leading_to_detection, without_detection
 
-from mdm.beliefs import choice as belief_choice, compact
+from mdm.beliefs import choice as belief_choice, dense as compact
 from mdm.beliefs.choice import AdaptiveFilter, chosen_filter
-from mdm.beliefs.compact import CompactFilter
 from mdm.beliefs.compressed import CompressedFilter, GroupedFilter
-from mdm.beliefs.dense import FoldedFilter, LikelyFilter
+from mdm.beliefs.dense import CompactFilter, FoldedFilter, LikelyFilter
 from mdm.beliefs.support import CompiledSupportFilter, SupportFilter
 from mdm.models import POMDP
 from mdm.models.dynamics import Dynamics

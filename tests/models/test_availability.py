@@ -10,8 +10,7 @@ from sentences import refused
 import mdm
 from mdm.errors import ModelError
 from mdm.models import MDP, POMDP, Durations, in_time
-from mdm.models.difference import first_difference
-from mdm.models.digest import digest, parts
+from mdm.models.digest import digest, first_difference, parts
 
 NAN = float("nan")
 HALL, DOOR = [True, True, False], [True, False, True]

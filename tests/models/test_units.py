@@ -14,8 +14,7 @@ from mdm.errors import ModelError, ModelWarning
 from mdm.formats import load_durations, save_durations
 from mdm.formats.archive import npz
 from mdm.models import Durations
-from mdm.models.difference import first_difference
-from mdm.models.digest import digest, parts
+from mdm.models.digest import digest, first_difference, parts
 from mdm.models.units import in_words, ratio
 from mdm.policies import DeterministicPolicy
 from mdm.problems import forest, tag, tiger

@@ -28,7 +28,7 @@ from mdm.policies import (
     StochasticPolicy,
 )
 from mdm.problems import forest, tiger
-from mdm.simulation.episodes import Limits, one_by_one
+from mdm.simulation.batch import Limits, one_by_one
 from mdm.simulation.sampler import Sampler
 from mdm.solvers import exact_values, solve
 

@@ -3,8 +3,8 @@
 It needs navground, the extra ``mdm[simulation]``, and is meant for examples and tests.
 """
 
+from mdm.simulation.building.body import Guest, Whereabouts
 from mdm.simulation.building.building import Building
-from mdm.simulation.building.guest import Guest, Whereabouts
 from mdm.simulation.building.robot import DriveError, Robot
 from mdm.simulation.building.tower import Rider, Tower
 from mdm.simulation.building.visits import Visit, VisitChange, Visits

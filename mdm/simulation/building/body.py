@@ -1,13 +1,16 @@
-"""Bodies: something round that moves on the floor of a building, between walls."""
+"""Bodies: something round that moves on the floor of a building, between walls; and guests of other processes."""
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mdm.errors import Error
 from mdm.maps import Pose
+from mdm.messages import Message
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -17,7 +20,7 @@ if TYPE_CHECKING:
 
     Cell = tuple[int, int]
 
-__all__ = ["Body", "walls"]
+__all__ = ["Body", "Guest", "Whereabouts", "walls"]
 
 
 class Body(ABC):
@@ -90,3 +93,105 @@ def walls(grid: Grid) -> list[tuple[Point, Point]]:
                 first, last = (corner[::-1] for corner in corners) if upright else corners
                 found.append((grid.frame.centre(*first), grid.frame.centre(*last)))
     return found
+
+
+# -- Bodies of other processes -----------------------------------------------------------------------------------------
+
+_HEARD = 1.0
+"""Seconds without a word after which a guest is not there any more."""
+_AWAY = 1e6
+"""Metres east and north of the map: where a guest is that is not there."""
+_ROOM = 0.2
+"""Metres between a guest that comes and the next robot: who is nearer than that to others does not get away."""
+
+
+class Whereabouts(Message, frozen=True, gc=False):
+    """Where a robot really is, told on ``<building>/<robot>/whereabouts`` for buildings of which it is a `Guest`.
+
+    Attributes:
+        time: When.
+        x: In metres.
+        y: The same.
+        yaw: In radians, anticlockwise from the x axis.
+        velocity: In metres a second, along x and y.
+        remaining: The metres to go; 0 where it stands.
+        way: The points where its way turns, and its end, in metres; none where it stands, or lets others pass.
+    """
+
+    x: float
+    y: float
+    yaw: float
+    velocity: tuple[float, float]
+    remaining: float
+    way: tuple[tuple[float, float], ...]
+
+
+class Guest(Body):
+    """A robot of another process, which a `Building` has as a body that moves: `Building.guest` makes it.
+
+    Robots keep clear of it, and give way to it. Between two words of it, it goes on as it was. It is not on the floor
+    where nothing has been heard of it for a second, as when its process has ended; and where it comes back in the midst
+    of a robot, as after the network was divided, not before there is room.
+
+    Attributes:
+        is_here: Whether it is on the floor.
+    """
+
+    def __init__(self, name: str, agent: Any, paths: Paths) -> None:
+        super().__init__(name, agent, paths)
+        self._told: Whereabouts | None = None
+        self._seconds = 0.0
+        self.is_here = False
+        self._leave()
+
+    @property
+    def remaining(self) -> float:
+        """The metres to go; 0 where it stands, or is not there."""
+        return self._told.remaining if self.is_here and self._told is not None else 0.0
+
+    @property
+    def turns(self) -> tuple[tuple[int, int], ...]:
+        """The cells where its way turns, and its end; none where it stands, or is not there."""
+        points = self._told.way if self.is_here and self._told is not None else ()
+        cells = (self._paths.frame.cell(x, y) for x, y in points)
+        return tuple(cell for cell in cells if cell is not None)
+
+    def take(self, whereabouts: Whereabouts) -> None:
+        """Take it that the robot is where it is told to be.
+
+        Raises:
+            Error: If that is not finite.
+        """
+        told = whereabouts
+        if not all(map(math.isfinite, (told.x, told.y, told.yaw, told.remaining, *told.velocity))):
+            raise Error(f"guest {self.name!r} cannot be where it is told to be, which is not finite: {told}")
+        self._told, self._seconds = told, 0.0
+
+    def steer(self, seconds: float, bodies: Sequence[Body] = ()) -> None:
+        """Go on as it was told last, before a step of the building."""
+        told = self._told
+        if told is None:
+            return
+        if self._seconds > _HEARD:
+            self._told = None
+            self._leave()
+            return
+        x, y = (start + speed * self._seconds for start, speed in zip((told.x, told.y), told.velocity, strict=True))
+        self._seconds += seconds
+        if self.is_here or all(
+            math.dist((x, y), body.agent.position) > self.radius + body.radius + _ROOM
+            for body in bodies
+            if body is not self
+        ):
+            self.is_here = True
+            self._place(x, y, told.yaw, told.velocity)
+
+    def _leave(self) -> None:
+        self.is_here = False
+        self._place(_AWAY, _AWAY, 0.0, (0.0, 0.0))
+
+    def _place(self, x: float, y: float, yaw: float, velocity: tuple[float, float]) -> None:
+        from navground.core import Pose2, Twist2  # noqa: PLC0415 - an extra
+
+        self.agent.pose = Pose2((x, y), yaw)
+        self.agent.twist = Twist2(velocity, 0.0)

@@ -12,9 +12,8 @@ from mdm.errors import ConfigError, Error, MapError
 from mdm.maps.paths import PATH_MARGIN, Paths, drivable
 from mdm.messages import PoseUpdate
 from mdm.runtime import Actor
-from mdm.simulation.building.body import walls
-from mdm.simulation.building.brakes import GAP, Brakes
-from mdm.simulation.building.guest import Guest, Whereabouts
+from mdm.simulation.building.body import Guest, Whereabouts, walls
+from mdm.simulation.building.refuge import GAP, Brakes
 from mdm.simulation.building.robot import Robot
 from mdm.simulation.building.visits import Bystander, Visit, VisitChange, Visits
 

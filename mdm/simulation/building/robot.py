@@ -11,10 +11,8 @@ import numpy as np
 from mdm.errors import Error, MapError
 from mdm.maps import Pose
 from mdm.maps.paths import PATH_MARGIN, Paths, sees
-from mdm.simulation.building.body import Body
-from mdm.simulation.building.brakes import GAP, Brakes
-from mdm.simulation.building.guest import Whereabouts
-from mdm.simulation.building.refuge import refuge, way_out
+from mdm.simulation.building.body import Body, Whereabouts
+from mdm.simulation.building.refuge import GAP, Brakes, refuge, way_out
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

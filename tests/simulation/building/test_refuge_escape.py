@@ -9,8 +9,7 @@ import numpy as np
 from hypothesis import example, given, strategies as st
 
 from mdm.maps import Frame, Grid, Pose
-from mdm.simulation.building.brakes import GAP
-from mdm.simulation.building.refuge import way_out
+from mdm.simulation.building.refuge import GAP, way_out
 
 SIDE, SIZE, RADIUS, OTHER = 0.05, 80, 0.25, 0.2
 TOUCH = RADIUS + OTHER

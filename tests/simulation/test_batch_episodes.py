@@ -14,7 +14,7 @@ from mdm.policies import (
     DeterministicPolicy,
     StatePolicy,
 )
-from mdm.simulation.episodes import Limits, one_by_one
+from mdm.simulation.batch import Limits, one_by_one
 
 
 @FEW

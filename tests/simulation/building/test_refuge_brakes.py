@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given, strategies as st
 
 from mdm.maps import Frame, Grid, Pose
-from mdm.simulation.building.brakes import GAP, Brakes
+from mdm.simulation.building.refuge import GAP, Brakes
 
 SIDE, RADIUS = 0.05, 0.25
 

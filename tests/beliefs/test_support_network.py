@@ -9,7 +9,7 @@ from random_models import factored_models
 
 from mdm.beliefs import BeliefTracker, choice as belief_choice
 from mdm.beliefs.filter import Support
-from mdm.beliefs.network import NetworkFilter
+from mdm.beliefs.support import NetworkFilter
 from mdm.models import POMDP, Factor, FactoredPOMDP, Node, Space, Table, TwoSliceNetwork
 from mdm.models.factored import model as factored_model
 from mdm.models.factored.flattening import first_states

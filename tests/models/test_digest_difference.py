@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse import csr_array
 
 from mdm.models import MDP
-from mdm.models.difference import first_difference
+from mdm.models.digest import first_difference
 from mdm.problems import tiger
 
 STATES, ACTIONS = ["hall", "lab", "dock"], ["go", "stay"]

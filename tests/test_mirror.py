@@ -118,6 +118,7 @@ ACROSS = {
     "test_house.py": "the pages for contributors",
     "test_sentences.py": "the golden files of sentences",
     "test_values.py": "which values options are given in a complete run",
+    "same/test_same.py": "programs beside the package: what two commits do",
     "test_mirror.py": "this",
     "test_wheel.py": "how wheels are built",
 }

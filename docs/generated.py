@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import collections.abc
 import importlib
 import inspect
 import re
@@ -53,32 +54,32 @@ PACKAGES = (
 TABLES = {
     "[predicates]": ("mdm.config.tables.PredicateTable", ()),
     "[events]": ("mdm.config.tables.EventTable", ()),
-    "[ensembles.NAME]": (
-        "mdm.config.tables.EnsembleTable",
-        (
-            "mdm.actors.options.SafetyOptions",
-            "mdm.actors.options.ControlOptions",
-            "mdm.options.ControllerOptions",
-            "mdm.Ensemble",
-        ),
-    ),
+    "[ensembles.NAME]": ("mdm.config.tables.EnsembleTable", ("mdm.Ensemble",)),
     "[ensembles.NAME.states]": ("mdm.config.tables.StateTable", ("mdm.StateFactor",)),
     "[ensembles.NAME.observations]": ("mdm.config.tables.ObservationTable", ("mdm.ObservationFactor",)),
-    "[ensembles.NAME.actions]": ("mdm.config.tables.ActionTable", ("mdm.actors.actions.binding.Binding",)),
+    "[ensembles.NAME.actions]": ("mdm.config.tables.ActionTable", ()),
     "[ensembles.NAME.search]": ("mdm.config.tables.SearchTable", ("mdm.solvers.TreeSearch",)),
     "[ensembles.NAME.supervision]": ("mdm.config.tables.RestartTable", ("mdm.runtime.Restart",)),
-    "[ensembles.NAME.placement]": ("mdm.config.tables.PlacementTable", ("mdm.team.Placement",)),
-    "[places]": ("mdm.config.places.PlacesTable", ("mdm.maps.Places", "mdm.maps.load_map")),
+    "[ensembles.NAME.placement]": ("mdm.team.Placement", ()),
+    "[places]": ("mdm.config.places.PlacesTable", ("mdm.maps.load_map",)),
     "[team]": ("mdm.config.team_file.TeamTable", ("mdm.Team",)),
-    "[team] agents": ("mdm.config.team_file.AgentTable", ()),
+    "[team] agents": ("mdm.team.Agent", ()),
     "[team.communication]": (
         "mdm.config.team_file.CommunicationTable",
         ("mdm.team.communication.Budget", "mdm.team.communication.ValueOfCommunication"),
     ),
     "[team.allowance]": ("mdm.config.team_file.AllowanceTable", ("mdm.team.transport.allowance.Allowance",)),
-    "[[team.ceilings]]": ("mdm.config.team_file.CeilingTable", ("mdm.team.transport.ceilings.Ceiling",)),
+    "[[team.ceilings]]": ("mdm.team.transport.ceilings.Ceiling", ()),
 }
 """The tables of the TOML file: the struct that reads each, and what else says what its keys mean."""
+
+KEYWORDS = {
+    **dict.fromkeys(("BindingOptions", "ControlOptions", "DriveOptions", "SafetyOptions"), "mdm.actors.options"),
+    "ControllerOptions": "mdm.options",
+    "PlacesOptions": "mdm.maps.places",
+    "TeamOptions": "mdm.team.team",
+}
+"""The typed dictionaries of options, and their modules."""
 
 _SECTIONS = re.compile(
     r"^(Args|Attributes|Returns|Raises|Yields|Example|Examples|References|Note|Source|Cost):{1,2}$", re.MULTILINE
@@ -130,7 +131,7 @@ def signature(thing: Any, name: str) -> str:
     except (NameError, TypeError, ValueError):  # the types of what is documented are not all at hand
         return name
     parameters = [each for each in given.parameters.values() if each.name not in {"self", "cls"}]
-    shown = [_parameter(each) for each in parameters]
+    shown = [words for each in parameters for words in _parameters(each)]
     kinds = [each.kind for each in parameters]
     if inspect.Parameter.KEYWORD_ONLY in kinds and inspect.Parameter.VAR_POSITIONAL not in kinds:
         shown.insert(kinds.index(inspect.Parameter.KEYWORD_ONLY), "*")
@@ -140,6 +141,20 @@ def signature(thing: Any, name: str) -> str:
     result = "" if inspect.isclass(thing) or told is given.empty else f" -> {_annotation(told)}"
     line = f"{name}({', '.join(shown)}){result}"
     return line if len(line) <= 80 else "\n".join([f"{name}(", *(f"    {each}," for each in shown), f"){result}"])
+
+
+def keywords(parameter: inspect.Parameter) -> Any:
+    """Return the typed dictionary that a parameter stands for; None for any other parameter."""
+    named = re.fullmatch(r"Unpack\[(\w+)\]", str(parameter.annotation))
+    return None if named is None else find(f"{KEYWORDS[named[1]]}.{named[1]}")
+
+
+def _parameters(parameter: inspect.Parameter) -> list[str]:
+    """Return a parameter as it is shown; of a typed dictionary each of its keywords."""
+    options = keywords(parameter)
+    if options is None:
+        return [_parameter(parameter)]
+    return [f"{name}: {kind.__forward_arg__} = ..." for name, kind in options.__annotations__.items()]
 
 
 def _parameter(parameter: inspect.Parameter) -> str:
@@ -191,30 +206,30 @@ def names(package: str) -> str:
 def keys(struct: type[msgspec.Struct], others: tuple[str, ...]) -> dict[str, tuple[str, str, str]]:
     """Return of each key of a table its type, its default, and what it means."""
     known: dict[str, str] = {}
-    for each in (struct, *map(find, others)):
+    for each in (*inspect.getmro(struct), *map(find, others)):
         known = entries(each) | known
     hints = typing.get_type_hints(struct, include_extras=True)
-    return {
-        field.name: (_type(hints[field.name]), _default(field), known.get(field.name, ""))
-        for field in msgspec.structs.fields(struct)
-    }
+    own = {name: order for order, name in enumerate(inspect.get_annotations(struct))}
+    fields = sorted(msgspec.structs.fields(struct), key=lambda field: own.get(field.name, len(own)))
+    return {field.name: (_type(hints[field.name]), _default(field), known.get(field.name, "")) for field in fields}
 
 
 def _type(hint: Any) -> str:
     origin, given = typing.get_origin(hint), typing.get_args(hint)
     if origin is typing.Annotated:
         bounds = given[1]
+        unit = f" of {bounds.extra['unit']}" if bounds.extra else ""
         limits = [
             f"{sign} {value:g}"
             for sign, value in (("≥", bounds.ge), (">", bounds.gt), ("≤", bounds.le))
             if value is not None
         ]
-        return f"{_type(given[0])} {' and '.join(limits)}"
+        return f"{_type(given[0])}{unit} {' and '.join(limits)}"
     if origin in {typing.Union, types.UnionType}:
         return " or ".join(_type(each) for each in given if each is not type(None))
     if origin is typing.Literal:
         return " or ".join(f'`"{each}"`' for each in given)
-    if origin is list:
+    if origin in {list, tuple, collections.abc.Sequence}:
         return f"list of {_type(given[0])}"
     if origin is dict:
         return f"table of {_type(given[1])}"
@@ -225,7 +240,7 @@ def _type(hint: Any) -> str:
 def _default(field: Any) -> str:
     if field.required:
         return "required"
-    if field.default is msgspec.NODEFAULT or field.default is None or field.default == {}:
+    if field.default is msgspec.NODEFAULT or field.default in (None, {}, ()):
         return ""
     return f"`{msgspec.json.encode(field.default).decode()}`"
 

@@ -42,6 +42,7 @@ WITHOUT = {  # protocols and results, which users do not make; and what a named 
     "team.MemberStatistics",
     "team.RecollectionStatistics",
     "team.SharedHistory",
+    "team.TeamOptions",
     "team.Teammates",
 }
 

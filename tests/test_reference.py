@@ -14,12 +14,12 @@ from pathlib import Path
 
 import msgspec
 import pytest
+import values
 from places import ROOT
 
 import mdm
 from mdm.cli import VERBS
 from mdm.cli.projects.completion import commands
-from mdm.config.tables import Table
 
 DOCS = ROOT / "docs"
 PACKAGE = Path(mdm.__file__).parent
@@ -102,8 +102,7 @@ def test_every_key_of_the_file_has_a_type_and_a_meaning(generated):
         struct = generated.find(path)
         structs.add(struct)
         assert not [key for key, (kind, _, meaning) in generated.keys(struct, others).items() if not (kind and meaning)]
-    importlib.import_module("mdm.config.team_file")
-    assert structs == {each for each in Table.__subclasses__() if each.__module__.startswith("mdm.config")}
+    assert structs == {*values.tables()}
 
 
 def test_every_key_is_on_the_page_of_the_file(generated):
@@ -373,14 +372,16 @@ def public_names(generated):
             if inspect.isclass(thing) or inspect.isroutine(thing):
                 try:
                     parameters = inspect.signature(thing).parameters.values()
-                    form = f"({', '.join(_shown(each) for each in parameters)})"
+                    form = f"({', '.join(_shown(each, generated.keywords(each)) for each in parameters)})"
                 except (NameError, TypeError, ValueError):
                     form = "(…)"
             lines.append(f"{package}.{name}{form}\n")
     return "".join(lines)
 
 
-def _shown(parameter):
+def _shown(parameter, options):
+    if options is not None:
+        return ", ".join(f"keyword {name}=…" for name in options.__annotations__)
     stars = {parameter.VAR_POSITIONAL: "*", parameter.VAR_KEYWORD: "**", parameter.KEYWORD_ONLY: "*, "}
     default = "" if parameter.default is parameter.empty else "=…"
     return f"{stars.get(parameter.kind, '').replace('*, ', 'keyword ')}{parameter.name}{default}"

@@ -15,6 +15,7 @@ from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 from weakref import WeakKeyDictionary
 
+import msgspec
 import pytest
 
 if TYPE_CHECKING:
@@ -56,34 +57,47 @@ def keywords_of(options: type) -> list[str]:
     return [name for name, kind in written.items() if {"int", "float"}.intersection(kind.split(" | "))]
 
 
+def derived(kind: type) -> list[type]:
+    """Return the classes that derive from one, however far below."""
+    return [each for below in kind.__subclasses__() for each in (below, *derived(below))]
+
+
 def tables() -> list[type]:
-    """Return all tables of TOML files."""
+    """Return all tables of TOML files: structs of options that are declared in their package, or converted to there."""
     import mdm.config  # here, as below: runs that are not complete need nothing of it
-    from mdm.config.tables import Table
+    from mdm.options import Options
+    from mdm.team.ownership import Placement
+    from mdm.team.team import Agent
+    from mdm.team.transport.ceilings import Ceiling
 
     for module in iter_modules(mdm.config.__path__):
         import_module(f"mdm.config.{module.name}")
-    return [table for table in Table.__subclasses__() if table.__module__.startswith("mdm.")]
+    own = [table for table in derived(Options) if table.__module__.startswith("mdm.config.")]
+    return [*own, Agent, Ceiling, Placement]
 
 
-def takers() -> list[tuple[type, type]]:
-    """Return the classes that take typed dictionaries, each with that."""
-    from mdm.actors import ControlLayer, Ensemble
-    from mdm.actors.actions.sequel import Sequel, SequelOptions
-    from mdm.actors.options import ControlOptions, SafetyOptions
+def takers() -> list[tuple[type, type, type]]:
+    """Return the classes that take typed dictionaries, each with that and with the struct that checks it."""
+    from mdm.actors import Binding, ControlLayer, Ensemble, options
     from mdm.controller import Controller
-    from mdm.options import ControllerOptions
+    from mdm.maps import places
+    from mdm.options import ControllerOptions, ControllerSettings
+    from mdm.team import team
 
     return [
-        *((Ensemble, SafetyOptions), (ControlLayer, ControlOptions)),
-        *((Controller, ControllerOptions), (Sequel, SequelOptions)),
+        (Ensemble, options.SafetyOptions, options.SafetySettings),
+        (ControlLayer, options.ControlOptions, options.ControlSettings),
+        (Controller, ControllerOptions, ControllerSettings),
+        (Binding, options.BindingOptions, options.BindingSettings),
+        (places.Places, places.PlacesOptions, places.PlacesSettings),
+        (team.Team, team.TeamOptions, team.TeamSettings),
     ]
 
 
 def known() -> list[str]:
     """Return all options that are numbers: of tables behind their names, and keywords."""
     found = {f"{table.__name__}.{name}" for table in tables() for name in numbers_of(table)}
-    found.update(f"keyword {name}" for _, options in takers() for name in keywords_of(options))
+    found.update(f"keyword {name}" for _, options, _ in takers() for name in keywords_of(options))
     return sorted(found)
 
 
@@ -117,8 +131,8 @@ class Values:
         """Note from now on what is accepted."""
         from mdm.config.problems import Problems
 
-        for taker, options in takers():
-            taker.__init__ = self._heard(taker.__init__, keywords_of(options))
+        for taker, options, settings in takers():
+            taker.__init__ = self._heard(taker.__init__, keywords_of(options), settings)
         numbers = {table: numbers_of(table) for table in tables()}
         convert, raise_all = Problems.convert, Problems.raise_all
         waiting: WeakKeyDictionary[Problems, list[tuple[str, Any]]] = WeakKeyDictionary()
@@ -141,16 +155,16 @@ class Values:
 
         Problems.convert, Problems.raise_all = converted, raised
 
-    def _heard(self, initialise: Callable[..., None], names: list[str]) -> Callable[..., None]:
+    def _heard(self, initialise: Callable[..., None], names: list[str], settings: type) -> Callable[..., None]:
         signature = inspect.signature(initialise)
-        defaults = {name: parameter.default for name, parameter in signature.parameters.items()}
+        defaults = {field.name: field.default for field in msgspec.structs.fields(settings)}
 
         @functools.wraps(initialise)
         def initialised(*args: Any, **options: Any) -> None:
             initialise(*args, **options)
             given = dict(zip(signature.parameters, args, strict=False)) | options
             for name in names:
-                if name in given and given[name] != defaults.get(name):
+                if name in given and given[name] != defaults[name]:
                     self.note(f"keyword {name}", given[name])
 
         return initialised

@@ -9,7 +9,7 @@ from mdm.actors.control.control_layer import ControlLayer, ControlStatistics
 from mdm.actors.control.drive import Drive, FixedRate, OnEvent
 from mdm.actors.control.planner import Planner, PlannerStatistics
 from mdm.actors.ensemble import Ensemble, EnsembleStatistics, EnsembleStatus
-from mdm.actors.options import ControlOptions, SafetyOptions
+from mdm.actors.options import BindingOptions, ControlOptions, DriveOptions, SafetyOptions
 from mdm.actors.predicates.predicate_manager import PredicateManager
 from mdm.actors.predicates.sources import EventSource, Sensor
 
@@ -17,10 +17,12 @@ __all__ = [
     "ActionLayer",
     "ActionStatistics",
     "Binding",
+    "BindingOptions",
     "ControlLayer",
     "ControlOptions",
     "ControlStatistics",
     "Drive",
+    "DriveOptions",
     "Ensemble",
     "EnsembleStatistics",
     "EnsembleStatus",

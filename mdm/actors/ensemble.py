@@ -12,12 +12,12 @@ import msgspec
 
 from mdm.actors.abstraction.factors import ObservationFactor, StateFactor
 from mdm.actors.abstraction.layers import ObservationLayer, StateLayer
-from mdm.actors.actions.action_layer import SAFE_TIMEOUT, ActionLayer
+from mdm.actors.actions.action_layer import ActionLayer
 from mdm.actors.control.control_layer import ControlLayer
 from mdm.actors.control.drive import Drive, FixedRate
 from mdm.actors.control.source import JointProcess
 from mdm.actors.layer import Layer
-from mdm.actors.options import ControlOptions, SafetyOptions
+from mdm.actors.options import ControlSettings, SafetyOptions, SafetySettings
 from mdm.actors.predicates.predicate_manager import PredicateManager
 from mdm.actors.safety.liveness import Liveness
 from mdm.actors.safety.notes import notes
@@ -25,7 +25,6 @@ from mdm.actors.safety.safety import Safety
 from mdm.checks import check_flag
 from mdm.errors import ConfigError, Error
 from mdm.messages import Belief, Cause, Control, ModeName, Observation, State
-from mdm.options import check_options
 from mdm.runtime import ActorStatistics
 from mdm.runtime.channel import Subscription
 from mdm.runtime.supervision import text_of
@@ -166,8 +165,8 @@ class Ensemble(Layer):
             self._asked: Literal["start", "resume", "stop"] | None = None
             self.interrupted = False
             _check_settings(predicates, states, observations, agent, local=local)
-            check_options(options, SafetyOptions)
-            control: Any = {key: value for key, value in options.items() if key in ControlOptions.__annotations__}
+            settings = SafetySettings.from_keywords(options)
+            control = settings.as_arguments(ControlSettings)
             self.control = ControlLayer(policy, model, agent=agent if local else None, **control)
             controller = self.controller = self.control.controller
             names, component, self.agent = _agent_actions(self.control, actions, 0 if local else agent)
@@ -176,7 +175,7 @@ class Ensemble(Layer):
                 component=component,
                 predicates=predicates,
                 safe_action=safe_action,
-                safe_timeout=options.get("safe_timeout", SAFE_TIMEOUT),
+                safe_timeout=settings.safe_timeout,
             )
             if controller.symbols.action_space is None:
                 self.control.output.action_names = names
@@ -185,8 +184,8 @@ class Ensemble(Layer):
             self.subensembles = tuple(
                 {id(b.ensemble): b.ensemble for b in self.action.bindings if b.ensemble is not None}.values()
             )
-            self.safety = Safety(self, options)
-            self.liveness = Liveness(self, options)
+            self.safety = Safety(self, settings)
+            self.liveness = Liveness(self, settings)
         except ConfigError as error:
             raise ConfigError(error.message, key=".".join(filter(None, ("ensembles", name, error.key)))) from None
         self.state: StateLayer | None = None

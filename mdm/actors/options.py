@@ -1,23 +1,39 @@
-"""The options of control layers and of ensembles: one typed dictionary each, for Python, files and commands."""
+"""The options of control layers, of ensembles and of actions, for Python, files and commands."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
 
-from mdm.options import ControllerOptions
+from msgspec import Meta
+
+from mdm.actors.actions.sequel import Sequel, Then
+from mdm.options import ControllerOptions, ControllerSettings, Seconds
 
 if TYPE_CHECKING:
     from mdm.actors.control.drive import Drive
 
-__all__ = ["AfterSafe", "ControlOptions", "FailureReaction", "LostTeammate", "Reaction", "SafetyOptions"]
+__all__ = [
+    "SAFE_TIMEOUT",
+    "BindingOptions",
+    "BindingSettings",
+    "ControlOptions",
+    "ControlSettings",
+    "DriveOptions",
+    "DriveSettings",
+    "LostTeammate",
+    "SafetyOptions",
+    "SafetySettings",
+]
 
-Reaction = Literal["safe", "continue"]
-FailureReaction = Literal["safe", "continue", "decide"]
-LostTeammate = Literal["continue", "hold", "safe_action"]
 AfterSafe = Literal["reset", "keep"]
+FailureReaction = Literal["safe", "continue", "decide"]
+SAFE_TIMEOUT = 10.0
+LostTeammate = Literal["continue", "hold", "safe_action"]
+OnRepeat = Literal["continue", "restart"]
+Reaction = Literal["safe", "continue"]
 
 
-class ControlOptions(ControllerOptions, total=False):
+class ControlSettings(ControllerSettings, frozen=True, kw_only=True):
     """The options of a control layer: its controller's options, see `mdm.options.ControllerOptions`, and these.
 
     Attributes:
@@ -31,12 +47,20 @@ class ControlOptions(ControllerOptions, total=False):
             tenth of a second more.
     """
 
+    drive: Any = None
+    on_no_observation: str = "predict"
+    deadline: Seconds | None = None
+
+
+class ControlOptions(ControllerOptions, total=False):
+    """The keyword arguments of `ControlSettings`."""
+
     drive: Drive | float | str | None
     on_no_observation: str
     deadline: float | None
 
 
-class SafetyOptions(ControlOptions, total=False):
+class SafetySettings(ControlSettings, frozen=True, kw_only=True):
     """The options of an ensemble's layers and modes: those of its control layer, see `ControlOptions`, and these.
 
     Attributes:
@@ -56,6 +80,18 @@ class SafetyOptions(ControlOptions, total=False):
             and the ensemble is of no team.
     """
 
+    safe_timeout: Seconds = SAFE_TIMEOUT
+    on_failed_action: FailureReaction | None = None
+    on_lost_input: Reaction | None = None
+    on_unknown: Reaction | None = None
+    on_lost_teammate: LostTeammate | None = None
+    after_safe: AfterSafe = "reset"
+    idle_after: Annotated[float, Meta(gt=0, extra={"unit": "seconds"})] | None = None
+
+
+class SafetyOptions(ControlOptions, total=False):
+    """The keyword arguments of `SafetySettings`."""
+
     safe_timeout: float
     on_failed_action: FailureReaction | None
     on_lost_input: Reaction | None
@@ -63,3 +99,62 @@ class SafetyOptions(ControlOptions, total=False):
     on_lost_teammate: LostTeammate | None
     after_safe: AfterSafe
     idle_after: float | None
+
+
+class DriveSettings(Sequel, frozen=True, kw_only=True):
+    """The options of a drive to a place: as of any action, see `Sequel`, and these.
+
+    Attributes:
+        timeout: Seconds after which a running life is cancelled and ends ``timed_out``.
+        grace: Seconds that a cancelled task has to end before it is ``abandoned``.
+        then: The sequel of its end: ``decide`` again, or ``wait``, on purpose.
+        pause: Seconds before it is decided again.
+        attempts: Failures in a row after which it is given up.
+    """
+
+    timeout: Seconds | None = None
+    grace: Seconds = 5.0
+
+
+class DriveOptions(TypedDict, total=False):
+    """The keyword arguments of `DriveSettings`."""
+
+    timeout: float | None
+    grace: float
+    then: Then | None
+    pause: float
+    attempts: int | None
+
+
+class BindingSettings(DriveSettings, frozen=True, kw_only=True):
+    """The options of an action: those of a drive, see `DriveOptions`, and these.
+
+    Attributes:
+        on_repeat: Whether a running task goes on when its action is chosen again (``continue``), or is
+            cancelled and started anew (``restart``). Take ``restart`` where the action's goal depends on the state
+            in which it was chosen, such as "go up" in the next room: a task that goes on keeps its old goal.
+        resume: For an ensemble: start it from the belief that it was stopped with.
+        concurrent: The action neither ends the running one nor is ended by the next.
+        group: Of tasks of the same group, such as drives to goals, the next one begins before the running one is
+            cancelled, so that the device they drive need not stop in between. Any object that stands for the group.
+    """
+
+    on_repeat: OnRepeat = "continue"
+    resume: bool = False
+    concurrent: bool = False
+    group: Any = None
+
+
+class BindingOptions(DriveOptions, total=False):
+    """The keyword arguments of `BindingSettings`."""
+
+    on_repeat: OnRepeat
+    resume: bool
+    concurrent: bool
+    group: object
+
+
+ControlOptions.__doc__ = ControlSettings.__doc__
+SafetyOptions.__doc__ = SafetySettings.__doc__
+DriveOptions.__doc__ = DriveSettings.__doc__
+BindingOptions.__doc__ = BindingSettings.__doc__

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import msgspec
 
-from mdm.actors import Binding, Ensemble, ObservationFactor, SafetyOptions, StateFactor
-from mdm.actors.actions.sequel import Sequel
+from mdm.actors import Binding, Ensemble, ObservationFactor, StateFactor
 from mdm.actors.control.drive import drive_of
 from mdm.actors.ensemble import MOST_LEVELS
+from mdm.actors.options import BindingSettings, DriveSettings, SafetySettings
 from mdm.beliefs.choice import check_memory
 from mdm.compilation import sparing
 from mdm.config.functions import Lasting, Unseen, is_reference, nothing, unseen_policy
@@ -21,7 +21,6 @@ from mdm.config.tables import (
     RestartTable,
     SearchTable,
     StateTable,
-    stated,
 )
 from mdm.controller import seeded
 from mdm.errors import ConfigError
@@ -49,14 +48,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Ensembles"]
 
-_OPTIONS = [
-    option
-    for option in SafetyOptions.__annotations__
-    if option in EnsembleTable.__struct_fields__ and option not in {"drive", "rewards", "seed", "memory", "tracker"}
-]
-"""Options of a control layer that pass from an ensemble's table unchanged."""
-_DRIVES = ("timeout", "grace", "then", "pause", "attempts")
-"""What a drive to a place may be told."""
 T = TypeVar("T")
 
 
@@ -203,8 +194,8 @@ class Ensembles:
             self._ensembles[name] = ensemble = Ensemble(
                 name,
                 predicates=self._predicates,
-                **parts,
-                **stated(table, "local", *_OPTIONS),
+                local=table.local,
+                **{**table.as_arguments(SafetySettings), **parts},
             )
             if table.drift is not None:
                 self._watch(ensemble, table.drift)
@@ -279,7 +270,7 @@ class Ensembles:
         if any(part is None for part in parts.values()):
             return None
         if table.tracker is not None and self._functions.looks:
-            del parts["tracker"]
+            parts["tracker"] = None
         self._check_owners(seat, (*parts["states"], *parts["observations"]), key)
         if seat.placement is not None:
             self.joint[name] = seat.placement
@@ -420,7 +411,7 @@ class Ensembles:
                 seed=table.seed,
                 fallback=policy,
                 plans=policy if search.plans else None,
-                **stated(search, "seconds", "expansions", "particles"),
+                **{name: limit for name, limit in table.search.items() if name != "plans"},
             )
         return None
 
@@ -456,7 +447,9 @@ class Ensembles:
         if not isinstance(given, dict):
             return cast("Supervision | None", self._problems.convert(given, Literal["stop", "escalate"], key))
         table: RestartTable | None = self._problems.convert(given, RestartTable, key)
-        return None if table is None else Restart(limit=table.restart, **stated(table, "within", "backoff"))
+        if table is None:
+            return None
+        return Restart(limit=table.restart, **{name: value for name, value in given.items() if name != "restart"})
 
     def _actions(self, name: str, actions: Mapping[str, Any], above: tuple[str, ...]) -> dict[Any, Binding] | None:
         bindings: dict[Any, Binding] = {}
@@ -468,20 +461,19 @@ class Ensembles:
                 continue
             index = int(action) if action.isdecimal() else action
             with self._problems.collecting(key):
-                options = stated(entry, *_DRIVES)
                 if entry.way is not None or entry.place is not None:
-                    bindings[index] = self._drive_to(entry, written, options)
+                    bindings[index] = self._drive_to(entry, written)
                     continue
                 target = self._target(entry, key, name, above)
                 if target is not None:
-                    own = stated(entry, "on_repeat", "resume", "concurrent")
-                    if entry.group is not None:
-                        own["group"] = self._groups.setdefault(entry.group, entry.group)
-                    bindings[index] = self._bound(entry, target, {**options, **own})
+                    bindings[index] = self._bound(entry, target)
         return bindings if len(bindings) == len(actions) else None
 
-    def _bound(self, entry: ActionTable, target: Any, options: dict[str, Any]) -> Binding:
+    def _bound(self, entry: ActionTable, target: Any) -> Binding:
         """Return the action of a function or an ensemble."""
+        options = entry.as_arguments(BindingSettings)
+        if entry.group is not None:  # groups are told apart by identity
+            options["group"] = self._groups.setdefault(entry.group, entry.group)
         if not entry.navigate:
             return Binding(target, **options)
         if entry.call is None:
@@ -491,15 +483,17 @@ class Ensembles:
         if self._navigation is not None and type(target) not in {Lasting, Unseen} and target is not nothing:
             return self._navigation.task(target, **options)
         binding = Binding(target, **options)  # in place of one that is not called
-        binding.sequel = Sequel(**stated(entry, "then", "pause", "attempts"), retries=True)
+        binding.retries = entry.then != "wait"
         return binding
 
-    def _drive_to(self, entry: ActionTable, keys: Mapping[str, Any], options: dict[str, Any]) -> Binding:
+    def _drive_to(self, entry: ActionTable, keys: Mapping[str, Any]) -> Binding:
         """Return the action that takes a way of the map, or goes to a place."""
         what = "way" if entry.place is None else "place"
+        own = DriveSettings.__struct_fields__
         for key in keys:
-            if key not in {what, *_DRIVES}:
-                raise ConfigError(f"{key!r} means nothing beside a {what}; its keys are {what}, {', '.join(_DRIVES)}")
+            if key not in {what, *own}:
+                raise ConfigError(f"{key!r} means nothing beside a {what}; its keys are {what}, {', '.join(own)}")
+        options = entry.as_arguments(DriveSettings)
         if not self._located:
             return Binding(nothing, **options)
         if self._navigation is None:

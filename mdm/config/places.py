@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from msgspec import Meta
 
-from mdm.config.tables import Seconds, Table, stated
 from mdm.errors import ConfigError
 from mdm.maps import Navigation, Places, load_floors, load_map
-from mdm.maps.places import Outside
+from mdm.maps.places import PlacesSettings
 from mdm.runtime.handler import kind_of
 from mdm.runtime.supervision import describe
 
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["PlacesTable", "read_places"]
 
 
-class PlacesTable(Table, frozen=True):
+class PlacesTable(PlacesSettings, frozen=True):
     """The places of a map, see `mdm.maps.load_map` and `mdm.maps.Places`; and the navigator that drives to them.
 
     Attributes:
@@ -40,14 +39,8 @@ class PlacesTable(Table, frozen=True):
     grid: str | None = None
     labels: str | None = None
     names: str | dict[str, int] | None = None
-    reach: Annotated[float, Meta(gt=0)] | None = None
+    reach: Annotated[float, Meta(gt=0, extra={"unit": "metres"})] | None = None
     robot: dict[str, str] | None = None
-    margin: Annotated[float, Meta(ge=0)] | None = None
-    max_age: Seconds | None = None
-    tolerance: Annotated[float, Meta(ge=0)] | None = None
-    prefix: str | None = None
-    outside: Outside | None = None
-    tour: list[str] | None = None
     navigator: str | dict[str, str] | None = None
 
 
@@ -74,8 +67,7 @@ def read_places(
         return None, None
     with problems.collecting("places"):
         floor = _floor(table, folder)
-        options = stated(table, "margin", "max_age", "tolerance", "prefix", "outside", "tour")
-        places = Places(floor, predicates, **options)
+        places = Places(floor, predicates, **table.as_arguments(PlacesSettings))
         with problems.collecting("places.navigator"):
             reference = _navigator(table.navigator, share)
             if reference is None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from mdm.errors import ConfigError, Error, FormatError
 from mdm.logic import similar
+from mdm.options import misfit
 from mdm.runtime.actor import TakenName
-from mdm.texts import in_words
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -84,8 +84,7 @@ class Problems:
         self, error: msgspec.ValidationError, value: Any, kind: Any, key: str, dropped: set[str]
     ) -> str | None:
         """Add msgspec's error in our words; return the field concerned."""
-        text, _, place = str(error).partition(" - at `$")
-        place = place.rstrip("`").replace("[...]", "")
+        text = str(error)
         if "unknown field" in text:
             field, fields = text.split("`")[1], kind.__struct_fields__
             hint = similar(field, fields) or f"; the keys are {', '.join(fields)}"
@@ -96,19 +95,9 @@ class Problems:
             if field not in dropped:
                 self.add(f"the required key {field!r} is missing", key)
             return None
-        field = place.removeprefix(".").partition("[")[0]
-        if text.startswith("Invalid enum value"):
-            choices = ", ".join(map(repr, _choices(get_type_hints(kind)[field] if field else kind)))
-            text = f"{text.removeprefix('Invalid enum value ')} is not one of {choices}"
-        self.add(in_words(text, value, place), f"{key}{place}")
-        return field or None
-
-
-def _choices(annotation: Any) -> list[str]:
-    """Return the strings allowed by an annotation."""
-    if isinstance(annotation, str):
-        return [annotation]
-    return [choice for argument in get_args(annotation) for choice in _choices(argument)]
+        words, place = misfit(error, value, kind)
+        self.add(words, f"{key}{place}")
+        return place.removeprefix(".").partition("[")[0] or None
 
 
 class _Collecting:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from mdm.config.tables import PlacementTable
 from mdm.errors import ConfigError
 from mdm.logic import Formula, P, similar
 
@@ -183,8 +182,7 @@ class Share:
             raise ConfigError("in a team each agent acts for itself: leave out agent", key=f"{key}.agent")
         from mdm.team import Placement  # noqa: PLC0415 - files without a team load nothing of teams
 
-        given: PlacementTable | None = problems.convert(table.placement or {}, PlacementTable, f"{key}.placement")
-        placement = Placement() if given is None else Placement(given.control, given.actions, given.inputs)
+        placement = problems.convert(table.placement or {}, Placement, f"{key}.placement") or Placement()
         central = self.team.mode == "centralised" or placement.control is not None
         if table.agents is not None and set(table.agents) != set(self.team.names) and not central:
             raise ConfigError(

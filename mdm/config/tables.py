@@ -1,8 +1,4 @@
-"""Typed tables of the TOML file.
-
-A key that goes into an object's own argument has no default here, but None: the argument's stands in one place, the
-object's. `stated` returns the keys that were written.
-"""
+"""Typed tables of the TOML file: options, see `mdm.options`, and the keys that a file alone has."""
 
 from __future__ import annotations
 
@@ -11,35 +7,22 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from mdm.actors.actions.binding import OnRepeat
-from mdm.actors.actions.sequel import Then
-from mdm.actors.options import AfterSafe, FailureReaction, LostTeammate, Reaction
-from mdm.options import OnImpossible
+from mdm.actors.options import BindingSettings, SafetySettings
+from mdm.options import Options, Seconds
 
 __all__ = [
     "ActionTable",
     "EnsembleTable",
     "EventTable",
     "ObservationTable",
-    "PlacementTable",
     "PredicateTable",
     "RestartTable",
     "SearchTable",
-    "Seconds",
     "StateTable",
-    "Table",
-    "stated",
 ]
 
 
-Seconds = Annotated[float, Meta(gt=0, le=1e9)]
-
-
-class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A TOML table; unknown keys are errors."""
-
-
-class PredicateTable(Table, frozen=True):
+class PredicateTable(Options, frozen=True):
     """A predicate set by code, also by numbers, or one derived by ``formula``, or by ``set`` and ``reset``.
 
     Attributes:
@@ -63,7 +46,7 @@ class PredicateTable(Table, frozen=True):
     initial: bool | None = None
 
 
-class EventTable(Table, frozen=True):
+class EventTable(Options, frozen=True):
     """An event raised by code, or one that occurs when ``formula`` becomes true.
 
     Attributes:
@@ -73,7 +56,7 @@ class EventTable(Table, frozen=True):
     formula: str | None = None
 
 
-class StateTable(Table, frozen=True):
+class StateTable(Options, frozen=True):
     """A state factor; short form: its predicates as a list or mapping."""
 
     predicates: list[str] | dict[str, str]
@@ -81,7 +64,7 @@ class StateTable(Table, frozen=True):
     owner: str | None = None
 
 
-class ObservationTable(Table, frozen=True):
+class ObservationTable(Options, frozen=True):
     """An observation factor; short form: its events as a list or mapping."""
 
     events: list[str] | dict[str, str]
@@ -90,7 +73,7 @@ class ObservationTable(Table, frozen=True):
     owner: str | None = None
 
 
-class ActionTable(Table, frozen=True):
+class ActionTable(BindingSettings, frozen=True):
     """The binding of an action to a function (``call``), another ensemble, or a ``way`` or ``place`` of the map.
 
     Attributes:
@@ -106,19 +89,11 @@ class ActionTable(Table, frozen=True):
     ensemble: str | None = None
     way: str | None = None
     place: str | None = None
-    timeout: Seconds | None = None
-    grace: Seconds | None = None
-    on_repeat: OnRepeat | None = None
-    resume: bool | None = None
-    concurrent: bool | None = None
     navigate: bool | None = None
     group: str | None = None
-    then: Then | None = None
-    pause: Seconds | None = None
-    attempts: Annotated[int, Meta(ge=1)] | None = None
 
 
-class RestartTable(Table, frozen=True):
+class RestartTable(Options, frozen=True):
     """Supervision by restart.
 
     Attributes:
@@ -127,10 +102,10 @@ class RestartTable(Table, frozen=True):
 
     restart: Annotated[int, Meta(ge=0)]
     within: Seconds | None = None
-    backoff: Annotated[float, Meta(ge=0, le=1e9)] | None = None
+    backoff: Annotated[float, Meta(ge=0, le=1e9, extra={"unit": "seconds"})] | None = None
 
 
-class SearchTable(Table, frozen=True):
+class SearchTable(Options, frozen=True):
     """A tree search with the ensemble's policy as fallback and, with ``plans``, its vectors as lower bounds."""
 
     seconds: Seconds | None = None
@@ -139,7 +114,7 @@ class SearchTable(Table, frozen=True):
     plans: bool = False
 
 
-class EnsembleTable(Table, frozen=True):
+class EnsembleTable(SafetySettings, frozen=True, kw_only=True):
     """An ensemble; nested tables are converted separately, so that their problems are reported with their keys.
 
     Attributes:
@@ -167,45 +142,18 @@ class EnsembleTable(Table, frozen=True):
     discount: float | None = None
     durations: str | None = None
     policy_kind: Literal["table", "stochastic", "q"] | None = None
-    seed: Annotated[int, Meta(ge=0)] | None = None
     rewards: str | None = None
     initial_belief: list[float] | str | None = None
     tracker: str | None = None
     drive: str | float | None = None
-    horizon: int | None = None
-    on_impossible: OnImpossible | None = None
-    on_no_observation: str | None = None
     false_negative: str | int | None = None
-    memory: Annotated[float, Meta(gt=0)] | None = None
-    deadline: Seconds | None = None
     agent: int | str | None = None
     agents: list[str] | None = None
     placement: Any = None
-    local: bool | None = None
+    local: bool = False
     safe_action: str | None = None
-    safe_timeout: Seconds | None = None
-    on_failed_action: FailureReaction | None = None
-    on_lost_input: Reaction | None = None
-    on_unknown: Reaction | None = None
-    on_lost_teammate: LostTeammate | None = None
-    after_safe: AfterSafe | None = None
-    idle_after: Annotated[float, Meta(gt=0)] | None = None
     supervision: Any = "escalate"
     search: Any = None
     drift: Annotated[float, Meta(gt=1)] | None = None
-    states: dict[str, Any] = {}
-    observations: dict[str, Any] = {}
-
-
-class PlacementTable(Table, frozen=True):
-    """Where an ensemble's layers are, by agents; see `mdm.team.Placement`."""
-
-    control: str | None = None
-    actions: str | dict[str, str] | None = None
-    inputs: str | None = None
-
-
-def stated(table: msgspec.Struct, *names: str) -> dict[str, Any]:
-    """Return the keys that were written, of these names or of all, as arguments."""
-    values = {name: getattr(table, name) for name in names or table.__struct_fields__}
-    return {name: value for name, value in values.items() if value is not None}
+    states: dict[str, Any] = msgspec.field(default_factory=dict)
+    observations: dict[str, Any] = msgspec.field(default_factory=dict)

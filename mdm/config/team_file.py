@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from mdm.config.tables import Seconds, Table, stated
 from mdm.errors import ConfigError
 from mdm.logic import similar
+from mdm.options import Options
 from mdm.team import Always, Budget, Never, OnChange, ValueOfCommunication
-from mdm.team.team import FIRST_PORT, Agent, Mode, Quorum, Team
+from mdm.team.team import FIRST_PORT, Agent, Team, TeamSettings
 from mdm.team.transport.access import Access, access_of
 from mdm.team.transport.allowance import Allowance
 from mdm.team.transport.ceilings import Ceiling
-from mdm.team.transport.transport import Priority
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,26 +26,10 @@ if TYPE_CHECKING:
     from mdm.team import CommunicationPolicy
 
 
-__all__ = ["AllowanceTable", "CeilingTable", "TeamFile", "TeamTable", "read_team"]
+__all__ = ["AllowanceTable", "CommunicationTable", "TeamFile", "TeamTable", "read_team"]
 
 
-class AgentTable(Table, frozen=True):
-    """An agent of a team; short form: its name.
-
-    Attributes:
-        name: Its name, the same in the files of all.
-        endpoint: Where the others reach it, such as ``tcp/192.168.0.7:7447``; by default on its own machine alone.
-        listen: Where it listens instead, such as ``tcp/0.0.0.0:7447`` in a container.
-        connect: Where the others reach it instead.
-    """
-
-    name: str
-    endpoint: str | None = None
-    listen: str | None = None
-    connect: str | None = None
-
-
-class TeamTable(Table, frozen=True):
+class TeamTable(TeamSettings, frozen=True, kw_only=True):
     """The team that a file is of, see `mdm.Team`; agents are converted separately.
 
     Attributes:
@@ -60,38 +43,19 @@ class TeamTable(Table, frozen=True):
     name: str
     agents: list[Any]
     port: Annotated[int, Meta(ge=1, le=65535)] = FIRST_PORT
-    mode: Mode | None = None
-    period: Seconds | None = None
     drive: str | float | None = None
-    deadline: Seconds | None = None
-    quorum: Quorum | None = None
-    controller: str | None = None
-    lease: Seconds | None = None
-    max_age: Seconds | None = None
-    memory: Annotated[float, Meta(gt=0)] | None = None
-    communication: Any = None
-    router: str | None = None
     access: str | None = None
     allowance: Any = None
+    ceilings: tuple[Any, ...] = ()
     state: str | None = None
-    ceilings: list[Any] = msgspec.field(default_factory=list)
 
 
-class AllowanceTable(Table, frozen=True):
+class AllowanceTable(Options, frozen=True):
     """The limits of an agent's messages; see `mdm.team.transport.allowance.Allowance`."""
 
     messages: float | None = None
     bytes: float | None = None
     burst: float | None = None
-
-
-class CeilingTable(Table, frozen=True):
-    """The most that Zenoh lets through; see `mdm.team.transport.ceilings.Ceiling`."""
-
-    keys: str
-    rate: float | None = None
-    size: int | None = None
-    priority: Priority | None = None
 
 
 class TeamFile:
@@ -104,7 +68,7 @@ class TeamFile:
         state: The folder in which agents keep that they were stopped.
     """
 
-    def __init__(self, team: Team, certificates: Path | None, allowance: AllowanceTable | None, state: Path) -> None:
+    def __init__(self, team: Team, certificates: Path | None, allowance: dict[str, float] | None, state: Path) -> None:
         self.team = team
         self.state = state
         self._certificates = certificates
@@ -120,7 +84,7 @@ class TeamFile:
         Raises:
             ConfigError: If the allowance is none.
         """
-        allowance = None if self._allowance is None else Allowance(**stated(self._allowance))
+        allowance = None if self._allowance is None else Allowance(**self._allowance)
         return {"access": self.access(agent), "allowance": allowance, "state": self.state}
 
 
@@ -143,16 +107,17 @@ def read_team(given: object, folder: Path, functions: Functions, problems: Probl
     if table is None:
         return None
     agents = _agents(table, problems)
-    allowance = None if table.allowance is None else problems.convert(table.allowance, AllowanceTable, "team.allowance")
+    allowance = table.allowance  # as it was written
+    if allowance is not None and problems.convert(allowance, AllowanceTable, "team.allowance") is None:
+        allowance = None
     ceilings = [
-        problems.convert(ceiling, CeilingTable, f"team.ceilings.{place}")
-        for place, ceiling in enumerate(table.ceilings)
+        problems.convert(ceiling, Ceiling, f"team.ceilings.{place}") for place, ceiling in enumerate(table.ceilings)
     ]
     if agents is None:
         return None
-    apart = {"name", "agents", "port", "access", "allowance", "ceilings", "communication", "state"}
-    options = stated(table, *(key for key in table.__struct_fields__ if key not in apart))
-    options["ceilings"] = [Ceiling(**msgspec.structs.asdict(ceiling)) for ceiling in ceilings if ceiling is not None]
+    options = table.as_arguments(TeamSettings)
+    options["ceilings"] = [ceiling for ceiling in ceilings if ceiling is not None]
+    options["state"] = None  # which each agent's own says
     options["communication"] = read_communication(table.communication, functions, problems)
     certificates = None if table.access is None else folder / table.access
     state = folder if table.state is None else folder / table.state
@@ -168,17 +133,16 @@ def _agents(table: TeamTable, problems: Problems) -> list[Agent] | None:
     agents: list[Agent] = []
     for place, given in enumerate(table.agents):
         written = {"name": given} if isinstance(given, str) else given
-        agent: AgentTable | None = problems.convert(written, AgentTable, f"team.agents.{place}")
+        agent: Agent | None = problems.convert(written, Agent, f"team.agents.{place}")
         if agent is None:
             return None
         port = table.port + place
-        addresses = stated(agent, "endpoint", "listen", "connect")
-        if not addresses and table.router is None:
+        if agent == Agent(agent.name) and table.router is None:
             if port > 65535:
                 problems.add(f"agent {agent.name!r} would listen at port {port}, and 65535 is the last", "team.port")
                 return None
-            addresses = {"endpoint": f"{protocol}/127.0.0.1:{port}"}
-        agents.append(Agent(agent.name, **addresses))
+            agent = Agent(agent.name, f"{protocol}/127.0.0.1:{port}")
+        agents.append(agent)
     return agents
 
 
@@ -192,7 +156,7 @@ _KINDS: dict[str, tuple[Any, tuple[str, ...], tuple[str, ...]]] = {
 """What makes each of them, and the keys that it needs and takes."""
 
 
-class CommunicationTable(Table, frozen=True):
+class CommunicationTable(Options, frozen=True):
     """A communication policy; short form: its name.
 
     Attributes:

@@ -49,8 +49,6 @@ def horizon_of(information: Information, given: int | None) -> int | None:
     stages: int | None = getattr(information, "horizon", None)
     if given is None:
         return stages
-    if isinstance(given, bool) or not isinstance(given, int) or given < 1:
-        raise ConfigError(f"a horizon is at least 1 decision, not {given!r}", key="horizon")
     if stages is not None and given > stages:
         raise ConfigError(f"the policy is for episodes of at most {stages} decisions, not of {given}", key="horizon")
     return given

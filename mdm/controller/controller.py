@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import TYPE_CHECKING, Any, Literal, Unpack, get_args
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import msgspec
 import numpy as np
@@ -16,7 +16,6 @@ import numpy as np
 from mdm.beliefs import KnownState
 from mdm.beliefs.information import restore, snapshot
 from mdm.beliefs.tracker import agreeing
-from mdm.checks import check_choice
 from mdm.compilation import sparing
 from mdm.controller.construction import (
     expectation,
@@ -34,7 +33,7 @@ from mdm.errors import ConfigError, ModelError, PolicyError
 from mdm.loading import model_of, policy_of
 from mdm.models.availability import refuse
 from mdm.models.digest import digest, of_parts, parts, plain, short
-from mdm.options import ControllerOptions, OnImpossible, check_options
+from mdm.options import ControllerOptions, ControllerSettings
 from mdm.policies import mismatch
 from mdm.symbols import Symbols
 
@@ -49,6 +48,7 @@ if TYPE_CHECKING:
     from mdm.models.factored.flattening import RewardRows
     from mdm.models.matrices import Vector
     from mdm.models.space import Symbol
+    from mdm.options import OnImpossible
     from mdm.policies import Policy
 
     _MadeOf = tuple[Policy, MDP | None, Symbols, OnImpossible, bool]
@@ -122,24 +122,24 @@ class Controller:
         agent: int | str | None = None,
         **options: Unpack[ControllerOptions],
     ) -> None:
-        check_options(options, ControllerOptions)
+        settings = ControllerSettings.from_keywords(options)
         self.model: MDP | None = None if model is None else model_of(model)
-        false_negative = options.get("false_negative")
+        false_negative = settings.false_negative
         if false_negative is not None:
             self.model = with_false_negatives(self.model, false_negative)
-        with sparing(wanted=options.get("memory") is not None):
+        with sparing(wanted=settings.memory is not None):
             whole = policy_of(policy, self.model)
         wrong = None if self.model is None else mismatch(whole, self.model)
         if wrong is not None:
             raise ConfigError(wrong, key="policy")
         self.symbols = Symbols(whole, self.model, agent)
         self.policy: Policy = self.symbols.policy
-        self.seed = options.get("seed")
+        self.seed = settings.seed
         if self.seed is not None:
             self.policy = seeded(self.policy, self.seed)
         # What a plan knows at its start it takes from the team's model; an agent's own part knows nothing of it.
-        tracker = options.get("tracker")
-        self.model = within(options.get("memory"), self.model, self.policy, tracked=tracker is None)
+        tracker = settings.tracker
+        self.model = within(settings.memory, self.model, self.policy, tracked=tracker is None)
         self.information = informed(self.policy, None if agent is not None else self.model, tracker)
         self._tracks = getattr(self.policy, "input", "belief") == "belief" and tracker is None
         if false_negative is not None and not self._tracks:
@@ -149,17 +149,16 @@ class Controller:
             )
         self.takes: Literal["state", "observation"] = getattr(self.information, "takes", "observation")
         self.symbols.takes = self.takes
-        self.horizon = horizon_of(self.information, options.get("horizon"))
-        self.on_impossible: OnImpossible = options.get("on_impossible", "predict")
-        check_choice(self.on_impossible, get_args(OnImpossible), "on_impossible", key="on_impossible")
+        self.horizon = horizon_of(self.information, settings.horizon)
+        self.on_impossible = settings.on_impossible
         self._own_tracker = tracker is not None
         self._expected = expectation(self.information, own=self._own_tracker)
-        if self._expected is None and options.get("rewards") is not None:
+        if self._expected is None and settings.rewards is not None:
             raise ConfigError("a plan has no belief to expect rewards by: give no rewards", key="rewards")
         self._rewards: Sequence[Vector] | RewardRows | None = None
         if self._expected is not None:
-            self._rewards = reward_rows(options.get("rewards"), self.model, self.symbols)
-        self._own_rewards = options.get("rewards") is not None
+            self._rewards = reward_rows(settings.rewards, self.model, self.symbols)
+        self._own_rewards = settings.rewards is not None
         self._initial: Vector | None = None
         self.epoch = 0
         self.impossible = 0
@@ -189,7 +188,7 @@ class Controller:
         self._made_of = self.policy, self.model, self.symbols, self.on_impossible, self._own_tracker
         self._forget(begins=True)
         try:
-            if (initial := options.get("initial_belief")) is not None:
+            if (initial := settings.initial_belief) is not None:
                 self.begin_from(initial)
             self.information.reset(self._initial)
             self._forget(begins=True)

@@ -20,7 +20,7 @@ from mdm.maps.raster import Frame, Grid, Labels
 if TYPE_CHECKING:
     from mdm.maps.navigation import LiftNavigator, Navigation, Navigator, ReportingNavigator
     from mdm.maps.place_belief import PlaceBelief
-    from mdm.maps.places import Places
+    from mdm.maps.places import Places, PlacesOptions
 
 __all__ = [
     "Edge",
@@ -38,6 +38,7 @@ __all__ = [
     "Passage",
     "PlaceBelief",
     "Places",
+    "PlacesOptions",
     "Pose",
     "Problem",
     "ReportingNavigator",
@@ -59,6 +60,7 @@ _HOMES = {
     "Navigator": "navigation",
     "PlaceBelief": "place_belief",
     "Places": "places",
+    "PlacesOptions": "places",
     "ReportingNavigator": "navigation",
 }
 

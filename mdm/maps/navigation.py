@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Protocol, Unpack
 import numpy as np
 
 from mdm.actors.actions.binding import Binding
-from mdm.actors.actions.sequel import Sequel
 from mdm.checks import check_flag
 from mdm.errors import ConfigError, Error
 from mdm.logic import similar
@@ -26,8 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable, Sequence
 
     from mdm.actors import PredicateManager
-    from mdm.actors.actions.sequel import SequelOptions
     from mdm.actors.ensemble import Ensemble
+    from mdm.actors.options import DriveOptions
     from mdm.maps.graph import Edge, Node, Pose
     from mdm.maps.map import Floors, Map
     from mdm.messages import Action
@@ -159,61 +158,44 @@ class Navigation:
         self,
         *,
         stay: str | None = None,
-        timeout: float | None = None,
-        grace: float = 5.0,
-        **sequel: Unpack[SequelOptions],
+        **options: Unpack[DriveOptions],
     ) -> dict[str, Binding]:
         """Return an action for each label of the graph's ways, to be bound in an ensemble.
 
         Args:
             stay: The name of one more action, which stops the robot where it is.
-            timeout: Seconds that a drive may take.
-            grace: Seconds that a drive has to end when it is cancelled.
-            sequel: What a drive's end is followed by, see `Sequel`: ``then``, ``pause``, ``attempts``. A failure is
-                followed by another decision where it says nothing.
+            options: See `DriveOptions`. A failure is followed by another decision where ``then`` says nothing.
 
         Raises:
             ConfigError: If a way has the name of the action that stays.
         """
-        bound = {label: self.way(label, timeout=timeout, grace=grace, **sequel) for label in self.graph.labels}
+        bound = {label: self.way(label, **options) for label in self.graph.labels}
         if stay is not None:
             if stay in bound:
                 raise ConfigError(f"{stay!r} is a way of the map: give the action that stays another name", key="stay")
             bound[stay] = Binding(_stay)
         return bound
 
-    def way(
-        self, label: str, *, timeout: float | None = None, grace: float = 5.0, **sequel: Unpack[SequelOptions]
-    ) -> Binding:
+    def way(self, label: str, **options: Unpack[DriveOptions]) -> Binding:
         """Return the action that takes the way of a label, from wherever the robot is.
 
         Args:
             label: Of one way at least.
-            timeout: Seconds that a drive may take.
-            grace: Seconds that a drive has to end when it is cancelled.
-            sequel: What a drive's end is followed by, see `Sequel`: ``then``, ``pause``, ``attempts``. A failure is
-                followed by another decision where it says nothing.
+            options: See `DriveOptions`. A failure is followed by another decision where ``then`` says nothing.
 
         Raises:
             ConfigError: If no way has this label.
         """
         if label not in self.graph.labels:
             raise ConfigError(f"no way is called {label!r}; there are {', '.join(map(repr, self.graph.labels))}")
-        bound = _Way(self, label, None, timeout=timeout, grace=grace)
-        bound.sequel = Sequel(**sequel, retries=True)
-        return bound
+        return _Way(self, label, None, options)
 
-    def go_to(
-        self, name: str, *, timeout: float | None = None, grace: float = 5.0, **sequel: Unpack[SequelOptions]
-    ) -> Binding:
+    def go_to(self, name: str, **options: Unpack[DriveOptions]) -> Binding:
         """Return the action that goes to a place, wherever the robot is.
 
         Args:
             name: The place's.
-            timeout: Seconds that a drive may take.
-            grace: Seconds that a drive has to end when it is cancelled.
-            sequel: What a drive's end is followed by, see `Sequel`: ``then``, ``pause``, ``attempts``. A failure is
-                followed by another decision where it says nothing.
+            options: See `DriveOptions`. A failure is followed by another decision where ``then`` says nothing.
 
         Raises:
             MapError: If there is no such place.
@@ -224,8 +206,8 @@ class Navigation:
             return self._drive(node, Heading(self._now(), "", None, name, "told to go there from anywhere"))
 
         _call(go, "go_to", name)
-        bound = Binding(go, group=self if self.replaces else None, timeout=timeout, grace=grace, **sequel)
-        bound.sequel = Sequel(**sequel, retries=True)
+        bound = Binding(go, group=self if self.replaces else None, **options)
+        bound.retries = bound.sequel.then != "wait"
         bound.lasts = True
         return bound
 
@@ -269,7 +251,7 @@ class Navigation:
         driving.__name__ = driving.__qualname__ = name
         driving.__module__ = function.__module__
         bound = Binding(driving, **options)
-        bound.sequel = Sequel(bound.sequel.then, bound.sequel.pause, bound.sequel.attempts, retries=True)
+        bound.retries = bound.sequel.then != "wait"
         return bound
 
     def place(self) -> str:
@@ -431,16 +413,14 @@ class Navigation:
 class _Way(Binding):
     """The action that takes the way of a label: from the place that its ensemble decided on."""
 
-    __slots__ = ("_goal", "_limits", "_navigation", "_position", "label")
+    __slots__ = ("_goal", "_navigation", "_options", "_position", "label")
 
-    def __init__(
-        self, navigation: Navigation, label: str, position: Position | None, *, timeout: float | None, grace: float
-    ) -> None:
+    def __init__(self, navigation: Navigation, label: str, position: Position | None, options: DriveOptions) -> None:
         self.label = label
         self._navigation = navigation
         self._position = position
         self._goal: Node | None = None
-        self._limits = timeout, grace
+        self._options = options
 
         def go(action: Action | None = None) -> Awaitable[None]:
             self._goal, heading = navigation.resolve(label, action, position)
@@ -454,17 +434,15 @@ class _Way(Binding):
 
         _call(go, "way", label)
         group = navigation if navigation.replaces else None
-        super().__init__(go, on_repeat="restart", goes_on=goes_on, group=group, timeout=timeout, grace=grace)
+        super().__init__(go, on_repeat="restart", goes_on=goes_on, group=group, **options)
+        self.retries = self.sequel.then != "wait"
         self.takes_action = True  # though it can do without
         self.lasts = True
 
     def within(self, ensemble: Ensemble) -> Binding:
         """Return the way as an action of an ensemble, whose decisions say where it begins."""
-        navigation, (timeout, grace) = self._navigation, self._limits
-        position = Position(ensemble, navigation.graph, navigation.prefix)
-        own = _Way(navigation, self.label, position, timeout=timeout, grace=grace)
-        own.sequel = self.sequel
-        return own
+        position = Position(ensemble, self._navigation.graph, self._navigation.prefix)
+        return _Way(self._navigation, self.label, position, self._options)
 
 
 def _call(go: Any, name: str, given: str) -> None:

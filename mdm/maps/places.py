@@ -4,31 +4,69 @@ from __future__ import annotations
 
 import asyncio
 import math
-from typing import TYPE_CHECKING, Literal, get_args
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Literal, TypedDict, Unpack
+
+from msgspec import Meta
 
 from mdm.actors.predicates.declarations import ACTION_END
-from mdm.checks import check_choice, is_number
+from mdm.checks import is_number
 from mdm.errors import ConfigError, Error, MapError
 from mdm.maps.graph import Pose
 from mdm.maps.map import Floors, Map
 from mdm.maps.raster import Labels, border_distance, lookup
 from mdm.messages import Journey, PoseUpdate
+from mdm.options import Options, Seconds
 from mdm.runtime import Actor
-from mdm.runtime.time.clock import check_seconds
+from mdm.texts import FINITE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from mdm.actors import PredicateManager
     from mdm.runtime import Supervision, Timer
 
-__all__ = ["Outside", "Places"]
-
-Outside = Literal["unknown", "keep"]
+__all__ = ["Metres", "Places", "PlacesOptions", "PlacesSettings"]
 
 _QUIET = round(10e9)
 _SETTLES = round(10e9)
 """Nanoseconds near its goal after which a drive that has not ended counts as there all the same."""
+
+
+Metres = Annotated[float, Meta(ge=0, le=FINITE, extra={"unit": "metres"})]
+
+
+class PlacesSettings(Options, frozen=True, kw_only=True):
+    """When a robot counts as being in a place.
+
+    Attributes:
+        margin: In metres; three standard deviations of the poses' error are right.
+        max_age: In seconds.
+        tolerance: How near to a goal counts as there, in metres, where the graph does not say.
+        prefix: What all names begin with, as ``IsIn`` in ``IsInKitchen`` and ``IsInKitchen.entered``.
+        outside: What counts in cells of no place after the ``max_age``: the place is ``unknown``, or ``keep`` the last
+            one until another is entered, as for zones that are islands.
+        tour: Places to come to one after the other, again and again.
+    """
+
+    margin: Metres = 0.3
+    max_age: Seconds = 0.5
+    tolerance: Metres = 0.3
+    prefix: str = ""
+    outside: Literal["unknown", "keep"] = "unknown"
+    tour: Sequence[str] = ()
+
+
+class PlacesOptions(TypedDict, total=False):
+    """The keyword arguments of `PlacesSettings`."""
+
+    margin: float
+    max_age: float
+    tolerance: float
+    prefix: str
+    outside: Literal["unknown", "keep"]
+    tour: Sequence[str]
+
+
+PlacesOptions.__doc__ = PlacesSettings.__doc__
 
 
 class Places(Actor):
@@ -59,15 +97,9 @@ class Places(Actor):
     Args:
         floor: The map; or its labels alone, without goals; or several floors, of which each pose names one.
         predicates: The predicate manager, where all is declared; started with this actor unless it already runs.
-        margin: In metres; three standard deviations of the poses' error are right.
-        max_age: In seconds.
-        tolerance: How near to a goal counts as there, in metres, where the graph does not say.
-        prefix: What all names begin with, as ``IsIn`` in ``IsInKitchen`` and ``IsInKitchen.entered``.
-        outside: What counts in cells of no place after the ``max_age``: the place is ``unknown``, or ``keep`` the last
-            one until another is entered, as for zones that are islands.
-        tour: Places to come to one after the other, again and again.
         name: Its name among actors.
         supervision: What its failure means.
+        options: See `PlacesOptions`.
 
     Raises:
         ConfigError: If a name is taken, or stands for something else in formulas; or if the tour has fewer than two
@@ -87,21 +119,13 @@ class Places(Actor):
         floor: Map | Labels | Floors,
         predicates: PredicateManager,
         *,
-        margin: float = 0.3,
-        max_age: float = 0.5,
-        tolerance: float = 0.3,
-        prefix: str = "",
-        outside: Outside = "unknown",
-        tour: Sequence[str] = (),
         name: str = "places",
         supervision: Supervision = "escalate",
+        **options: Unpack[PlacesOptions],
     ) -> None:
         super().__init__(name, supervision=supervision)
-        for what, metres in (("margin", margin), ("tolerance", tolerance)):
-            if not is_number(metres) or not 0 <= metres < float("inf"):
-                raise ConfigError(f"{what} is a number of metres, 0 or more, not {metres!r}", key=what)
-        check_seconds(max_age, "max_age", key="max_age")
-        check_choice(outside, get_args(Outside), "outside", key="outside")
+        settings = PlacesSettings.from_keywords(options)
+        margin, prefix = settings.margin, settings.prefix
         self.floor = floor
         if isinstance(floor, Floors):
             self._levels = {
@@ -115,13 +139,13 @@ class Places(Actor):
         self.predicates = predicates
         self.prefix = prefix
         self.late = 0
-        self._keeps = outside == "keep"
-        self._max_age = round(max_age * 1e9)
+        self._keeps = settings.outside == "keep"
+        self._max_age = round(settings.max_age * 1e9)
         nodes = () if isinstance(floor, Labels) else floor.graph.nodes
         self._goals = tuple(
             (node.goal.x, node.goal.y, near * near, (near + margin) * (near + margin))
             for node in nodes
-            for near in [float(tolerance if node.tolerance is None else node.tolerance)]
+            for near in [float(settings.tolerance if node.tolerance is None else node.tolerance)]
         )
         self._rooms = tuple(prefix + name for name in self.labels.names)
         for index, node in enumerate(nodes):
@@ -129,8 +153,8 @@ class Places(Actor):
                 self._levels[node.goal.floor].goals.append((index, *self._goals[index]))
         self._goal_names = tuple(prefix + node.name for node in nodes)
         self._nodes = {node.name: index for index, node in enumerate(nodes)}
-        self._tour = _tour(tour, [node.name for node in nodes])
-        self._declare(max_age)
+        self._tour = _tour(settings.tour, [node.name for node in nodes])
+        self._declare(settings.max_age)
         self._forget()
 
     def _declare(self, max_age: float) -> None:

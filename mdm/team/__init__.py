@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from mdm.team.ownership import Placement
     from mdm.team.sharing.commanding import Confirmation
     from mdm.team.sharing.remote import Exports, Imports
-    from mdm.team.team import Agent, Team
+    from mdm.team.team import Agent, Team, TeamOptions
     from mdm.team.transport.allowance import TokenBucket
     from mdm.team.transport.network import Network
 
@@ -44,6 +44,7 @@ __all__ = [
     "RecollectionStatistics",
     "SharedHistory",
     "Team",
+    "TeamOptions",
     "Teammates",
     "TokenBucket",
     "ValueOfCommunication",
@@ -57,7 +58,7 @@ _HOMES = {
     "ownership": ("Placement",),
     "sharing.commanding": ("Confirmation",),
     "sharing.remote": ("Exports", "Imports"),
-    "team": ("Agent", "Team"),
+    "team": ("Agent", "Team", "TeamOptions"),
     "transport.allowance": ("TokenBucket",),
     "transport.network": ("Network",),
 }

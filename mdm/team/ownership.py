@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import msgspec
-
 from mdm.errors import ConfigError
-from mdm.logic import similar
+from mdm.options import Options
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["Ownership", "Placement", "acting", "matched", "placement_of"]
 
 
-class Placement(msgspec.Struct, frozen=True):
+class Placement(Options, frozen=True):
     """Where an ensemble's layers are, where that is not said by the agents' names.
 
     Args:
@@ -40,18 +38,6 @@ class Placement(msgspec.Struct, frozen=True):
     actions: str | dict[str, str] | None = None
     inputs: str | None = None
 
-    def __post_init__(self) -> None:
-        """Refuse values that are no agent's name.
-
-        Raises:
-            ConfigError: If it is none.
-        """
-        names = [self.control, self.inputs]
-        names += self.actions.values() if isinstance(self.actions, Mapping) else [self.actions]
-        for name in names:
-            if name is not None and not isinstance(name, str):
-                raise ConfigError(f"a placement names agents of the team, not {name!r}", key="placement")
-
 
 def placement_of(given: Placement | Mapping[str, Any]) -> Placement:
     """Return a placement; a mapping has its arguments by name.
@@ -63,12 +49,7 @@ def placement_of(given: Placement | Mapping[str, Any]) -> Placement:
         return given
     if not isinstance(given, Mapping):
         raise ConfigError(f"a placement is a mdm.team.Placement(...), or a mapping, not {given!r}", key="placement")
-    names = Placement.__struct_fields__
-    for name in given:
-        if name not in names:
-            hint = similar(str(name), names) or f"; it has {', '.join(names)}"
-            raise ConfigError(f"a placement has no {name!r}{hint}", key="placement")
-    return Placement(**given)
+    return Placement.from_keywords(given, below="placement.")
 
 
 class Ownership:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
-
-import msgspec
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from mdm.actors import FixedRate, OnEvent
 from mdm.actors.control.drive import drive_of
 from mdm.errors import ConfigError
 from mdm.logic import similar
-from mdm.runtime.time.clock import check_seconds
+from mdm.options import Megabytes, Options, Seconds
 from mdm.team.communication import Always
 from mdm.team.transport.ceilings import Ceiling, ceiling_settings
 from mdm.team.transport.keys import check_name
@@ -26,7 +24,7 @@ if TYPE_CHECKING:
     from mdm.team.transport.access import Access
     from mdm.team.transport.transport import Transport
 
-__all__ = ["FIRST_PORT", "Agent", "Mode", "Quorum", "Team"]
+__all__ = ["FIRST_PORT", "Agent", "Team", "TeamOptions", "TeamSettings"]
 
 Mode = Literal["replicated", "centralised", "communicating"]
 Quorum = Literal["majority", "continue"]
@@ -35,7 +33,7 @@ FIRST_PORT = 7447
 """The port of the first agent on this machine, where nothing is said about endpoints; the others' follow."""
 
 
-class Agent(msgspec.Struct, frozen=True):
+class Agent(Options, frozen=True):
     """An agent of a team.
 
     Args:
@@ -66,13 +64,10 @@ Given = str | tuple[str, str] | Agent
 """An agent as it is given: its name, its name and its endpoint, or all its addresses."""
 
 
-class Team:
-    """The agents that decide together, and how. The same at every agent; each runs a `Member` of it.
+class TeamSettings(Options, frozen=True, kw_only=True):
+    """How the agents of a team decide together.
 
-    Args:
-        name: The team's name, which begins the keys of its messages.
-        agents: All agents, in the order of the model's agents: names, pairs of a name and an endpoint, or
-            each an `Agent` with its addresses.
+    Attributes:
         mode: ``replicated``: each agent holds the whole controller, and all agree on each joint step.
             ``centralised``: one agent decides for all. ``communicating``: each decides by its own knowledge, at a
             period.
@@ -95,6 +90,52 @@ class Team:
         router: The endpoint of a router of Zenoh, which carries all messages: agents then have no addresses.
         state: The folder in which each agent keeps over the end of its process that it was stopped, or waits for a
             release; without one a process that ends forgets. Agents may differ in it.
+    """
+
+    mode: Mode = "replicated"
+    period: Seconds | None = None
+    drive: Any = None
+    deadline: Seconds | None = None
+    quorum: Quorum | None = None
+    controller: str | None = None
+    communication: Any = None
+    lease: Seconds = 1.0
+    max_age: Seconds = 1.0
+    memory: Megabytes = 1000.0
+    ceilings: Any = ()
+    router: str | None = None
+    state: Any = None
+
+
+class TeamOptions(TypedDict, total=False):
+    """The keyword arguments of `TeamSettings`."""
+
+    mode: Mode
+    period: float | None
+    drive: Drive | float | str | None
+    deadline: float | None
+    quorum: Quorum | None
+    controller: str | None
+    communication: CommunicationPolicy | None
+    lease: float
+    max_age: float
+    memory: float
+    ceilings: Iterable[Ceiling]
+    router: str | None
+    state: str | Path | None
+
+
+TeamOptions.__doc__ = TeamSettings.__doc__
+
+
+class Team:
+    """The agents that decide together, and how. The same at every agent; each runs a `Member` of it.
+
+    Args:
+        name: The team's name, which begins the keys of its messages.
+        agents: All agents, in the order of the model's agents: names, pairs of a name and an endpoint, or
+            each an `Agent` with its addresses.
+        options: See `TeamOptions`.
 
     Raises:
         ConfigError: If a name cannot be part of a key, two agents have one name, or a setting means nothing.
@@ -110,21 +151,10 @@ class Team:
         self,
         name: str,
         agents: Iterable[Given],
-        *,
-        mode: Mode = "replicated",
-        period: float | None = None,
-        drive: Drive | float | str | None = None,
-        deadline: float | None = None,
-        quorum: Quorum | None = None,
-        controller: str | None = None,
-        lease: float = 1.0,
-        max_age: float = 1.0,
-        memory: float = 1000.0,
-        ceilings: Iterable[Ceiling] = (),
-        router: str | None = None,
-        communication: CommunicationPolicy | None = None,
-        state: str | Path | None = None,
+        **options: Unpack[TeamOptions],
     ) -> None:
+        settings = TeamSettings.from_keywords(options, below="team.")
+        router, deadline, quorum, controller = settings.router, settings.deadline, settings.quorum, settings.controller
         self.name = check_name(name, "a team", key="team.name")
         self.agents = _agents(agents)
         self.names = tuple(agent.name for agent in self.agents)
@@ -133,13 +163,10 @@ class Team:
             raise ConfigError(
                 "agents with a router listen nowhere: leave out their addresses, or the router", key="team.agents"
             )
-        self.mode: Mode = _one_of(mode, Mode, "mode")
-        self.drive = _drive(period, drive)
+        self.mode = settings.mode
+        self.drive = _drive(settings.period, settings.drive)
         self.event_driven = isinstance(self.drive, OnEvent)
         self.period = 1 / self.drive.rate if isinstance(self.drive, FixedRate) else None
-        for key, seconds in (("deadline", deadline), ("lease", lease), ("max_age", max_age)):
-            if seconds is not None or key != "deadline":
-                check_seconds(seconds, key, key=f"team.{key}")
         if deadline is not None and self.period is not None and deadline > self.period:
             raise ConfigError(
                 f"a step would wait {deadline} s for the agents' parts, but the next begins after {self.period:g} s",
@@ -157,27 +184,21 @@ class Team:
                 f"a quorum is for replicated teams, which agree on each step, but {name!r} is {self.mode}",
                 key="team.quorum",
             )
-        self.communication = self._communication(communication)
-        self.quorum: Quorum = (
-            _one_of(quorum, Quorum, "quorum")
-            if quorum is not None
-            else ("majority" if len(self.agents) > 2 else "continue")
-        )
+        self.communication = self._communication(settings.communication)
+        self.quorum: Quorum = quorum or ("majority" if len(self.agents) > 2 else "continue")
         if controller is not None and self.mode != "centralised":
             raise ConfigError(
                 f"a controller is for centralised teams, but {name!r} is {self.mode}", key="team.controller"
             )
         self.controller = self.names[0] if controller is None else self.check_agent(controller, key="team.controller")
-        self.lease = float(lease)
-        self.max_age = float(max_age)
-        if isinstance(memory, bool) or not isinstance(memory, int | float) or not memory > 0:
-            raise ConfigError(f"memory is a number of megabytes, more than 0, not {memory!r}", key="team.memory")
-        self.memory = float(memory)
-        self.ceilings = tuple(ceilings)
+        self.lease = settings.lease
+        self.max_age = settings.max_age
+        self.memory = settings.memory
+        self.ceilings = tuple(settings.ceilings)
         ceiling_settings(self.ceilings)  # which refuses what is none
-        if state is not None and not isinstance(state, str | Path):
-            raise ConfigError(f"state is the name of a folder, not {state!r}", key="team.state")
-        self.state = None if state is None else Path(state)
+        if settings.state is not None and not isinstance(settings.state, str | Path):
+            raise ConfigError(f"state is the name of a folder, not {settings.state!r}", key="team.state")
+        self.state = None if settings.state is None else Path(settings.state)
 
     def __repr__(self) -> str:
         """Return its name, mode and agents."""
@@ -320,17 +341,9 @@ def _agents(given: Iterable[Given]) -> tuple[Agent, ...]:
     return tuple(agents)
 
 
-def _one_of(given: Any, kind: Any, key: str) -> Any:
-    names = get_args(kind)
-    if given not in names:
-        raise ConfigError(f"{key} is {' or '.join(map(repr, names))}, not {given!r}", key=f"team.{key}")
-    return given
-
-
 def _drive(period: float | None, drive: Drive | float | str | None) -> Drive:
     if period is not None and drive is not None:
         raise ConfigError("give a period or a drive, not both", key="team.drive")
     if period is not None:
-        check_seconds(period, "period", key="team.period")
         return FixedRate(1 / period)
     return drive_of(drive)

@@ -146,7 +146,7 @@ def test_what_was_expected_is_nothing_that_toml_has_not(folder):
     with pytest.raises(ConfigError) as caught:
         load_system(written(folder, GOOD.replace("timeout = 3.0", 'timeout = "3"'), "robot.toml"))
     assert "null" not in str(caught.value)
-    assert "a number was expected, not '3'" in str(caught.value)
+    assert "a number of seconds above 0 and at most 1,000,000,000 was expected, not '3'" in str(caught.value)
 
 
 def test_the_options_of_safety_reach_their_ensemble(folder, monkeypatch):

@@ -395,7 +395,7 @@ def test_a_function_drives_by_its_argument_navigate(tmp_path):
     path = with_fetch(tmp_path, '{ call = "arm:fetch", navigate = true, timeout = 30.0 }')
     for system in (load_system(path), load_system(path, callbacks=False), look_over(path)):
         fetch = system.ensembles["robot"].action.bindings[0]
-        assert (fetch.timeout, fetch.sequel.retries, fetch.lasts) == (30.0, True, True)  # alike in a replay
+        assert (fetch.timeout, fetch.retries, fetch.lasts) == (30.0, True, True)  # alike in a replay
     system = load_system(path)
 
     async def main(runtime):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-from typing import is_typeddict
 
 import msgspec
 import pytest
@@ -11,15 +10,15 @@ from loading import written
 from robot_file import GOOD
 
 from mdm import Binding, ConfigError, Ensemble, Restart, Team, load_system
-from mdm.actors.options import ControlOptions, SafetyOptions
+from mdm.actors.options import BindingSettings, SafetySettings
 from mdm.config import tables
 from mdm.config.places import PlacesTable
-from mdm.config.team_file import AllowanceTable, CeilingTable, TeamTable
+from mdm.config.team_file import AllowanceTable, TeamTable
 from mdm.maps import Places, load_map
-from mdm.options import ControllerOptions
+from mdm.maps.places import PlacesSettings
 from mdm.solvers import TreeSearch
+from mdm.team.team import TeamSettings
 from mdm.team.transport.allowance import Allowance
-from mdm.team.transport.ceilings import Ceiling
 
 WRONG = [
     ("[predicates]", "[predicats]", "predicats", "there is no key 'predicats'"),
@@ -28,14 +27,24 @@ WRONG = [
     ('B = "not A"', 'B = "C"\nC = "B"', "predicates", "cycle"),
     ("max_age = 60.0", "max_age = -1.0", "predicates.A", "max_age"),
     ("max_age = 60.0", "max_age = inf", "predicates.A.max_age", "at most 1,000,000,000 was expected, not inf"),
-    ("max_age = 60.0", "max_age = nan", "predicates.A.max_age", "above 0 was expected, not nan"),
+    (
+        "max_age = 60.0",
+        "max_age = nan",
+        "predicates.A.max_age",
+        "above 0 and at most 1,000,000,000 was expected, not nan",
+    ),
     ("initial = false", "sensor = false", "predicates.A", "needs a 'formula'"),
     ('formula = "A", ', 'formula = "A", initial = true, ', "predicates.Long", "'initial' means nothing for a formula"),
     ("held_for = 2.0", "held_for = inf", "predicates.Long.held_for", "at most 1,000,000,000"),
     ('Up = "A"', 'Up = "A or"', "events.Up", "(column 5)"),
     ('Up = "A"', 'Up = "Aa"', "events.Up", "'Up' uses 'Aa', which is not declared; did you mean 'A'"),
     ("max_age = 60.0", "maxage = 60.0", "predicates.A.maxage", "did you mean 'max_age'"),
-    ("max_age = 60.0", 'max_age = "x"', "predicates.A.max_age", "a number was expected, not 'x'"),
+    (
+        "max_age = 60.0",
+        'max_age = "x"',
+        "predicates.A.max_age",
+        "a number of seconds above 0 and at most 1,000,000,000 was expected, not 'x'",
+    ),
     ('formula = "A", ', "", "predicates.Long", "needs a formula"),
     (', reset = "Ping"', "", "predicates.Seen", "both 'set' and 'reset'"),
     ('"Work.succeeded"', '"Wrok.succeeded"', "predicates", "unknown action; did you mean 'Work'"),
@@ -51,7 +60,12 @@ WRONG = [
     ("drive = 2.0", "drive = 1e-9", "ensembles.below.drive", "a rate is at least 0.000001"),
     ("drive = 2.0", "drive = nan", "ensembles.below.drive", "a rate is at least 0.000001"),
     ("drive = 2.0", "drive = inf", "ensembles.below.drive", "rate"),
-    ("drive = 2.0", "deadline = 0.0", "ensembles.below.deadline", "above 0 was expected, not 0.0"),
+    (
+        "drive = 2.0",
+        "deadline = 0.0",
+        "ensembles.below.deadline",
+        "seconds above 0 and at most 1,000,000,000 was expected, not 0.0",
+    ),
     ("drive = 2.0", "deadline = inf", "ensembles.below.deadline", "at most 1,000,000,000"),
     ("drive = 2.0", "seed = -1", "ensembles.below.seed", "of at least 0 was expected, not -1"),
     ("drive = 2.0", 'rewards = "no.rewards"', "ensembles.below.rewards", "no such file"),
@@ -76,7 +90,12 @@ WRONG = [
     ("robot_code:work", "leaving_code:work", "ensembles.below.actions.Work", "SystemExit"),
     ("robot_code:work", "robot_code:number", "ensembles.below.actions.Work", "is a int, not a function"),
     ("robot_code:work", "work", "ensembles.below.actions.Work", "'module:name'"),
-    ("timeout = 3.0", "timeout = -3.0", "ensembles.below.actions.Work.timeout", "above 0 was expected, not -3.0"),
+    (
+        "timeout = 3.0",
+        "timeout = -3.0",
+        "ensembles.below.actions.Work.timeout",
+        "above 0 and at most 1,000,000,000 was expected, not -3.0",
+    ),
     ("timeout = 3.0", "timeut = 3.0", "ensembles.below.actions.Work.timeut", "did you mean 'timeout'"),
     ('ensemble = "below"', 'ensemble = "bellow"', "ensembles.top.actions.Below", "did you mean 'below'"),
     ('ensemble = "below"', 'ensemble = "top"', "ensembles.top.actions.Below", "cycle: top -> top"),
@@ -120,14 +139,13 @@ def test_every_mistake_is_told_with_its_key(folder, old, new, key, words):
 
 
 TAKEN_BY = [
-    (tables.EnsembleTable, (Ensemble, ControllerOptions, ControlOptions, SafetyOptions)),
-    (tables.ActionTable, (Binding,)),
+    (tables.EnsembleTable, (Ensemble, SafetySettings)),
+    (tables.ActionTable, (Binding, BindingSettings)),
     (tables.RestartTable, (Restart,)),
     (tables.SearchTable, (TreeSearch,)),
-    (PlacesTable, (Places, load_map)),
-    (TeamTable, (Team,)),
+    (PlacesTable, (Places, PlacesSettings, load_map)),
+    (TeamTable, (Team, TeamSettings)),
     (AllowanceTable, (Allowance,)),
-    (CeilingTable, (Ceiling,)),
 ]
 """The tables of the file, and the objects that take their keys as arguments."""
 
@@ -163,7 +181,7 @@ def arguments_of(makers):
     return {
         name
         for maker in makers
-        for name in (maker.__annotations__ if is_typeddict(maker) else inspect.signature(maker).parameters)
+        for name in getattr(maker, "__struct_fields__", None) or inspect.signature(maker).parameters
     }
 
 
@@ -175,12 +193,19 @@ def test_every_key_is_an_argument_or_says_why_it_is_none(table, makers):
 @pytest.mark.parametrize(("table", "makers"), TAKEN_BY)
 def test_what_a_key_is_by_default_is_said_by_that_which_takes_it_alone(table, makers):
     taken = arguments_of(makers)
-    defaults = {field.name: field.default for field in msgspec.structs.fields(table)}
-    again = {name for name, value in defaults.items() if name in taken and value not in {None, msgspec.NODEFAULT}}
-    assert again <= {"plans", "supervision"}  # whether a search has the policy among them; an actor's own default
+    bases = [maker for maker in makers if maker in table.__mro__]
+    declared = {field.name: field.default for base in bases for field in fields_of(base)}
+    for field in fields_of(table):
+        if field.name in declared:
+            assert field.default == declared[field.name], field.name
+        elif field.name in taken - {"plans", "supervision", "local"}:  # a search's; an actor's own; a flag
+            assert field.default in {None, msgspec.NODEFAULT}
 
 
-def test_what_was_not_written_is_not_stated():
-    table = tables.ActionTable(call="robot:go", grace=2.0, resume=False)
-    assert tables.stated(table, "timeout", "grace", "resume") == {"grace": 2.0, "resume": False}
-    assert tables.stated(table) == {"call": "robot:go", "grace": 2.0, "resume": False}
+def fields_of(struct):
+    return msgspec.structs.fields(struct)
+
+
+def test_what_was_not_written_is_as_the_options_say():
+    table = tables.ActionTable(call="robot:go", grace=2.0, resume=True)
+    assert table.as_arguments(BindingSettings) == msgspec.structs.asdict(BindingSettings(grace=2.0, resume=True))

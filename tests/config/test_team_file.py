@@ -103,7 +103,7 @@ def test_the_memory_of_a_team_is_that_of_its_ensembles(tmp_path):
 @pytest.mark.parametrize(
     ("given", "key", "words"),
     [
-        ({"memory": 0}, "team.memory", "a number above 0 was expected, not 0"),
+        ({"memory": 0}, "team.memory", "a number of megabytes above 0 was expected, not 0"),
         ({"allowance": {"message": 1}}, "team.allowance.message", "did you mean 'messages'"),
         ({"ceilings": [{"keys": "mdm/*/x"}]}, "team", "a rate, a size or a priority"),
         ({"ceilings": [{"rate": 1}]}, "team.ceilings.0", "'keys' is missing"),

@@ -429,10 +429,10 @@ def test_a_place_that_could_not_be_entered_is_refused():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"margin": -0.1}, "margin is a number of metres, 0 or more, not -0.1"),
-        ({"margin": math.nan}, "margin is a number of metres"),
-        ({"tolerance": "1"}, "tolerance is a number of metres, 0 or more, not '1'"),
-        ({"max_age": 0}, "max_age is a number of seconds above 0"),
+        ({"margin": -0.1}, "margin: a finite number of metres of at least 0 was expected, not -0.1"),
+        ({"margin": math.nan}, "margin: a finite number of metres of at least 0 was expected, not nan"),
+        ({"tolerance": "1"}, "tolerance: a finite number of metres of at least 0 was expected, not '1'"),
+        ({"max_age": 0}, "max_age: a number of seconds above 0 and at most 1,000,000,000 was expected"),
         ({"outside": "forget"}, "outside"),
     ],
 )

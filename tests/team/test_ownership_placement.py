@@ -14,7 +14,7 @@ def test_nothing_is_placed_by_default():
 
 @pytest.mark.parametrize("given", [{"control": 3}, {"actions": {"agent": 1}}, {"inputs": ["a"]}])
 def test_only_agents_are_places(given):
-    with pytest.raises(mdm.ConfigError, match="names agents of the team"):
+    with pytest.raises(mdm.ConfigError, match=r"^(control|actions|inputs).*a text.* was expected, not"):
         Placement(**given)
 
 
@@ -27,10 +27,10 @@ def test_a_mapping_stands_for_a_placement():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"contol": "base"}, "a placement has no 'contol'.*control"),
-        ({"x": "base"}, "a placement has no 'x'; it has control, actions, inputs"),
+        ({"contol": "base"}, "placement.contol: there is no option 'contol'; did you mean 'control'"),
+        ({"x": "base"}, "placement.x: there is no option 'x'; there are control, actions, inputs"),
         ("base", "a mapping, not 'base'"),
-        ({"control": 3}, "names agents of the team"),
+        ({"control": 3}, "placement.control: a text was expected, not 3"),
     ],
 )
 def test_what_is_no_placement_is_refused(given, words):

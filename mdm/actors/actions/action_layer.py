@@ -18,6 +18,7 @@ import msgspec
 from mdm.actors.actions.binding import Binding, Callback, bindings_of, safe_binding
 from mdm.actors.actions.lives import Life, Lives, Order, Part
 from mdm.actors.layer import Layer
+from mdm.actors.options import SAFE_TIMEOUT, SafetySettings
 from mdm.errors import ConfigError, Error
 from mdm.messages import Action, ActionLife, ActionStatus
 from mdm.runtime import ActorStatistics, Histogram, Latencies
@@ -26,7 +27,6 @@ from mdm.runtime.executors import OWNER, Jobs
 from mdm.runtime.handler import has_not_run
 from mdm.runtime.statistics import FULL
 from mdm.runtime.supervision import LEAVING, describe
-from mdm.runtime.time.clock import check_seconds
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -34,12 +34,10 @@ if TYPE_CHECKING:
     from mdm.actors.actions.lives import Orders
     from mdm.actors.ensemble import Ensemble
     from mdm.actors.predicates.predicate_manager import PredicateManager
-    from mdm.checks import Number
     from mdm.runtime import Timer, Work
 
-__all__ = ["SAFE_TIMEOUT", "ActionLayer", "ActionStatistics", "Secured"]
+__all__ = ["ActionLayer", "ActionStatistics", "Secured"]
 
-SAFE_TIMEOUT = 10.0
 """Seconds that a safe action may take, where nothing else is said."""
 
 Secured = Callable[[str | None], None]
@@ -140,12 +138,11 @@ class ActionLayer(Layer):
         component: Callable[[int], int] | None = None,
         predicates: PredicateManager | None = None,
         safe_action: str | Callback | None = None,
-        safe_timeout: Number = SAFE_TIMEOUT,
+        safe_timeout: float = SAFE_TIMEOUT,
         name: str = "action",
     ) -> None:
         super().__init__(name)
-        check_seconds(safe_timeout, "safe_timeout", key="safe_timeout")
-        self.safe_timeout = float(safe_timeout)
+        self.safe_timeout = SafetySettings(safe_timeout=safe_timeout).safe_timeout
         self.begins: Callable[[str], None] = lambda _: None
         self.ends: Callable[[str, Binding, ActionStatus, str, bool, bool], bool] = lambda *_: False
         self.clears: Callable[[], None] = lambda: None
@@ -264,7 +261,7 @@ class ActionLayer(Layer):
         """Replace each binding by its own within this layer's ensemble, see `Binding.within`; before the start."""
         own = {id(binding): binding.within(ensemble) for binding in self.bindings}
         for binding in self.bindings:
-            own[id(binding)].sequel = binding.sequel
+            own[id(binding)].sequel, own[id(binding)].retries = binding.sequel, binding.retries
         self.bindings = tuple([own[id(binding)] for binding in self.bindings])
         if ensemble.liveness.counts:
             self._briefs = (None,) * len(self.bindings)

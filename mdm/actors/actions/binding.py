@@ -5,23 +5,21 @@ from __future__ import annotations
 import inspect
 from collections.abc import Awaitable, Callable, Mapping
 from copy import copy
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Unpack
 
-from mdm.actors.actions.sequel import Sequel, Then
-from mdm.checks import check_choice, check_flag
+from mdm.actors.options import BindingOptions, BindingSettings
 from mdm.errors import ConfigError
 from mdm.logic import similar
 from mdm.runtime.handler import kind_of
-from mdm.runtime.time.clock import check_seconds
 
 if TYPE_CHECKING:
+    from mdm.actors.actions.sequel import Sequel
     from mdm.actors.ensemble import Ensemble
     from mdm.messages import Action
 
-__all__ = ["Binding", "Callback", "OnRepeat", "bind", "bindings_of", "safe_binding"]
+__all__ = ["Binding", "Callback", "bind", "bindings_of", "safe_binding"]
 
 Callback = Callable[..., Awaitable[object] | object]
-OnRepeat = Literal["continue", "restart"]
 
 
 class Binding:
@@ -30,27 +28,17 @@ class Binding:
     Args:
         target: A plain function (called at once), an ``async`` function (run as a task), or an `Ensemble` (started
             and stopped). A function that takes an argument gets the `Action` message.
-        timeout: Seconds after which a running life is cancelled and ends ``timed_out``.
-        grace: Seconds that a cancelled task has to end before it is ``abandoned``.
-        on_repeat: Whether a running task goes on when its action is chosen again (``continue``), or is
-            cancelled and started anew (``restart``). Take ``restart`` where the action's goal depends on the state
-            in which it was chosen, such as "go up" in the next room: a task that goes on keeps its old goal.
-        resume: For an ensemble: start it from the belief that it was stopped with.
-        concurrent: The action neither ends the running one nor is ended by the next.
         goes_on: With ``restart``, a plain function that is called when the same action is chosen again: whether the
             task goes on all the same, since it would do the same. A function that takes an argument gets the
             `Action` message.
-        group: Of tasks of the same group, such as drives to goals, the next one begins before the running one is
-            cancelled, so that the device they drive need not stop in between. Any object that stands for the group.
-        then: The sequel of its end, see `Sequel`: ``decide`` again, or ``wait``, on purpose.
-        pause: Seconds before it is decided again.
-        attempts: Failures in a row after which it is given up.
+        options: See `BindingOptions`.
 
     Attributes:
         plain: Whether it is a plain function.
         brief: Whether it is one that begins and ends alone, by a call.
         lasts: Whether it takes time, as far as can be told before it is called.
         sequel: What follows its end.
+        retries: Whether a failure is followed by a decision, as of drives to a goal where ``then`` says nothing.
     """
 
     __slots__ = (
@@ -66,6 +54,7 @@ class Binding:
         "on_repeat",
         "plain",
         "resume",
+        "retries",
         "sequel",
         "takes_action",
         "target",
@@ -76,37 +65,25 @@ class Binding:
         self,
         target: Callback | Ensemble,
         *,
-        timeout: float | None = None,
-        grace: float = 5.0,
-        on_repeat: OnRepeat = "continue",
-        resume: bool = False,
-        concurrent: bool = False,
         goes_on: Callable[..., bool] | None = None,
-        group: object = None,
-        then: Then | None = None,
-        pause: float = 1.0,
-        attempts: int | None = None,
+        **options: Unpack[BindingOptions],
     ) -> None:
-        for name, seconds in (("timeout", timeout), ("grace", grace)):
-            if seconds is not None or name == "grace":
-                check_seconds(seconds, name, key=name)
-        check_choice(on_repeat, get_args(OnRepeat), "on_repeat", key="on_repeat")
-        check_flag(resume, "resume", key="resume")
-        check_flag(concurrent, "concurrent", key="concurrent")
-        if goes_on is not None and on_repeat != "restart":
+        settings = BindingSettings.from_keywords(options)
+        if goes_on is not None and settings.on_repeat != "restart":
             raise ConfigError("goes_on is for an action that starts anew: give on_repeat='restart'", key="goes_on")
-        if group is not None and concurrent:
+        if settings.group is not None and settings.concurrent:
             raise ConfigError("a concurrent action replaces none, and so is of no group", key="group")
         self.target = target
-        self.timeout = timeout
-        self.grace = grace
-        self.on_repeat = on_repeat
-        self.resume = resume
-        self.concurrent = concurrent
+        self.timeout = settings.timeout
+        self.grace = settings.grace
+        self.on_repeat = settings.on_repeat
+        self.resume = settings.resume
+        self.concurrent = settings.concurrent
         self.goes_on = goes_on
         self._asks_action = goes_on is not None and _takes_action(goes_on)
-        self.group = group
-        self.sequel = Sequel(then, pause, attempts)
+        self.group = settings.group
+        self.sequel: Sequel = settings
+        self.retries = settings.then == "decide"
         self.ensemble: Ensemble | None = None
         self.function: Callable[..., Any] = _no_call
         self.takes_action = False
@@ -126,7 +103,7 @@ class Binding:
             raise ConfigError(f"an action's target is a function or an ensemble, not {target!r}")
         self.plain = self.ensemble is None and kind_of(self.function) is None
         self.lasts = not self.plain
-        self.brief = self.plain and not concurrent and not self.sequel.counts
+        self.brief = self.plain and not self.concurrent and not self.sequel.counts
 
     def continues(self, action: Action) -> bool:
         """Whether a running task goes on when the action is chosen again, by that message."""

@@ -5,13 +5,13 @@ No actor, no clock and no event loop is known here: ends are handed in, and the 
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple, TypedDict
+from typing import Annotated, Literal, NamedTuple
 
-from mdm.checks import check_choice
-from mdm.errors import ConfigError
-from mdm.runtime.time.clock import check_seconds
+from msgspec import Meta
 
-__all__ = ["LONGEST_PAUSE", "Due", "Sequel", "SequelOptions", "Then", "Tries"]
+from mdm.options import Options, Seconds
+
+__all__ = ["LONGEST_PAUSE", "Due", "Sequel", "Then", "Tries"]
 
 Then = Literal["wait", "decide"]
 
@@ -19,43 +19,20 @@ LONGEST_PAUSE = 60.0
 """Seconds to which the pause between failures grows at most, where it does not begin longer."""
 
 
-class SequelOptions(TypedDict, total=False):
-    """The arguments of a `Sequel`."""
-
-    then: Then | None
-    pause: float
-    attempts: int | None
-
-
-class Sequel:
+class Sequel(Options, frozen=True):
     """A binding's declaration of how its action's end is followed.
 
-    Args:
+    Attributes:
         then: ``decide``: where nothing else is decided within the pause, decide again on the same state or belief.
             ``wait``: wait for the next input, on purpose. By default it waits, too, and is told as idle.
         pause: Seconds before it is decided again, doubled with each failure in a row up to `LONGEST_PAUSE`.
         attempts: Failures in a row after which it is not decided again: ``Go.gave_up`` occurs, and where nothing
             depends on that, the ensemble goes safe. None by default: there are always more.
-        retries: Whether a failure is followed by a decision where ``then`` says nothing, as for drives to a goal.
-
-    Raises:
-        ConfigError: If an option has a value that is not allowed.
     """
 
-    __slots__ = ("attempts", "pause", "retries", "then")
-
-    def __init__(
-        self, then: Then | None = None, pause: float = 1.0, attempts: int | None = None, *, retries: bool = False
-    ) -> None:
-        if then is not None:
-            check_choice(then, ("wait", "decide"), "then", key="then")
-        check_seconds(pause, "pause", key="pause")
-        if attempts is not None and (type(attempts) is not int or attempts < 1):
-            raise ConfigError(f"attempts is a number from 1 on, or None, not {attempts!r}", key="attempts")
-        self.then: Then | None = then
-        self.pause = float(pause)
-        self.attempts = attempts
-        self.retries = then == "decide" or (retries and then is None)
+    then: Then | None = None
+    pause: Seconds = 1.0
+    attempts: Annotated[int, Meta(ge=1)] | None = None
 
     @property
     def counts(self) -> bool:
@@ -101,13 +78,13 @@ class Tries:
             name: The action's.
             sequel: Its binding's declaration.
             failed: Whether it failed.
-            retries: Whether failures are followed by a decision, even against the binding.
+            retries: Whether failures are followed by a decision, even against its declaration.
         """
         self.began(name)
         if not failed:
             self._failures = 0
             return Due(sequel.pause if sequel.then == "decide" else None)
-        retries = retries or sequel.retries
+        retries = retries or sequel.then == "decide"
         if not (retries or sequel.attempts):
             return Due()
         self._failures += 1

@@ -18,15 +18,14 @@ from mdm.actors.control.output import Output
 from mdm.actors.control.planner import PATIENCE, Planner
 from mdm.actors.control.source import OwnChannels
 from mdm.actors.layer import Layer
-from mdm.actors.options import ControlOptions
+from mdm.actors.options import ControlOptions, ControlSettings
 from mdm.actors.safety.modes import AT_INPUT, AT_KNOWN
 from mdm.controller import Controller
 from mdm.errors import Error, ModelError, PolicyError
 from mdm.messages import Answer, Belief, Control, Fault, Observation, Question, State, Tick
-from mdm.options import check_options
+from mdm.options import ControllerSettings
 from mdm.runtime import ActorStatistics, Histogram
 from mdm.runtime.supervision import text_of
-from mdm.runtime.time.clock import check_seconds
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,9 +40,6 @@ if TYPE_CHECKING:
     from mdm.runtime import Ticker
 
 __all__ = ["ControlLayer", "ControlStatistics"]
-
-
-_OWN = ("drive", "on_no_observation", "deadline")
 
 
 class ControlStatistics(ActorStatistics, frozen=True):
@@ -118,21 +114,16 @@ class ControlLayer(Layer):
         **options: Unpack[ControlOptions],
     ) -> None:
         super().__init__(name)
-        check_options(options, ControlOptions)
-        own: Any = {name: options[name] for name in _OWN if name in options}  # type: ignore[literal-required]
-        rest: Any = {name: value for name, value in options.items() if name not in _OWN}
+        settings = ControlSettings.from_keywords(options)
+        rest = settings.as_arguments(ControllerSettings)
         self.controller = Controller(policy, model, agent=agent, **rest)
         self._another = partial(Controller, policy, model, agent=agent, **rest)
-        self.drive = drive_of(own.get("drive"))
+        self.drive = drive_of(settings.drive)
         if isinstance(self.drive, FixedRate):
             self.controller.step_by_step()
-        deadline = own.get("deadline")
-        if deadline is not None:
-            check_seconds(deadline, "a deadline", key="deadline")
-        self.deadline = None if deadline is None else float(deadline)
-        unseen = own.get("on_no_observation", "predict")
-        self._no_observation = unobserved(unseen, self.controller.symbols.observation_space)
-        self.on_no_observation: str = unseen
+        self.deadline = settings.deadline
+        self.on_no_observation = settings.on_no_observation
+        self._no_observation = unobserved(self.on_no_observation, self.controller.symbols.observation_space)
         self.guard: Safety | None = None
         self.source: Source = OwnChannels(self)
         self.running = False

@@ -57,10 +57,6 @@ def unobserved(given: str, space: Space | None) -> int | Literal["predict", "rep
     Raises:
         ConfigError: If it is nothing of these.
     """
-    if not isinstance(given, str):
-        raise ConfigError(
-            f"on_no_observation is 'predict', 'repeat' or an observation's name, not {given!r}", key="on_no_observation"
-        )
     if given == "predict":
         return "predict"
     if given == "repeat":

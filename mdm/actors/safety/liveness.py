@@ -12,8 +12,6 @@ from collections import Counter
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from mdm.actors.actions.sequel import Due, Sequel, Tries
-from mdm.checks import is_number
-from mdm.errors import ConfigError
 from mdm.messages import Fault, Idle, PredicateUpdate, State
 from mdm.runtime.channel import Subscription
 
@@ -21,7 +19,7 @@ if TYPE_CHECKING:
     from mdm.actors.actions.binding import Binding
     from mdm.actors.control.control_layer import ControlLayer
     from mdm.actors.ensemble import Ensemble
-    from mdm.actors.options import SafetyOptions
+    from mdm.actors.options import SafetySettings
     from mdm.messages import ActionStatus
     from mdm.runtime import Timer
 
@@ -220,7 +218,7 @@ class Liveness:
 
     Args:
         ensemble: The ensemble.
-        options: See `SafetyOptions`.
+        settings: The ensemble's options.
 
     Attributes:
         retries: Whether failed actions are followed by a decision, even against their bindings.
@@ -228,17 +226,13 @@ class Liveness:
         repeats: How often it was decided again for no other reason than that an action had ended.
     """
 
-    def __init__(self, ensemble: Ensemble, options: SafetyOptions) -> None:
-        self.retries = options.get("on_failed_action") == "decide"
+    def __init__(self, ensemble: Ensemble, settings: SafetySettings) -> None:
+        self.retries = settings.on_failed_action == "decide"
         self.since: int | None = None
         self.repeats = 0
         self._ensemble = ensemble
         self._control = ensemble.control
-        given = options.get("idle_after")
-        if given is not None and not (is_number(given) and given > 0):
-            text = f"idle_after is a number of seconds above 0, or infinite, not {given!r}"
-            raise ConfigError(text, key="idle_after")
-        self._idle_after = None if given is None else float(given)
+        self._idle_after = settings.idle_after
         self._tries = Tries()
         self._total = 0
         self._rest = "", False
@@ -315,7 +309,7 @@ class Liveness:
             # Before the safe action counts as chosen, and what waits is discarded.
             follows = self._decides_alone and self._chosen == name
             answered = ensemble.action.lives.waits and (asked or self._decides_alone)
-            due = self._tries.ended(name, binding.sequel, failed=failed, retries=self.retries)
+            due = self._tries.ended(name, binding.sequel, failed=failed, retries=self.retries or binding.retries)
             if failed and not ensemble.action.listened(name, status):
                 safety.fail(text)
                 if answered:  # the input that is the way back has come, and is decided on behind the safe action

@@ -75,7 +75,7 @@ def _unsaid(ensemble: Ensemble) -> Iterator[str]:
     lasting = [(name, binding) for name, binding in pairs if binding.lasts and binding.ensemble is None]
     unsaid = [name for name, binding in lasting if binding.sequel.then is None]
     succeed = {name for name in unsaid if f"{name}.succeeded" not in used}
-    retried = {name for name, binding in lasting if ensemble.liveness.retries or binding.sequel.retries}
+    retried = {name for name, binding in lasting if ensemble.liveness.retries or binding.retries}
     fail = {name for name in unsaid if name not in retried and f"{name}.failed" not in used}
     for which, word in ((succeed & fail, "ended"), (succeed - fail, "succeeded"), (fail - succeed, "failed")):
         if which:
@@ -111,7 +111,7 @@ def _dead_ends(ensemble: Ensemble) -> Iterator[str]:
     for name, binding in zip(action.names, action.bindings, strict=True):
         ends = ("failed",) if binding.timeout is None else ("failed", "timed_out")
         unheeded = binding.lasts and any(f"{name}.{end}" not in heeded for end in ends)
-        if ensemble.safety.reacts_to_failures and unheeded and not binding.sequel.retries:
+        if ensemble.safety.reacts_to_failures and unheeded and not binding.retries:
             found[f"actions.{name}"] = f"{name} has failed", 'say then = "decide" at the action'
         elif binding.sequel.attempts is not None and f"{name}.gave_up" not in heeded:
             found[f"actions.{name}"] = f"{name} is given up", f"use {name}.gave_up, or leave attempts out"

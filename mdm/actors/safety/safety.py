@@ -6,12 +6,10 @@ action, the way back. All of it happens in the very call that notices a cause.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
-from mdm.actors.options import FailureReaction, LostTeammate, Reaction
 from mdm.actors.safety.liveness import Waiting
 from mdm.actors.safety.modes import Modes, Order, Stage, Try
-from mdm.checks import check_choice
 from mdm.errors import ConfigError
 from mdm.messages import Cause, Fault, Mode, PredicateUpdate
 from mdm.runtime.channel import Subscription
@@ -20,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from mdm.actors.ensemble import Ensemble
-    from mdm.actors.options import SafetyOptions
+    from mdm.actors.options import SafetySettings
     from mdm.actors.predicates.predicate_manager import PredicateManager
 
 __all__ = ["Safety"]
@@ -36,7 +34,7 @@ class Safety:
 
     Args:
         ensemble: The ensemble.
-        options: See `SafetyOptions`.
+        settings: The ensemble's options.
 
     Attributes:
         modes: The state machine.
@@ -44,17 +42,17 @@ class Safety:
         runs: How often the safe action was begun, or begun anew.
     """
 
-    def __init__(self, ensemble: Ensemble, options: SafetyOptions) -> None:
+    def __init__(self, ensemble: Ensemble, settings: SafetySettings) -> None:
         self.modes = Modes()
         self.waiting = Waiting(ensemble)
         self.runs = 0
         self._ensemble = ensemble
         self._control = ensemble.control
-        self._reactions = {name: self._reaction(name, options.get(name)) for name in _REACTIONS}
-        self.on_lost_teammate = self._lost_reaction(options.get("on_lost_teammate"))
-        after_safe = options.get("after_safe", "reset")
-        check_choice(after_safe, ("reset", "keep"), "after_safe", key="after_safe")
-        self._keep = after_safe == "keep"
+        self._reactions = {name: self._reaction(name, getattr(settings, name)) for name in _REACTIONS}
+        self.on_lost_teammate = settings.on_lost_teammate
+        if self.on_lost_teammate == "safe_action" and not self._has_safe_action:
+            raise ConfigError("on_lost_teammate asks for the safe action, but there is none", key="safe_action")
+        self._keep = settings.after_safe == "keep"
         self._done = self._index_of_safe_action()
         self._told: tuple[str, tuple[Cause, ...]] = ("stopped", ())
         self._stale = False
@@ -72,21 +70,9 @@ class Safety:
 
     def _reaction(self, name: str, given: object) -> bool:
         """Whether a cause makes the ensemble safe."""
-        if given is not None:
-            check_choice(given, get_args(FailureReaction if name == _FAILED else Reaction), name, key=name)
         if given == "safe" and not self._has_safe_action:
             raise ConfigError(f"{name} asks for the safe action, but there is none", key="safe_action")
         return self._has_safe_action and given in {None, "safe"}
-
-    def _lost_reaction(self, given: LostTeammate | None) -> LostTeammate | None:
-        """The reaction to a lost teammate; None where none was given."""
-        if given is not None and given not in get_args(LostTeammate):
-            raise ConfigError(
-                f"on_lost_teammate is 'continue', 'hold' or 'safe_action', not {given!r}", key="on_lost_teammate"
-            )
-        if given == "safe_action" and not self._has_safe_action:
-            raise ConfigError("on_lost_teammate asks for the safe action, but there is none", key="safe_action")
-        return given
 
     def _index_of_safe_action(self) -> int | None:
         """The model's index of the safe action, where it is one of the model's and the agent is alone."""

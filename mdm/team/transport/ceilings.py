@@ -5,12 +5,12 @@ A limit that depends on the network, or counts bytes a second, is an agent's `Al
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import msgspec
+from msgspec import Meta
 
-from mdm.checks import is_number, is_whole
 from mdm.errors import ConfigError, Error
+from mdm.options import Options
 from mdm.team.transport.keys import check_expression
 from mdm.team.transport.transport import Priority
 
@@ -22,7 +22,7 @@ __all__ = ["Ceiling", "ceiling_settings"]
 _PRIORITIES = {"step": "real_time", "value": "data", "bulk": "background"}
 
 
-class Ceiling(msgspec.Struct, frozen=True):
+class Ceiling(Options, frozen=True):
     """A ceiling on the messages under the keys of an expression, which Zenoh keeps for each link.
 
     Args:
@@ -33,8 +33,8 @@ class Ceiling(msgspec.Struct, frozen=True):
     """
 
     keys: str
-    rate: float | None = None
-    size: int | None = None
+    rate: Annotated[float, Meta(gt=0, le=1e9, extra={"unit": "messages a second"})] | None = None
+    size: Annotated[int, Meta(gt=0, extra={"unit": "bytes"})] | None = None
     priority: Priority | None = None
 
 
@@ -85,11 +85,3 @@ def _check(ceiling: Ceiling, key: str) -> None:
         raise ConfigError(str(error), key=f"{key}.keys") from None
     if ceiling.rate is None and ceiling.size is None and ceiling.priority is None:
         raise ConfigError("a ceiling has a rate, a size or a priority", key=key)
-    if ceiling.rate is not None and not (is_number(ceiling.rate) and 0 < ceiling.rate <= 1e9):
-        raise ConfigError(f"a rate is a number of messages a second above 0, not {ceiling.rate!r}", key=f"{key}.rate")
-    if ceiling.size is not None and not (is_whole(ceiling.size) and ceiling.size > 0):
-        raise ConfigError(f"a size is a number of bytes above 0, not {ceiling.size!r}", key=f"{key}.size")
-    if ceiling.priority is not None and ceiling.priority not in _PRIORITIES:
-        raise ConfigError(
-            f"a priority is one of {', '.join(_PRIORITIES)}, not {ceiling.priority!r}", key=f"{key}.priority"
-        )

@@ -56,12 +56,12 @@ def test_an_ensemble_is_started_and_stopped():
         ("drive", {}, "a function or an ensemble, not 'drive'"),
         (lambda one, two: None, {}, "asks for one, two"),
         (lambda *, speed: None, {}, "asks for speed"),
-        (print, {"on_repeat": "again"}, "'continue' or 'restart', not 'again'"),
+        (print, {"on_repeat": "again"}, "'again' is not one of 'continue', 'restart'"),
         (print, {"timeout": 0}, "timeout"),
         (print, {"grace": -1.0}, "grace"),
         (print, {"grace": None}, "grace"),
-        (print, {"resume": "no"}, "resume is True or False, not 'no'"),
-        (print, {"concurrent": 1}, "concurrent is True or False, not 1"),
+        (print, {"resume": "no"}, "resume: true or false was expected, not 'no'"),
+        (print, {"concurrent": 1}, "concurrent: true or false was expected, not 1"),
     ],
 )
 def test_what_is_no_binding_is_refused(target, options, words):

@@ -336,7 +336,7 @@ def test_missing_components_are_summed_over():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"horizon": 0}, "horizon is at least 1"),
+        ({"horizon": 0}, "horizon: a whole number of decisions of at least 1 was expected, not 0"),
         ({"deadline": 0}, "deadline"),
         ({"on_impossible": "panic"}, "'panic'"),
         ({"on_impossible": "safe_action"}, "there is none"),
@@ -369,9 +369,10 @@ def test_missing_components_are_summed_over():
         ({"states": None}, "states is a list of StateFactor.*, not None"),
         ({"supervision": "x"}, "supervision is 'stop', 'escalate' or Restart.*, not 'x'"),
         ({"supervision": 5}, "supervision is 'stop'"),
-        ({"deadline": True}, "a deadline is a number of seconds above 0 .*, not True"),
-        ({"deadline": "x"}, "a deadline is a number of seconds above 0 .*, not 'x'"),
-        ({"on_no_observation": 5}, "on_no_observation is 'predict', 'repeat' or an observation's name, not 5"),
+        ({"deadline": True}, "deadline: a number of seconds above 0 and at most 1,000,000,000 was expected, not true"),
+        ({"deadline": "x"}, "deadline: a number of seconds above 0 and at most 1,000,000,000 was expected, not 'x'"),
+        ({"on_no_observation": 5}, "on_no_observation: a text was expected, not 5"),
+        ({"on_no_observation": None}, "on_no_observation: a text was expected, not None"),
         ({"safe_action": "Stop"}, "'Stop' is none of the actions"),
     ],
 )

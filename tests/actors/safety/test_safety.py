@@ -323,12 +323,15 @@ def test_the_safe_action_has_a_limit_of_its_own():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"on_lost_input": "panic"}, "on_lost_input is 'safe' or 'continue', not 'panic'"),
+        ({"on_lost_input": "panic"}, "on_lost_input: 'panic' is not one of 'safe', 'continue'"),
         ({"on_unknown": "safe", "safe_action": None}, "on_unknown asks for the safe action, but there is none"),
         ({"on_failed_action": "safe", "safe_action": None}, "on_failed_action asks for the safe action"),
-        ({"after_safe": "predict"}, "after_safe is 'reset' or 'keep', not 'predict'"),
-        ({"after_safe": ["reset"]}, r"after_safe is 'reset' or 'keep', not \['reset'\]"),
-        ({"safe_timeout": 0}, "safe_timeout is a number of seconds above 0"),
+        ({"after_safe": "predict"}, "after_safe: 'predict' is not one of 'reset', 'keep'"),
+        ({"after_safe": ["reset"]}, "after_safe: a list is not one of 'reset', 'keep'"),
+        (
+            {"safe_timeout": 0},
+            "safe_timeout: a number of seconds above 0 and at most 1,000,000,000 was expected, not 0",
+        ),
         ({"on_lost": "safe"}, "there is no option 'on_lost'"),
     ],
 )

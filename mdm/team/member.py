@@ -23,11 +23,10 @@ from mdm.team.sharing.calls import Answers
 from mdm.team.sharing.predicates import PredicatePublisher, PredicateSubscriber, wanted
 from mdm.team.sharing.remote import Exports, Imports, typed
 from mdm.team.storage import Storage
-from mdm.team.transport.access import access_settings
+from mdm.team.transport.access import Validity, access_settings
 from mdm.team.transport.ceilings import ceiling_settings
 from mdm.team.transport.keys import join
 from mdm.team.transport.transport import DOUBLE
-from mdm.team.validity import Validity
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence

@@ -13,9 +13,8 @@ from mdm.config import load_team, load_team_file
 from mdm.errors import ConfigError, Error
 from mdm.logic import similar
 from mdm.team import Team
-from mdm.team.transport.access import OPERATOR, ROUTER
+from mdm.team.transport.access import OPERATOR, ROUTER, WARNING, days_left, ending
 from mdm.team.transport.settings import address, exposed
-from mdm.team.validity import WARNING, days_left, ending
 
 if TYPE_CHECKING:
     import argparse

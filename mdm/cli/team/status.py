@@ -14,8 +14,7 @@ from mdm.cli.team.file import team_of
 from mdm.config import load_team_file
 from mdm.errors import Error
 from mdm.runtime.statistics import Histogram
-from mdm.team.transport.access import OPERATOR
-from mdm.team.validity import WARNING, days_left, ending
+from mdm.team.transport.access import OPERATOR, WARNING, days_left, ending
 
 if TYPE_CHECKING:
     import argparse

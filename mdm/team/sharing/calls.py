@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from mdm.team.layer import TeamLayer
     from mdm.team.link import Clocks, Link
     from mdm.team.team import Team
+    from mdm.team.transport.access import Validity
     from mdm.team.transport.transport import Transport
-    from mdm.team.validity import Validity
 
 __all__ = ["CALLS", "COMMANDS", "Answers", "ask"]
 

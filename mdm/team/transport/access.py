@@ -8,18 +8,33 @@ without this.
 from __future__ import annotations
 
 import ssl
+import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from mdm.errors import ConfigError
+from mdm.runtime import Actor
 from mdm.team.transport.keys import ROOT, check_name, join
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["OPERATOR", "ROUTER", "Access", "access_of", "access_settings", "shown_certificate", "valid_until"]
+__all__ = [
+    "OPERATOR",
+    "ROUTER",
+    "WARNING",
+    "Access",
+    "Validity",
+    "access_of",
+    "access_settings",
+    "days_left",
+    "ending",
+    "shown_certificate",
+    "valid_until",
+]
 
 OPERATOR = "operator"
 """Whose certificate somebody shows who is none of the agents: it lets them ask and call, and put nothing."""
@@ -29,6 +44,13 @@ ROUTER = "router"
 
 _OWN = ("put", "delete", "reply", "declare_queryable", "liveliness_token")
 _ANY = ("declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber")
+
+
+WARNING = 7.0
+"""Days before its end at which a certificate is noted by who looks."""
+
+_LAST = 2.0  # days before it at which the running team reports it
+_PAUSE = 6 * 3600.0
 
 
 class Access(msgspec.Struct, frozen=True):
@@ -199,3 +221,51 @@ def _whole(team: str, agent: str) -> list[str]:
 
 def _rule(name: str, flows: Sequence[str], messages: Sequence[str], keys: Sequence[str]) -> dict[str, Any]:
     return {"id": name, "flows": flows, "messages": messages, "permission": "allow", "key_exprs": keys}
+
+
+def days_left(access: Access | None) -> float | None:
+    """Return for how many days certificates are valid that lie here, and are valid; None where there are none."""
+    with suppress(ConfigError):  # who uses them is told
+        return None if access is None else (valid_until(access) - time.time()) / 86400
+    return None
+
+
+def ending(days: float, agent: str) -> str:
+    """Say when a certificate ends."""
+    when = f"ends in {days:.1f} days" if days > 0 else "has ended"
+    return f"the certificate of {agent!r}, or of the authority that signed it, {when}"
+
+
+class Validity(Actor):
+    """Reports a fault ``certificate`` in the last two days of an agent's certificates, every six hours.
+
+    Zenoh reads their files whenever it connects; what it shows to those who connect to it, at its start alone.
+
+    Args:
+        access: The files.
+        agent: Whose they are.
+        listens: Whether others connect to the agent.
+    """
+
+    def __init__(self, access: Access, agent: str, *, listens: bool) -> None:
+        super().__init__("certificate")
+        self._access = access
+        self._agent = agent
+        self._listens = listens
+        self._until = valid_until(access)
+
+    @property
+    def days(self) -> float:
+        """For how many days the certificates that the agent shows are valid."""
+        if not self._listens:
+            with suppress(ConfigError):  # they have ended, or are being written
+                self._until = valid_until(self._access)
+        return (self._until - time.time()) / 86400
+
+    def on_running(self) -> None:
+        """Look, and look again later."""
+        if self.days < _LAST:
+            taken = "is started again" if self._listens else "connects to its router again"
+            told = "renew the files, for then nobody connects anew; this agent takes them up when it"
+            self.report("certificate", f"{ending(self.days, self._agent)}: {told} {taken}")
+        self.call_later(_PAUSE, self.on_running)

@@ -7,10 +7,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from mdm.team import validity
-from mdm.team.transport.access import valid_until
+from mdm.team.transport import access as validity
+from mdm.team.transport.access import Validity, days_left, ending, valid_until
 from mdm.team.transport.certificates import make_certificates
-from mdm.team.validity import Validity, days_left, ending
 from mdm.testing import run_virtual
 
 pytest.importorskip("cryptography", reason="makes the certificates")

@@ -175,6 +175,86 @@ class CommunicatingStatistics(ActorStatistics, frozen=True):
     malformed: int
 
 
+class Steps:
+    """An agent's steps in an episode, and the experiences of others by these.
+
+    The knowledge of an agent that comes late begins at a later step: it has not seen those before.
+
+    Args:
+        knowledge: The agent's knowledge.
+        agents: The agents of the model, in its order.
+
+    Attributes:
+        begin: The step of the episode at which the knowledge begins; None before the first step here.
+        last_of: The last step that each agent has told of.
+        before: How many experiences were of steps before the first one here.
+    """
+
+    def __init__(self, knowledge: Knowledge, agents: tuple[str, ...]) -> None:
+        self.begin: int | None = None
+        self.last_of: dict[str, int] = {}
+        self.before = 0
+        self._knowledge = knowledge
+        self._agents = agents
+        self._early: list[tuple[str, Experience]] = []
+
+    def leave(self) -> None:
+        """Leave the episode."""
+        self.begin = None
+        self.last_of.clear()
+        self._early.clear()
+
+    @property
+    def present(self) -> int:
+        """The step that this agent has come to; 0 before the first one here."""
+        return 0 if self.begin is None else self._knowledge.step + self.begin
+
+    def arrive(self, step: int, horizon: int | None) -> list[tuple[str, Experience]]:
+        """Come to the first step here; return the experiences that came before it, to be heard now."""
+        unseen = min(step, _LONGEST_GAP) if horizon is None else step % horizon
+        self.begin = step - unseen
+        self._knowledge.start()
+        for _ in range(unseen):
+            self._knowledge.observe()
+        self._knowledge.unshared = ()
+        early, self._early = self._early, []
+        return early
+
+    def go_on(self, step: int, did: int | None, seen: int | None) -> None:
+        """Go on to a step, with the observation and the action since the last one."""
+        self._knowledge.act(did)
+        for _ in range(step - self.present - 1):
+            self._knowledge.observe()
+        self._knowledge.observe(seen)
+
+    def share(self, seconds: float) -> tuple[Experience, ...] | None:
+        """Return the choice of the communication policy, after so many seconds; None for silence."""
+        history = self._knowledge.share(seconds)
+        begin = self.begin or 0
+        return None if history is None else tuple(_moved(each, begin) for each in history.experiences)
+
+    def hear(self, agent: str, experiences: tuple[Experience, ...]) -> tuple[int, int]:
+        """Take the experiences that another agent shares; return how many count, and how many could but do not.
+
+        Raises:
+            ModelError: If one of them cannot be.
+        """
+        if self.begin is None:
+            self._early += ((agent, experience) for experience in experiences)
+            del self._early[:-_MOST_EARLY]
+            return 0, 0
+        known = tuple(each for each in (_moved(one, -self.begin) for one in experiences) if each.step >= 1)
+        self.before += len(experiences) - len(known)
+        unapplied = self._knowledge.hear(SharedHistory(self._agents.index(agent), known))
+        steps = [each.step + self.begin for each in known if each.step <= self._knowledge.step + 1]
+        self.last_of[agent] = max([self.last_of.get(agent, 0), *steps])
+        return len(known) - unapplied, unapplied
+
+
+def _moved(experience: Experience, steps: int) -> Experience:
+    return Experience(experience.step + steps, experience.action, experience.observation)
+
+
 class Stage(Enum):
     """How far an agent is with a step."""
 
@@ -202,6 +282,7 @@ class CommunicatingLayer(TeamLayer):
         knowledge: The agent's knowledge.
         episode: The present episode; None before the first.
         stops: The stops that it knows of.
+        steps: The steps of the episode, as this agent has come to them.
         stage: How far it is with the present step.
     """
 
@@ -227,20 +308,17 @@ class CommunicatingLayer(TeamLayer):
         self.stops = Stops(team.names)
         self._configuration = link.configuration.token(ensemble.name)
         self._key = link.key(ensemble.name, "word")
-        self._offset: int | None = None
-        """The step of the episode at which the knowledge begins; None before the first step here."""
+        self.steps = Steps(self.knowledge, self._agents)
         self._first_tick: int | None = None
         self.stage = Stage.DECIDED
         self._step_at = 0, 0
         """The step that it decides on, and the time of its tick."""
         self._timer: Timer | None = None
-        self._last_step_of: dict[str, int] = {}
-        self._early: list[tuple[str, Experience]] = []
         self._did: int | None = None
         self._reported: set[tuple[str, str]] = set()
         self._problem: str | None = None
         self._symbol = self.ownership.idle[ensemble.agent]
-        self._sent = self._held_back = self._before = 0
+        self._sent = self._held_back = 0
 
     # -- Life ----------------------------------------------------------------------------------------------------
 
@@ -270,7 +348,10 @@ class CommunicatingLayer(TeamLayer):
 
     def pause(self) -> None:
         """Decide on nothing that was begun."""
-        self._shut()
+        self.stage = Stage.DECIDED
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
     # -- Episodes ------------------------------------------------------------------------------------------------
 
@@ -348,10 +429,9 @@ class CommunicatingLayer(TeamLayer):
 
     def _enter(self, episode: Episode) -> None:
         now = self.runtime.now()
-        self.episode, self._offset = episode, None
-        self._shut()
-        self._last_step_of.clear()
-        self._early.clear()
+        self.episode = episode
+        self.pause()
+        self.steps.leave()
         self._problem = None
         self.forget()
         decides = self._decides
@@ -376,7 +456,7 @@ class CommunicatingLayer(TeamLayer):
             return
         self.keep()
         if decided:
-            self._shut()
+            self.pause()
             self.process.run(running=False)
             self.ensemble.safety.stop(self.runtime.now())
             self._report_void_start(self.episode)
@@ -408,54 +488,24 @@ class CommunicatingLayer(TeamLayer):
         if self.refusal is not None or self.episode is None or not self._decides or tick.number < self.episode.origin:
             return
         self._decide()
-        step = tick.number - self.episode.origin
-        if self._offset is not None and step - self._step > _LONGEST_GAP:
-            self._offset = None
-        if self._offset is None:
-            self._arrive(step)
+        step, steps = tick.number - self.episode.origin, self.steps
+        if steps.begin is None or step - steps.present > _LONGEST_GAP:
+            early = steps.arrive(step, self.ensemble.controller.horizon)
+            self.forget()
+            for agent, experience in early:
+                self._receive(agent, (experience,))
         else:
-            self._go_on(step)
+            doing = self._doing()
+            [seen] = self._seen
+            super().forget()
+            if seen is None:
+                seen = self._symbol
+            elif self.ownership.hold[self.ensemble.agent]:
+                self._symbol = seen
+            steps.go_on(step, doing if doing == self._did else None, seen)
         self.stage, self._step_at = Stage.LISTENING, (step, tick.time)
-        self._share()
         self._timer = self.call_later(self.team.deadline, self._decide)
-        self._close()
-
-    @property
-    def _step(self) -> int:
-        """The step that this agent has come to."""
-        return self.knowledge.step + (self._offset or 0)
-
-    def _arrive(self, step: int) -> None:
-        """Come to the first step here, which is a later one for who comes late: it has not seen those before."""
-        horizon = self.ensemble.controller.horizon
-        unseen = min(step, _LONGEST_GAP) if horizon is None else step % horizon
-        self._offset = step - unseen
-        self.knowledge.start()
-        for _ in range(unseen):
-            self.knowledge.observe()
-        self.knowledge.unshared = ()
-        self.forget()
-        early, self._early = self._early, []
-        for agent, experience in early:
-            self._receive(agent, (experience,))
-
-    def _go_on(self, step: int) -> None:
-        """Go on to a step, with the observation and the action since the last one."""
-        doing = self._doing()
-        self.knowledge.act(doing if doing == self._did else None)
-        for _ in range(step - self._step - 1):
-            self.knowledge.observe()
-        self.knowledge.observe(self._observed())
-
-    def _observed(self) -> int | None:
-        place = self.ensemble.agent
-        [seen] = self._seen
-        super().forget()
-        if seen is None:
-            return self._symbol
-        if self.ownership.hold[place]:
-            self._symbol = seen
-        return seen
+        self._share()
 
     def _doing(self) -> int | None:
         """This agent's own component of the real action, by index; None where that is none of the model's."""
@@ -467,19 +517,17 @@ class CommunicatingLayer(TeamLayer):
             return self._did
         return self.knowledge.component
 
-    def _share(self) -> None:
-        """Ask the communication policy, and send its choice."""
+    def _share(self, _: None = None) -> None:
+        """Ask the communication policy, send its choice, and decide where nothing is to be waited for any more."""
         if self.stage is Stage.DECIDED:
             return
         self.stage = Stage.LISTENING
         assert self._first_tick is not None
-        assert self._offset is not None
-        history = self.knowledge.share((self.tick - self._first_tick) * (self.team.period or 0.0))
-        if history is not None:
-            offset = self._offset
+        shared = self.steps.share((self.tick - self._first_tick) * (self.team.period or 0.0))
+        if shared is not None:
             self._sent += 1
-            shared = tuple(Experience(e.step + offset, e.action, e.observation) for e in history.experiences)
             self._held_back += not self._send(shared)
+        self._close()
 
     def _close(self) -> None:
         """Decide, where nothing is to be waited for any more."""
@@ -489,7 +537,7 @@ class CommunicatingLayer(TeamLayer):
         if step and not getattr(self.team.communication, "silent", False):
             for agent in self._agents:
                 waited_for = agent != self.agent and agent in self.link.live
-                if waited_for and self._last_step_of.get(agent, 0) < step:
+                if waited_for and self.steps.last_of.get(agent, 0) < step:
                     return
         self._decide()
 
@@ -498,7 +546,7 @@ class CommunicatingLayer(TeamLayer):
         if self.stage is Stage.DECIDED:
             return
         step, time = self._step_at
-        self._shut()
+        self.pause()
         ensemble, controller = self.ensemble, self.ensemble.controller
         decided = self.knowledge.decide()
         if controller.problem is not None and controller.problem != self._problem:
@@ -507,14 +555,8 @@ class CommunicatingLayer(TeamLayer):
         self.process.announce(decided, time, "tick", self.knowledge.own.observed)
         self._did = self._doing()
         others = (agent for agent in self._agents if agent != self.agent)
-        missing = tuple(agent for agent in others if self._last_step_of.get(agent, 0) < step)
+        missing = tuple(agent for agent in others if self.steps.last_of.get(agent, 0) < step)
         self._publish_commit(step, missing, None, decided.action)
-
-    def _shut(self) -> None:
-        self.stage = Stage.DECIDED
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
 
     def _publish_commit(self, step: int, missing: tuple[str, ...], command: str | None, action: int | None) -> None:
         if self.commits is None or not self.commits.heard or self.episode is None:
@@ -529,10 +571,9 @@ class CommunicatingLayer(TeamLayer):
             }
         episode = self.episode
         term = (episode.number, episode.by, episode.origin)
-        self.publish_commit(term, step, inputs, missing, command, action=action, digest=self._digest())
-
-    def _digest(self) -> str:
-        return of_parts([self.process.snapshot()])
+        self.publish_commit(
+            term, step, inputs, missing, command, action=action, digest=of_parts([self.process.snapshot()])
+        )
 
     # -- Receiving -------------------------------------------------------------------------------------
 
@@ -542,7 +583,7 @@ class CommunicatingLayer(TeamLayer):
         except UNREADABLE as error:
             self.drop(sample, f"is no word: {error}")
             return
-        if (reason := self._is_impossible(word)) is not None:
+        if (reason := _is_impossible(word, self.team, self.runtime.now())) is not None:
             self.drop(sample, reason)
             return
         if word.configuration != self._configuration or self.refusal is not None:
@@ -557,54 +598,21 @@ class CommunicatingLayer(TeamLayer):
         if word.experiences and agent in self._agents:
             self._receive(agent, word.experiences)
 
-    def _is_impossible(self, word: Update) -> str | None:
-        """Return why an update cannot be, if it cannot."""
-        now, episode = self.runtime.now(), word.episode
-        assert self.team.period is not None
-        latest = next_tick(now + round((self.team.deadline + self.team.lease) * 1e9), 1 / self.team.period)
-        if not can_be(episode.number, now):
-            return f"is of episode {episode.number}, which cannot be yet"
-        if episode.by not in self.team.names:
-            return f"is of an episode that {episode.by!r} began, who is none of the team"
-        if episode.origin > latest:
-            return f"is of an episode that begins at tick {episode.origin}, more than a lease ahead"
-        if any(number > now + HOUR for stops in (word.stops, episode.stops) for number in stops.values()):
-            return "tells of a stop that cannot have been yet"
-        return None
-
     def _receive(self, agent: str, experiences: tuple[Experience, ...]) -> None:
         """Take the experiences that another agent shares."""
-        if self._offset is None:
-            self._early += ((agent, experience) for experience in experiences)
-            del self._early[:-_MOST_EARLY]
-            return
-        moved = tuple(
-            Experience(experience.step - self._offset, experience.action, experience.observation)
-            for experience in experiences
-        )
-        known = tuple(experience for experience in moved if experience.step >= 1)
-        self._before += len(moved) - len(known)
         try:
-            unapplied = self.knowledge.hear(SharedHistory(self._agents.index(agent), known))
+            counts, unapplied = self.steps.hear(agent, experiences)
         except ModelError as error:
             self.malformed += 1
             self._report_once("word", agent, f"{agent} says what cannot be: {error}")
             return
-        if unapplied and self.knowledge.own.problem is not None:
-            self._report_once(
-                "history", agent, f"not everything that {agent} said counts: {self.knowledge.own.problem}"
-            )
-        steps = [experience.step for experience in known if experience.step <= self.knowledge.step + 1]
-        if steps:
-            self._last_step_of[agent] = max(self._last_step_of.get(agent, 0), max(steps) + self._offset)
-        if self.stage is Stage.LISTENING and unapplied < len(known):
+        problem = self.knowledge.own.problem
+        if unapplied and problem is not None:
+            self._report_once("history", agent, f"not everything that {agent} said counts: {problem}")
+        if counts and self.stage is Stage.LISTENING:  # and the policy may answer, behind what else has just arrived
             self.stage = Stage.ANSWERING
-            turn: Subscription[None] = Subscription(None, self, self._on_heard)
+            turn: Subscription[None] = Subscription(None, self, self._share)
             self.runtime.dispatcher.deliver_behind(turn, None)
-
-    def _on_heard(self, _: None) -> None:
-        self._share()
-        self._close()
 
     def _report_once(self, kind: str, agent: str, text: str) -> None:
         if (kind, agent) not in self._reported:
@@ -621,17 +629,33 @@ class CommunicatingLayer(TeamLayer):
             **msgspec.structs.asdict(super().statistics()),
             role="refused" if self.refusal is not None else "joining" if episode is None else "talking",
             term=0 if episode is None else episode.number,
-            step=0 if self._offset is None else self._step,
-            digest=self._digest(),
+            step=self.steps.present,
+            digest=of_parts([self.process.snapshot()]),
             members=tuple(self.link.live),
             sent=self._sent,
             held=self._held_back,
-            heard=counts.heard + self._before,
+            heard=counts.heard + self.steps.before,
             late=counts.late,
-            too_late=counts.too_late + self._before,
+            too_late=counts.too_late + self.steps.before,
             refused=counts.too_early + counts.contradictory,
             malformed=self.malformed,
         )
+
+
+def _is_impossible(word: Update, team: Team, now: int) -> str | None:
+    """Return why an update cannot be, if it cannot."""
+    episode = word.episode
+    assert team.period is not None
+    latest = next_tick(now + round((team.deadline + team.lease) * 1e9), 1 / team.period)
+    if not can_be(episode.number, now):
+        return f"is of episode {episode.number}, which cannot be yet"
+    if episode.by not in team.names:
+        return f"is of an episode that {episode.by!r} began, who is none of the team"
+    if episode.origin > latest:
+        return f"is of an episode that begins at tick {episode.origin}, more than a lease ahead"
+    if any(number > now + HOUR for stops in (word.stops, episode.stops) for number in stops.values()):
+        return "tells of a stop that cannot have been yet"
+    return None
 
 
 def _check_options(ensemble: Ensemble, key: str) -> None:

@@ -83,7 +83,7 @@ def lose(robot, lost):
     say = talker._send
 
     def say_or_lose(experiences=()):
-        return bool(experiences and lost(talker._step, talker.ensemble.agent)) or say(experiences)
+        return bool(experiences and lost(talker.steps.present, talker.ensemble.agent)) or say(experiences)
 
     talker._send = say_or_lose
 

@@ -44,6 +44,7 @@ UNTESTED_ALONE = {
 """Modules that have no tests of their own, and where they are tested."""
 
 ACROSS = {
+    "same/test_same.py": "that the comparison of two commits sees where they differ",
     "chaos/test_chaos.py": "random systems under random faults",
     "chaos/test_processes.py": "robots as real processes that get signals",
     "chaos/test_planted.py": "that the scenarios find faults that are planted",

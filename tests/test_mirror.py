@@ -101,6 +101,7 @@ ACROSS = {
     "team/transport/test_renewed.py": "certificates that are made anew while sessions hold them",
     "cli/team/test_wrong_addresses.py": "teams whose files name addresses that are wrong",
     "cli/team/test_mapped_ports.py": "teams in networks of their own, behind mapped ports and routers",
+    "same/test_same.py": "the comparison of two commits",
     "test_ros.py": "a program of the pages, beside a robot of ROS",
     "test_solved.py": "the policies that tests start from",
     "test_benchmarks.py": "programs beside the package",

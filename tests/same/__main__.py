@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tarfile
 import tempfile
+from contextlib import ExitStack
 from itertools import zip_longest
 from pathlib import Path
 
@@ -56,18 +57,19 @@ def difference(before, after):
 
 def compared(part, trees, first, count):
     """Print what differs in a part; return how many seeds were compared, and how many differ."""
-    sides = [side(tree, part, first, count) for tree in trees]
     differ = seen = 0
-    for before, after in zip_longest(*(each.stdout for each in sides)):
-        if before is None or after is None:
-            raise SystemExit(f"same: a side of {part} has ended after {seen} seeds")
-        (seed, ours), (_, theirs) = json.loads(before), json.loads(after)
-        seen += 1
-        if said := difference(ours, theirs):
-            differ += 1
-            print(f"{part}, seed {seed}, {said}", flush=True)
-    if any(each.wait() for each in sides) or seen != count:
-        raise SystemExit(f"same: a side of {part} has failed after {seen} seeds")
+    with ExitStack() as stack:
+        sides = [stack.enter_context(side(tree, part, first, count)) for tree in trees]
+        for before, after in zip_longest(*(each.stdout for each in sides)):
+            if before is None or after is None:
+                raise SystemExit(f"same: a side of {part} has ended after {seen} seeds")
+            (seed, ours), (_, theirs) = json.loads(before), json.loads(after)
+            seen += 1
+            if said := difference(ours, theirs):
+                differ += 1
+                print(f"{part}, seed {seed}, {said}", flush=True)
+        if any(each.wait() for each in sides) or seen != count:
+            raise SystemExit(f"same: a side of {part} has failed after {seen} seeds")
     return seen, differ
 
 

@@ -25,7 +25,6 @@ UNTESTED_ALONE = {
     "actors/layer.py": "a base: its layers are tested",
     "team/centralised/messages.py": "declares messages: the leader and its followers are tested",
     "cli/records/shown.py": "with the verbs that show a record: test_page, test_watch",
-    "snapshots/scene.py": "declares types alone",
     "snapshots/frame.py": "declares types alone",
     "cli/map/floor.py": "with the verbs that load a floor: test_check",
     "cli/map/drawing.py": "with the verbs that draw: test_check, test_show",

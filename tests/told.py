@@ -8,7 +8,7 @@ import msgspec
 from served import TOKEN
 
 from mdm.snapshots import EnsembleFrame, Frame, RecordedRun, Ring, Scene
-from mdm.snapshots.scene import EnsembleScene, PredicateScene
+from mdm.snapshots.frame import EnsembleScene, PredicateScene
 from mdm.version import __version__
 from mdm.views.web import PageServer
 

@@ -485,6 +485,14 @@ class Controller:
         action = self.last_action
         return Step(self.epoch - 1, action, self._name(action), None, None, at, self._past).case(last)
 
+    @property
+    def observed(self) -> Any:
+        """The observation that the last decision took in, by index or components; None where it took in none."""
+        for epoch, _, observed in reversed(self._past.updates):
+            if epoch < self.epoch:
+                return observed if epoch == self.epoch - 1 else None
+        return None
+
     def continue_at(self, epoch: int) -> None:
         """Count the next decision as that of an epoch; what was before is not known then.
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from mdm.snapshots.events import Event, Ring
-from mdm.snapshots.frame import Detail, EnsembleFrame, Frame
+from mdm.snapshots.frame import Detail, EnsembleFrame, Frame, Scene
 from mdm.snapshots.live import LiveRun
 from mdm.snapshots.recorded import RecordedRun
-from mdm.snapshots.scene import Scene
 
 __all__ = ["Detail", "EnsembleFrame", "Event", "Frame", "LiveRun", "RecordedRun", "Ring", "Scene"]

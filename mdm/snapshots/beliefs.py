@@ -15,13 +15,15 @@ if TYPE_CHECKING:
     from mdm.models import Space
     from mdm.models.matrices import Vector
 
-__all__ = ["belief_frame", "grid_factors"]
+__all__ = ["belief_frame", "chances_of", "grid_factors", "likeliest"]
 
 _TOP = 12
 """States that are shown by name."""
 _SYMBOLS = 24
 """Symbols of a factor that are shown."""
 _CELLS = 4_096
+_SEARCHED = 10_000
+"""States up to which a belief is searched for its likeliest one, which costs their number."""
 _ROWS = frozenset({"y", "row", "rows"})
 _COLUMNS = frozenset({"x", "column", "columns", "col"})
 
@@ -35,13 +37,13 @@ def belief_frame(current: Any, space: Space | None) -> BeliefFrame | None:
         current: S numbers, or a `Support`.
         space: The states, where they have names.
     """
-    if isinstance(current, Support):
-        states, chances = np.asarray(current.states), np.asarray(current.probabilities, dtype=np.float64)
-        size = len(space) if space is not None else int(states.max(initial=0)) + 1
-    elif isinstance(current, np.ndarray) and current.ndim == 1 and current.dtype.kind == "f":
-        states, chances, size = np.flatnonzero(current), current[current != 0], len(current)
-    else:
+    found = chances_of(current)
+    if found is None:
         return None
+    states, chances = found
+    size = len(current) if isinstance(current, np.ndarray) else int(states.max(initial=0)) + 1
+    if space is not None and isinstance(current, Support):
+        size = len(space)
     if not len(states) or (space is not None and len(space) != size):
         return None
     most = np.argpartition(-chances, _TOP)[:_TOP] if len(chances) > _TOP else np.arange(len(chances))
@@ -58,6 +60,26 @@ def belief_frame(current: Any, space: Space | None) -> BeliefFrame | None:
         marginals=marginals,
         grid=grid,
     )
+
+
+def chances_of(current: Any) -> tuple[Any, Vector] | None:
+    """Return the states of a belief that are possible, with their probabilities; None where it is no belief."""
+    if isinstance(current, Support):
+        return np.asarray(current.states), np.asarray(current.probabilities, dtype=np.float64)
+    if isinstance(current, np.ndarray) and current.ndim == 1 and current.dtype.kind == "f":
+        return np.flatnonzero(current), current[current != 0]
+    return None
+
+
+def likeliest(current: Any) -> tuple[int, float] | None:
+    """Return the likeliest state of a belief with its probability; None where it is none, or too large to search."""
+    if isinstance(current, np.ndarray) and current.size > _SEARCHED:
+        return None
+    states, chances = chances_of(current) or ((), ())
+    if not 0 < len(chances) <= _SEARCHED:
+        return None
+    place = int(np.argmax(chances))
+    return int(states[place]), float(chances[place])
 
 
 def _short(chance: Any) -> float:

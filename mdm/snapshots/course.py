@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from mdm.beliefs import Support
+from mdm.snapshots.beliefs import chances_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -109,12 +109,10 @@ def course_of(
 
 def _likeliest(current: Any) -> dict[int, float] | None:
     """Return the likeliest states of a belief with their probabilities; None where it is no belief."""
-    if isinstance(current, Support):
-        states, chances = np.asarray(current.states), np.asarray(current.probabilities, dtype=np.float64)
-    elif isinstance(current, np.ndarray) and current.ndim == 1 and current.dtype.kind == "f":
-        states, chances = np.flatnonzero(current), current[current != 0]
-    else:
+    found = chances_of(current)
+    if found is None:
         return None
+    states, chances = found
     if len(chances) > _KEPT:
         most = np.argpartition(-chances, _KEPT)[:_KEPT]
         states, chances = states[most], chances[most]

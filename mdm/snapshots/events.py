@@ -8,10 +8,16 @@ from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
+from mdm.faults import KINDS as FAULTS
+from mdm.messages import ActionLife, Idle, Mode
 
-__all__ = ["KINDS", "Event", "Ring", "value_of"]
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from mdm.messages import Fault
+    from mdm.snapshots.spells import Told
+
+__all__ = ["KINDS", "Event", "Ring", "event_of", "predicate_event", "remedy_of", "spell_event", "value_of"]
 
 Kind = Literal["mode", "fault", "idle", "life", "decision", "predicate", "odd"]
 
@@ -65,6 +71,36 @@ class Event(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
     at: str = ""
 
 
+def remedy_of(kind: str) -> str:
+    """Return what to do about a kind of fault; empty where it is none of the library's."""
+    return FAULTS[kind].remedy if kind in FAULTS else ""
+
+
+def event_of(message: ActionLife | Mode | Idle | Fault, seconds: Callable[[int], float]) -> Event:
+    """Return a message as an event, which has no number yet."""
+    time = seconds(message.time)
+    if isinstance(message, ActionLife):
+        about = message.detail, message.status, message.life
+        return Event(0, time, "life", message.ensemble, message.action, *about)
+    if isinstance(message, Mode):
+        causes = "; ".join(f"{cause.kind}: {cause.detail}" for cause in message.causes)
+        return Event(0, time, "mode", message.ensemble, message.mode, causes)
+    if isinstance(message, Idle):
+        status = "idle" if message.idle else "busy"
+        return Event(0, time, "idle", message.ensemble, message.action, "intended" * message.intended, status)
+    return Event(0, time, "fault", message.source, message.kind, message.detail, remedy=remedy_of(message.kind))
+
+
+def predicate_event(time: float, manager: str, name: str, value: bool | None) -> Event:
+    """Return the change of a predicate, of a manager's path, as an event, which has no number yet."""
+    return Event(0, time, "predicate", manager, name, status=value_of(value))
+
+
+def spell_event(path: str, told: Told, seconds: Callable[[int], float]) -> Event:
+    """Return that something begins to look odd of an ensemble, or is over, as an event, which has no number yet."""
+    return Event(0, seconds(told.time), "odd", path, told.rule, told.text, told.status, told.number)
+
+
 class Ring:
     """Keeps the newest events of each kind, so that many decisions leave room for the faults before them.
 
@@ -78,9 +114,13 @@ class Ring:
 
     def add(self, time: float, kind: Kind, source: str, name: str, **more: object) -> None:
         """Keep an event; in place of the oldest one of its kind, where there are too many."""
+        self.keep(Event(0, time, kind, source, name, **more))  # type: ignore[arg-type]
+
+    def keep(self, event: Event) -> None:
+        """Keep an event under the next number."""
         self.number += 1
-        event = Event(self.number, time, kind, source, name, **more)  # type: ignore[arg-type]
-        self._kept[kind].append((self.number, event, self._encode(event)))
+        event = msgspec.structs.replace(event, number=self.number)
+        self._kept[event.kind].append((self.number, event, self._encode(event)))
 
     def __iter__(self) -> Iterator[Event]:
         return (event for _, event, _ in merge(*self._kept.values()))

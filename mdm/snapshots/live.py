@@ -1,7 +1,7 @@
-"""Snapshots of a running system, read between turns: no decision waits for more than one of them.
+"""A running system as a source of snapshots: what its reducer is fed with, and what is asked of the actors besides.
 
-Nothing subscribes to what decisions publish, which would cost each of them: decisions are counted, and the last one is
-read. Modes, faults, idleness and actions that last are rare, and each of them is heard.
+Nothing subscribes to what decisions publish, which would cost each of them: between turns decisions are counted, and
+the last one is read. Modes, faults, idleness and actions that last are rare, and each of them is heard.
 """
 
 from __future__ import annotations
@@ -9,43 +9,34 @@ from __future__ import annotations
 import asyncio
 import time as times
 from bisect import bisect_left
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from mdm.actors import Ensemble, EnsembleStatus, PredicateManager
-from mdm.errors import Error, ModelError
-from mdm.faults import KINDS
+from mdm.actors import Ensemble, PredicateManager
+from mdm.errors import Error
 from mdm.maps.places import Places
-from mdm.messages import Action, ActionLife, Observation, Progress, Reward, State
+from mdm.messages import Action, ActionLife, Decision, Idle, Mode, Observation, Progress, Reward, State
 from mdm.runtime.actor import descendants
-from mdm.snapshots.beliefs import belief_frame, grid_factors
-from mdm.snapshots.causes import cause_in_words, changes, wired
-from mdm.snapshots.events import Ring, value_of
-from mdm.snapshots.floors import floors_of, robot_frame
-from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, Frame, LifeFrame, Spread, StatisticsFrame
-from mdm.snapshots.lookout import Lookout
-from mdm.snapshots.observations import at_state, observed, on_observing
-from mdm.snapshots.scene import EnsembleScene, FactorScene, PredicateScene, Scene
+from mdm.snapshots.events import Ring, event_of, predicate_event, spell_event
+from mdm.snapshots.frame import Detail, EnsembleFrame, Frame, LifeFrame, PredicateScene, Scene, Spread, StatisticsFrame
+from mdm.snapshots.reducer import EnsembleReducer, known_of
+from mdm.snapshots.scenes import ensembles_of, floors_of, robot_frame
 from mdm.snapshots.why import Why, case_of, why
+from mdm.snapshots.words import valued
 from mdm.team import Member
 from mdm.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Sequence
+    from collections.abc import Callable, Collection
 
-    from mdm.messages import Fault, Idle, Mode
-    from mdm.models import Space
-    from mdm.runtime import Actor, Histogram, Runtime
+    from mdm.messages import Fault
+    from mdm.runtime import Histogram, Runtime
     from mdm.runtime.channel import Subscription
+    from mdm.snapshots.spells import Told
 
-__all__ = ["LiveRun", "expected_return", "factors_of", "remedy_of"]
+__all__ = ["LiveRun"]
 
-_LISTED = 64
-"""Symbols of a factor that are listed in a scene."""
-_VALUED = 10_000
-"""States up to which the policy is asked for its value."""
 _SECOND = 1_000_000_000
 _encode = msgspec.json.Encoder().encode
 _UNSEEN: Any = object()
@@ -62,121 +53,135 @@ several times a second, where a thousand ensembles decide all the time.
 """
 
 
-def remedy_of(kind: str) -> str:
-    """Return what to do about a kind of fault; empty where it is none of the library's."""
-    return KINDS[kind].remedy if kind in KINDS else ""
-
-
-def factors_of(space: Space | None, ensemble: Ensemble | None = None) -> tuple[FactorScene, ...]:
-    """Return the factors of a space of states as a scene has them, and the predicates of an ensemble that tell them."""
-    layer = None if ensemble is None else ensemble.state
-    if space is None:  # of a policy without a model: the factors as they are wired
-        wired = [] if layer is None else [(each.name, tuple(each.predicates)) for each in layer.factors]
-        return tuple([FactorScene(name, (), told if len(told) <= _LISTED else ()) for name, told in wired])
-    told_by = {} if layer is None else {each.name: tuple(each.predicates) for each in layer.factors}
-    return tuple(
-        [
-            FactorScene(each.name, tuple(each.names), told_by.get(each.name, ()))
-            if len(each) <= _LISTED
-            else FactorScene(each.name, ())
-            for each in space.factors
-        ]
-    )
-
-
 class _Ensemble:
-    """An ensemble, and its last frame for as long as nothing changes."""
+    """An ensemble, what feeds its reducer, and its last frame for as long as nothing changes."""
 
     __slots__ = (
         "_frame",
         "_key",
+        "_repeats",
+        "_rewards",
+        "_searches",
+        "_waiting",
         "actions",
-        "believed",
-        "cause",
-        "decided",
         "decisions",
         "detail",
+        "encoded",
         "ensemble",
-        "lookout",
         "path",
+        "reducer",
         "stale",
         "urgent",
-        "wired",
     )
 
-    def __init__(self, ensemble: Ensemble, lookout: Lookout) -> None:
+    def __init__(self, ensemble: Ensemble, reducer: EnsembleReducer) -> None:
+        controller = ensemble.controller
         self.ensemble = ensemble
-        self.lookout = lookout
+        self.reducer = reducer
+        self.path = ensemble.path
         self.stale = True
         self.urgent = False
-        self.path = ensemble.path
         self.actions = ensemble.channel("action", Action)
-        self.decisions = 0  # the first picture tells those so far, by the last of them
-        self.cause = ""  # of the last decision, in words
-        self.decided: Action | None = None  # the last decision that was seen
-        self.wired = wired(ensemble)
-        self.detail: tuple[Any, Detail] | None = None
-        self.believed: tuple[Any, Any] | None = None
+        self._rewards = ensemble.channel("reward", Reward, retain=True)
+        # The first picture tells those so far, by the last of them; that of one that has come back, those since then.
+        known = reducer.decisions.entries
+        self.decisions = known[-1].total if known else 0
+        self.detail: tuple[tuple[Any, ...], Detail] | None = None
+        self.encoded = msgspec.Raw(b"")
+        status = ensemble.status()
+        self._repeats = status.repeats if known else 0
+        self._searches = status.searches
+        self._waiting: tuple[str, ...] | None = None
         self._key: tuple[Any, ...] = ()
         self._frame: EnsembleFrame | None = None
+        reducer.known = known_of(ensemble, controller=controller)
 
-    def frame(self, seconds: Callable[[int], float], now: float) -> EnsembleFrame:
+    def decision(self) -> bool:
+        """Take the last decision, if it is a new one; return whether it is."""
+        ensemble = self.ensemble
+        last: Any = self.actions.last  # none where the ensemble has ended, and begun once more
+        decisions = self.actions.published
+        if last is None or self.decisions == decisions:
+            return False
+        controller, status = ensemble.controller, ensemble.status()
+        cause, repeats, self._waiting = status.cause, status.repeats, status.waiting
+        reward: Any = self._rewards.last
+        foreign = cause == "team"
+        observation = None if foreign or controller.takes == "state" else self._taken_in(cause)
+        decision = Decision(
+            *(last.time, self.path, last.epoch, cause, None if foreign else last.state, observation),
+            None if observation is None else controller.decided_by,
+            *(last.index, ensemble.joint_name(last.index)),
+            None if reward is None or reward.epoch != last.epoch else reward.value,
+        )
+        self.reducer.add(decision, decisions - self.decisions, repeats - self._repeats)
+        self.decisions, self._repeats = decisions, repeats
+        return True
+
+    def _taken_in(self, cause: str) -> Any:
+        """Return the observation that the last decision took in, by index or components; None where it took in none."""
+        observation = self.ensemble.controller.observed
+        seen: Any = self.ensemble.channel("observation", Observation).last
+        if isinstance(observation, frozenset):  # those that agree with its components
+            return tuple(seen.values)
+        if observation is None and cause == "observation" and seen is not None:  # which has begun an episode
+            return tuple(seen.values) if seen.index is None else seen.index
+        return observation
+
+    def missed(self, now: int, *, lost: bool) -> list[Mode | Idle | ActionLife]:
+        """Return what would have been heard of the ensemble: before anybody looked, or where a message was lost."""
+        ensemble, reducer = self.ensemble, self.reducer
+        status = ensemble.status()
+        since = status.idle_since
+        found: list[Mode | Idle | ActionLife] = []
+        mode = reducer.modes.at(now)
+        known = ("stopped", ()) if mode is None else (mode.mode, mode.causes)
+        if (lost or mode is None) and known != (status.mode, status.causes):
+            time = status.since if mode is None else now
+            found.append(Mode(time, self.path, status.mode, status.since, status.causes))
+        idle = reducer.idles.at(now)
+        if (idle is not None and idle.idle) != (since is not None):
+            time = since if since is not None and idle is None else now
+            found.append(Idle(time, self.path, since is not None, since or now, "", intended=False))
+        lives = ensemble.action.lives
+        living = {life.number: life for life in lives.living if life not in lives.replaced}
+        for number in reducer.living - living.keys():
+            reducer.lose(number, now)
+        for number in living.keys() - reducer.living:
+            life = living[number]
+            time = life.action.time if reducer.heard is None else now
+            found.append(ActionLife(time, self.path, number, life.name, "running"))
+        reducer.heard = now
+        return sorted(found, key=lambda message: message.time)
+
+    def frame(self, seconds: Callable[[int], float], now: int) -> EnsembleFrame:
         """Return how the ensemble is."""
         self.stale = self.urgent = False
-        ensemble = self.ensemble
-        self.lookout.observe()
-        status = ensemble.status()
-        odd, living = self.lookout.look(now, status), ensemble.action.lives.living
-        if self._frame is None or (status, living, odd) != self._key:
-            self._key, self._frame = (status, living, odd), self._made(seconds, status, living, odd)
+        reducer = self.reducer
+        waiting = self.ensemble.waiting if self._waiting is None else self._waiting
+        self._waiting = None
+        key = (reducer.version, waiting, reducer.odd_now(now))
+        if self._frame is None or key != self._key:
+            self._key = key
+            self._frame = reducer.frame(now, seconds, key[2], waiting)
+            self.encoded = msgspec.Raw(_encode(self._frame))
         return self._frame
 
-    def look_at_cause(self, action: Action, count: int) -> str:
-        """Return why the last decision was made then, in words, and take it as the one before the next.
-
-        Args:
-            action: The decision.
-            count: How many there were since the last one that was seen.
-        """
-        ensemble = self.ensemble
-        before, self.decided = self.decided if count == 1 else None, action
-        changed, ended = "", None
-        if before is not None:
-            changed = changes(self.wired, before.state, action.state)
-            ended = self.lookout.ended
-            if ended is not None and ended.action != self.ensemble.joint_name(before.index):
-                ended = None  # of a plain function nothing is heard
-        cause = ensemble.status().cause
-        self.cause = cause_in_words(cause, observed=self.lookout.latest, changed=changed, ended=ended)
-        return self.cause
-
-    def decided_at(self, action: Action) -> str:
-        """Return the state or observation of a decision, by name; empty where neither is known."""
-        if self.ensemble.controller.takes != "state" or action.state is None:
-            return on_observing(self.lookout.latest)
-        return at_state(self.ensemble.controller.symbols.state_space, action.state)
-
-    def _made(
-        self,
-        seconds: Callable[[int], float],
-        status: EnsembleStatus,
-        living: Iterable[Any],
-        odd: tuple[str, ...],
-    ) -> EnsembleFrame:
-        since = status.idle_since
-        last: Action | None = self.actions.last  # type: ignore[assignment]
-        return EnsembleFrame(
-            mode=status.mode,
-            since=seconds(status.since),
-            causes=tuple([CauseFrame(c.kind, c.detail, seconds(c.since), remedy_of(c.kind)) for c in status.causes]),
-            waiting=status.waiting,
-            idle=None if since is None else seconds(since),
-            live=tuple([LifeFrame(life.name, seconds(life.action.time)) for life in living]),
-            epoch=-1 if last is None else last.epoch,
-            action="" if last is None else self.ensemble.joint_name(last.index),
-            decisions=status.decisions,
-            odd=odd,
-        )
+    def look_closely(self, seconds: Callable[[int], float], now: int) -> Detail:
+        """Return the ensemble at close range; the same for as long as nothing changes."""
+        ensemble, controller = self.ensemble, self.ensemble.controller
+        state: Any = ensemble.channel("state", State, retain=True).last
+        current = controller.decided_by if controller.takes != "state" else None
+        key = (self.reducer.version, state, current)
+        before = self.detail
+        if before is None or key[0] != before[0][0] or state is not before[0][1] or current is not before[0][2]:
+            space = controller.symbols.state_space
+            factors: tuple[tuple[str, str | None], ...] = ()
+            if space is not None and state is not None and len(state.values) == len(space.factors):
+                factors = valued(space, state.values)
+            search = _searched(ensemble.layer_statistics()["planner"]) if self._searches else ""
+            self.detail = before = key, self.reducer.detail(now, seconds, current, factors=factors, search=search)
+        return before[1]
 
 
 class LiveRun:
@@ -200,20 +205,20 @@ class LiveRun:
         self._epoch = runtime.now()
         self._began = times.time_ns()
         self._seen = -1
-        self._ensembles: list[_Ensemble] = []
+        self._lost = 0
+        self._reducers: dict[str, EnsembleReducer] = {}
         self._by_path: dict[str, _Ensemble] = {}
+        self._ensembles: list[_Ensemble] = []
         self._place_of: dict[str, int] = {}
         self._frames: list[EnsembleFrame] = []
-        self._encoded: list[msgspec.Raw] = []
         self._turn = self._next = 0
         self._turned = self._epoch
         self._managers: list[PredicateManager] = []
-        self._predicates: list[PredicateScene] = []
         self._owners: list[tuple[PredicateManager, str]] = []
-        self._places: list[Places] = []
-        self._members: list[Member] = []
         self._values: tuple[Any, ...] = ()
         self._changed: list[float] = []
+        self._places: list[Places] = []
+        self._members: list[Member] = []
         self._counted = -_SECOND
         self._statistics: StatisticsFrame | None = None
         self._summed: tuple[int, int] | None = None
@@ -241,47 +246,47 @@ class LiveRun:
             each.ensemble.action.observer = None
 
     def _seconds(self, time: int) -> float:
-        return round((time - self._epoch) / 1e9, 6)
+        return (time - self._epoch) / 1e9
 
     @property
     def now(self) -> float:
         """Seconds since the run's second 0."""
         return self._seconds(self._runtime.now())
 
-    def _is_stale(self, path: str) -> None:
-        if (found := self._by_path.get(path)) is not None:
-            found.stale = found.urgent = True
+    # -- What the reducers are fed with --------------------------------------------------------------------------
 
-    # -- Events --------------------------------------------------------------------------------------------------
+    def _reducer(self, path: str) -> EnsembleReducer:
+        found = self._reducers.get(path)
+        if found is None:
+            found = self._reducers[path] = EnsembleReducer(path, self._on_odd, whole=False)
+        return found
+
+    def _take(self, message: Mode | Idle | ActionLife, *, urgent: bool) -> None:
+        self.ring.keep(event_of(message, self._seconds))
+        self._reducer(message.ensemble).add(message)
+        if (found := self._by_path.get(message.ensemble)) is not None:
+            found.stale = True
+            found.urgent = found.urgent or urgent
 
     def _on_mode(self, mode: Mode) -> None:
-        causes = "; ".join(f"{cause.kind}: {cause.detail}" for cause in mode.causes)
-        self.ring.add(self._seconds(mode.time), "mode", mode.ensemble, mode.mode, detail=causes)
-        self._is_stale(mode.ensemble)
-
-    def _on_fault(self, fault: Fault) -> None:
-        remedy = remedy_of(fault.kind)
-        self.ring.add(self._seconds(fault.time), "fault", fault.source, fault.kind, detail=fault.detail, remedy=remedy)
+        self._take(mode, urgent=True)
 
     def _on_idle(self, idle: Idle) -> None:
-        status = "idle" if idle.idle else "busy"
-        detail = "intended" if idle.intended else ""
-        self.ring.add(self._seconds(idle.since), "idle", idle.ensemble, idle.action, status=status, detail=detail)
-        self._is_stale(idle.ensemble)
+        self._take(idle, urgent=True)
 
     def _on_life(self, life: ActionLife) -> None:
-        self.ring.add(
-            *(self._seconds(life.time), "life", life.ensemble, life.action),
-            detail=life.detail,
-            status=life.status,
-            life=life.life,
-        )
-        if (found := self._by_path.get(life.ensemble)) is not None:
-            found.lookout.hear(life)
-            found.stale = True
+        self._take(life, urgent=False)
 
-    def _on_odd(self, path: str, time: float, rule: str, status: str, number: int, text: str) -> None:
-        self.ring.add(time, "odd", path, rule, detail=text, status=status, life=number)
+    def _on_fault(self, fault: Fault) -> None:
+        self.ring.keep(event_of(fault, self._seconds))
+
+    def _on_odd(self, path: str, told: Told) -> None:
+        self.ring.keep(spell_event(path, told, self._seconds))
+
+    def _catch_up(self, ensembles: list[_Ensemble], now: int, *, lost: bool) -> None:
+        for each in ensembles:
+            for message in each.missed(now, lost=lost):
+                self._take(message, urgent=True)
 
     # -- The scene -----------------------------------------------------------------------------------------------
 
@@ -299,24 +304,22 @@ class LiveRun:
         actors = [actor for actor in descendants(runtime.root) if actor.life in {"running", "restarting", "stopping"}]
         ensembles = [actor for actor in actors if isinstance(actor, Ensemble)]
         if [each.ensemble for each in self._ensembles] != ensembles:
+            now = runtime.now()
             met = {id(each.ensemble): each for each in self._ensembles}
             self._ensembles = [met.get(id(ensemble)) or self._met(ensemble) for ensemble in ensembles]
             self._by_path = {each.path: each for each in self._ensembles}
             self._place_of = {each.path: place for place, each in enumerate(self._ensembles)}
-            self._frames = [each.frame(self._seconds, self.now) for each in self._ensembles]
-            self._encoded = [msgspec.Raw(_encode(frame)) for frame in self._frames]
+            self._catch_up([each for each in self._ensembles if id(each.ensemble) not in met], now, lost=False)
+            self._frames = [each.frame(self._seconds, now) for each in self._ensembles]
         self._managers = [actor for actor in actors if isinstance(actor, PredicateManager)]
         self._places = [actor for actor in actors if isinstance(actor, Places)]
         self._members = [actor for actor in actors if isinstance(actor, Member)]
-        known = {
-            (id(manager), name): (value, changed)
-            for (manager, name), value, changed in zip(self._owners, self._values, self._changed, strict=True)
-        }
+        known = dict(zip(self._owners, zip(self._values, self._changed, strict=True), strict=True))
         self._owners = [(manager, name) for manager in self._managers for name in manager.values()]
-        found = [known.get((id(manager), name), (_UNSEEN, self.now)) for manager, name in self._owners]
+        found = [known.get(owner, (_UNSEEN, self.now)) for owner in self._owners]
         self._values = tuple([value for value, _ in found])
         self._changed = [changed for _, changed in found]
-        scene = self._made_scene(ensembles)
+        scene = self._made_scene()
         if scene != self._scene:
             self._scene = scene
             self.generation += 1
@@ -324,15 +327,20 @@ class LiveRun:
 
     def _met(self, ensemble: Ensemble) -> _Ensemble:
         ensemble.action.observer = self._guard(self._on_life)
-        lookout = Lookout(ensemble, self._seconds, partial(self._on_odd, ensemble.path))
-        for life in ensemble.action.lives.living:  # which began before this was known
-            time = self._seconds(life.action.time)
-            self.ring.add(time, "life", ensemble.path, life.name, status="running", life=life.number)
-            lookout.hear(ActionLife(life.action.time, ensemble.path, life.number, life.name, "running"))
-        return _Ensemble(ensemble, lookout)
+        return _Ensemble(ensemble, self._reducer(ensemble.path))
 
-    def _made_scene(self, ensembles: list[Ensemble]) -> Scene:
+    def _made_scene(self) -> Scene:
         several = len(self._managers) > 1
+        predicates = [
+            PredicateScene(
+                f"{manager.path}/{name}" if several else name,
+                manager.declared.definition(name),
+                name in manager.settable,
+            )
+            for manager, name in self._owners
+        ]
+        ensembles = {each.path: each.ensemble for each in self._ensembles}
+        spaces = {path: ensemble.controller.symbols.state_space for path, ensemble in ensembles.items()}
         return Scene(
             version=__version__,
             source="live",
@@ -340,17 +348,8 @@ class LiveRun:
             began=self._began,
             first=0.0,
             last=0.0,
-            ensembles=tuple(_scenes(ensembles)),
-            predicates=tuple(
-                [
-                    PredicateScene(
-                        f"{manager.path}/{name}" if several else name,
-                        manager.declared.definition(name),
-                        name in manager.settable,
-                    )
-                    for manager, name in self._owners
-                ]
-            ),
+            ensembles=ensembles_of(ensembles, spaces, {}),
+            predicates=tuple(predicates),
             floors=tuple([floor for places in self._places for floor in floors_of(places)]),
             control=self._control,
         )
@@ -365,42 +364,29 @@ class LiveRun:
         """
         self._look_around()
         now = self._runtime.now()
-        seconds = self._seconds(now)
+        if self._lost != self._guard.lost:
+            self._lost = self._guard.lost
+            self._catch_up(self._ensembles, now, lost=True)
         for place in self._due(now, close):
             each = self._ensembles[place]
-            frame = each.frame(self._seconds, seconds)
-            if frame is not self._frames[place]:
-                self._frames[place], self._encoded[place] = frame, msgspec.Raw(_encode(frame))
-            last: Any = each.actions.last  # none where the ensemble has ended, and begun once more
-            if each.decisions != frame.decisions and last is not None:
-                count = frame.decisions - each.decisions
-                cause = each.look_at_cause(last, count)
-                self.ring.add(
-                    *(self._seconds(last.time), "decision", each.path, frame.action),
-                    detail=cause,
-                    life=frame.epoch,
-                    count=count,
-                    at="" if each.ensemble.status().cause == "observation" else each.decided_at(last),
-                )
-                each.decisions = frame.decisions
+            if each.decision():
+                place_of = len(each.reducer.decisions.times) - 1
+                self.ring.keep(each.reducer.decision_event(place_of, self._seconds))
+            self._frames[place] = each.frame(self._seconds, now)
         self._look_at_predicates(now)
         if now - self._counted >= _SECOND:
             self._counted = now
             self._statistics = self._count(close)
             self._team = {} if not self._members else _teams(self._members)
+        near = [self._by_path[path] for path in close if path in self._by_path]
+        robots = [robot_frame(places, places.pose, places.heading_for) for places in self._places]
         return Frame(
             time=self._seconds(now),
             ensembles=tuple(self._with_progress(self._frames)),
             predicates=self._values,
             changed=tuple(self._changed),
-            details={path: self._detail(self._by_path[path]) for path in close if path in self._by_path},
-            robots=tuple(
-                [
-                    robot
-                    for places in self._places
-                    if (robot := robot_frame(places, places.pose, places.heading_for)) is not None
-                ]
-            ),
+            details={each.path: each.look_closely(self._seconds, now) for each in near},
+            robots=tuple([robot for robot in robots if robot is not None]),
             statistics=self._statistics,
             team=self._team,
         )
@@ -412,9 +398,9 @@ class LiveRun:
             close: The paths of ensembles that are looked at closely.
         """
         frame = self.frame(close)
-        pairs = zip(frame.ensembles, self._frames, self._encoded, strict=True)
-        ensembles: Any = tuple([kept if one is two else msgspec.Raw(_encode(one)) for one, two, kept in pairs])
-        return _encode(msgspec.structs.replace(frame, ensembles=ensembles))
+        pairs = zip(frame.ensembles, self._frames, self._ensembles, strict=True)
+        kept: Any = tuple([of.encoded if one is two else msgspec.Raw(_encode(one)) for one, two, of in pairs])
+        return _encode(msgspec.structs.replace(frame, ensembles=kept))
 
     def _due(self, now: int, close: Collection[str]) -> Collection[int]:
         """Return the places of the ensembles to look at: changed, close, or due for their turn; of few, all."""
@@ -441,15 +427,16 @@ class LiveRun:
     def _look_at_predicates(self, now: int) -> None:
         known = {id(manager): manager.values() for manager in self._managers}
         values = tuple([known[id(manager)].get(name) for manager, name in self._owners])
-        if values != self._values:
-            assert self._scene is not None
-            seconds = self._seconds(now)
-            for place, (value, before) in enumerate(zip(values, self._values, strict=True)):
-                if value is not before:
-                    self._changed[place] = seconds
-                    name = self._scene.predicates[place].name
-                    self.ring.add(seconds, "predicate", self._owners[place][0].path, name, status=value_of(value))
-            self._values = values
+        if values == self._values:
+            return
+        assert self._scene is not None
+        seconds = self._seconds(now)
+        for place, (value, before) in enumerate(zip(values, self._values, strict=True)):
+            if value is not before:
+                self._changed[place] = seconds
+                name = self._scene.predicates[place].name
+                self.ring.keep(predicate_event(seconds, self._owners[place][0].path, name, value))
+        self._values = values
 
     def _with_progress(self, frames: list[EnsembleFrame]) -> list[EnsembleFrame]:
         """Say how far a drive is, where one alone is under way that tells it."""
@@ -468,47 +455,6 @@ class LiveRun:
             lives = (*frame.live[:-1], LifeFrame(frame.live[-1].action, frame.live[-1].since, remaining))
             frames[leaf[-1]] = msgspec.structs.replace(frame, live=lives)
         return frames
-
-    def _detail(self, each: _Ensemble) -> Detail:
-        ensemble = each.ensemble
-        state: Any = ensemble.channel("state", State, retain=True).last
-        observation: Any = ensemble.channel("observation", Observation).last
-        action: Any = each.actions.last
-        current = ensemble.controller.decided_by
-        key = (state, observation, action, current)
-        if each.detail is not None and all(one is two for one, two in zip(key, each.detail[0], strict=True)):
-            return each.detail[1]
-        detail = self._made_detail(each, *key)
-        each.detail = key, detail
-        return detail
-
-    def _made_detail(self, each: _Ensemble, state: Any, observation: Any, action: Any, current: Any) -> Detail:
-        controller = each.ensemble.controller
-        symbols, space = controller.symbols, controller.symbols.state_space
-        reward: Any = each.ensemble.channel("reward", Reward, retain=True).last
-        believed = None
-        if controller.takes != "state":
-            if each.believed is None or each.believed[0] is not current:
-                each.believed = current, belief_frame(current, space)
-            believed = each.believed[1]
-        decided_on = controller.takes == "state" and action is not None and action.state is not None
-        return Detail(
-            state=None if not decided_on else str(action.state) if space is None else space.names[action.state],
-            factors=_factors(space, space.unravel(action.state) if decided_on and space else state and state.values),
-            observation=None
-            if observation is None
-            else observed(
-                symbols.observation_space, observation.values if observation.index is None else observation.index
-            ),
-            cause=each.cause,
-            decided=None if action is None else self._seconds(action.time),
-            reward=None if reward is None or action is None or reward.epoch != action.epoch else reward.value,
-            value=expected_return(controller, action.state if decided_on else current),
-            belief=believed,
-            search=_searched(each.ensemble.layer_statistics().get("planner")),
-            observations=each.lookout.history,
-            tally=each.lookout.tally,
-        )
 
     def _count(self, close: Collection[str]) -> StatisticsFrame:
         runtime = self._runtime
@@ -583,51 +529,7 @@ class LiveRun:
         return await asyncio.to_thread(why, case)
 
 
-def _scenes(ensembles: list[Ensemble]) -> Iterable[EnsembleScene]:
-    """Yield the scenes of ensembles, each behind the one above it."""
-    places = {id(ensemble): place for place, ensemble in enumerate(ensembles)}
-    for ensemble in ensembles:
-        above: Actor | None = ensemble.parent
-        while above is not None and not isinstance(above, Ensemble):
-            above = above.parent
-        bound = ""
-        if above is not None:
-            bindings = zip(above.action.names, above.action.bindings, strict=True)
-            bound = next((name for name, binding in bindings if binding.ensemble is ensemble), "")
-        symbols = ensemble.controller.symbols
-        yield EnsembleScene(
-            path=ensemble.path,
-            parent=-1 if above is None else places.get(id(above), -1),
-            bound=bound,
-            summary=ensemble.summary(),
-            actions=tuple(ensemble.action.names[:_LISTED]),
-            states=symbols.num_states or 0,
-            factors=factors_of(symbols.state_space, ensemble),
-            grid=grid_factors(symbols.state_space) is not None,
-        )
-
-
-def _factors(space: Space | None, values: Sequence[int | None] | None) -> tuple[tuple[str, str | None], ...]:
-    if values is None or space is None or len(values) != len(space.factors):
-        return ()
-    pairs = zip(space.factors, values, strict=True)
-    return tuple([(factor.name, None if value is None else factor.names[value]) for factor, value in pairs])
-
-
-def expected_return(controller: Any, at: Any) -> float | None:
-    """Return the expected return by the policy's own values, where it has some and asking costs little."""
-    states = controller.symbols.num_states
-    if at is None or states is None or states > _VALUED or not hasattr(controller.policy, "value"):
-        return None
-    try:
-        return round(float(controller.policy.value(at)), 6)
-    except (ModelError, TypeError, ValueError, IndexError, NotImplementedError):
-        return None
-
-
 def _searched(told: Any) -> str:
-    if told is None:
-        return ""
     return (
         f"{told.searched:,} of {told.asked:,} questions searched, {told.fallbacks:,} by the fallback, "
         f"{told.late:,} late; {told.expansions:,} leaves expanded"

@@ -9,16 +9,13 @@ from __future__ import annotations
 from collections import Counter
 from math import ceil, inf
 from statistics import median
-from typing import TYPE_CHECKING, Any, NamedTuple
-
-import numpy as np
-
-from mdm.beliefs import Support
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 __all__ = [
+    "FEW",
     "KEPT",
     "MOVED",
     "OFTEN",
@@ -29,7 +26,6 @@ __all__ = [
     "Seen",
     "lasting",
     "lasts_long",
-    "likeliest",
     "repeated",
     "unmoved",
 ]
@@ -49,10 +45,8 @@ SHORT, _LONG = 10.0, 30.0
 """Seconds below which no action lasts long: one whose usual duration is known, and one that has hardly ever ended."""
 _OWN, _OTHERS = 3, 2
 """Ended lives that it takes to know how long an action usually takes: its own, or those of the others."""
-_FEW, _RARE, _STILL = 20, 3, 10.0
+FEW, _RARE, _STILL = 20, 3, 10.0
 """Observations, those of a second kind among them, and the seconds over which a belief should have moved."""
-_STATES = 10_000
-"""States up to which a belief is searched for its likeliest one, which costs their number."""
 _SURE = 0.9
 """The probability of the likeliest state from which on a belief may well stand still, whatever noise is observed."""
 MOVED = 1e-3
@@ -141,7 +135,7 @@ def unmoved(seen: Sequence[Seen], observation: Callable[[object], str], state: C
         observation: Names an observation.
         state: Names a state.
     """
-    if len(seen) < _FEW or seen[-1].time - seen[0].time < _STILL or len({each.state for each in seen}) > 1:
+    if len(seen) < FEW or seen[-1].time - seen[0].time < _STILL or len({each.state for each in seen}) > 1:
         return ""
     chances = [each.chance for each in seen]
     tally = Counter(each.observation for each in seen).most_common(3)
@@ -153,20 +147,6 @@ def unmoved(seen: Sequence[Seen], observation: Callable[[object], str], state: C
         f"the belief has not moved for {_words(last.time - seen[0].time)} though observations differ ({came}): "
         f"{state(last.state)} at {100 * last.chance:.4g} %"
     )
-
-
-def likeliest(current: Any) -> tuple[int, float] | None:
-    """Return the likeliest state of a belief with its probability; None where it is none, or too large to search."""
-    if isinstance(current, Support):
-        states, chances = np.asarray(current.states), np.asarray(current.probabilities)
-    elif isinstance(current, np.ndarray) and current.ndim == 1 and current.dtype.kind == "f":
-        states, chances = None, current
-    else:
-        return None
-    if not 0 < len(chances) <= _STATES:
-        return None
-    place = int(chances.argmax())
-    return place if states is None else int(states[place]), float(chances[place])
 
 
 def _words(seconds: float) -> str:

@@ -1,145 +1,123 @@
-"""Spells: from when to when something looked odd in a record, by the rules by which a running system is judged.
+"""Spells: from when to when something looks odd of an ensemble.
 
-Each rule can change its mind at few times alone: at a decision, at the end of an action, at an observation, and where
-its own threshold is passed. So nothing is sampled, and the cost is of the order of the events of the record.
+Each rule can change its mind at few times alone: where something happens that it judges by, and where a threshold of
+its own is passed. It is asked at these, once all has come that has happened by then, so that nothing is sampled: a
+running system and its record have the same spells, and the cost is of the order of what happens.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
-from collections import defaultdict
-from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
-
-from mdm.snapshots.oddities import KEPT, MOVED, OFTEN, SEEN, SHORT, WINDOW, Seen, lasting, lasts_long, repeated, unmoved
+from math import inf
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Sequence
+    from collections.abc import Callable, Mapping
 
-    from mdm.snapshots.tracks import EnsembleTracks
+__all__ = ["Judged", "Spells", "Told"]
 
-__all__ = ["Spell", "joined", "spells"]
-
-_WINDOW = round(WINDOW * 1e9)
-_SHORT = round(SHORT * 1e9)
+Judged = tuple[dict[str, str], float]
+"""The texts of a rule by the action that each is of, and when it may change its mind though nothing happens."""
 
 
-class Spell(NamedTuple):
-    """A time over which something looked odd.
+class Told(NamedTuple):
+    """That something begins to look odd, or that it is over.
 
     Attributes:
-        begin: In nanoseconds of the record's clock.
-        end: Behind it, it looked odd no more.
-        rule: ``repeated``, ``lasting`` or ``unmoved``.
+        time: In nanoseconds.
+        status: ``odd`` or ``over``.
+        number: The spell's, counted from 1 on by ensemble.
+        rule: The rule.
         of: The action that it is of; empty for a belief.
         text: What looked odd when it began, in words.
     """
 
-    begin: int
-    end: int
+    time: int
+    status: Literal["odd", "over"]
+    number: int
     rule: str
     of: str
     text: str
 
 
-def spells(
-    tracks: EnsembleTracks,
-    end: int,
-    composed: Collection[str],
-    observation: Callable[[object], str],
-    state: Callable[[int], str],
-) -> list[Spell]:
-    """Return when something looked odd of an ensemble while it decided, each rule's spells apart, by their beginning.
+class Spells:
+    """Keeps the spells of an ensemble.
 
     Args:
-        tracks: What happened to it.
-        end: The record's last time.
-        composed: Actions that are ensembles, which last as long as they are chosen.
-        observation: Names an observation.
-        state: Names a state.
+        rules: Each by its name: judges all that has happened by a time.
+        tell: Told of each beginning and end.
+        gap: A break of so many nanoseconds at most ends no spell.
+
+    Attributes:
+        open: The numbers of the spells over what looks odd now, by rule and action.
     """
-    found = [
-        *_repeated(tracks, end),
-        *_lasting(tracks, end, composed),
-        *_unmoved(tracks, end, observation, state),
-    ]
-    modes = zip(tracks.modes.times, tracks.modes.entries, strict=True)
-    deciding = [
-        (since, until)
-        for (since, mode), (until, _) in pairwise([*modes, (end + 1, None)])
-        if mode.mode == "deciding" and since < until
-    ]
-    cut = [
-        spell._replace(begin=max(spell.begin, since), end=min(spell.end, until))
-        for spell in found
-        for since, until in _meeting(deciding, spell)
-    ]
-    return sorted(joined(cut, 0))
 
+    def __init__(self, rules: Mapping[str, Callable[[int], Judged]], tell: Callable[[Told], object], gap: int) -> None:
+        self.open: dict[tuple[str, str], int] = {}
+        self._rules = rules
+        self._tell = tell
+        self._gap = gap
+        self._due: dict[str, float] = dict.fromkeys(rules, inf)
+        self._next = inf
+        self._judged = -inf
+        self._breaks: dict[tuple[str, str], tuple[int, int]] = {}
+        self._number = 0
 
-def _meeting(times: Sequence[tuple[int, int]], spell: Spell) -> Sequence[tuple[int, int]]:
-    """Return those of times, one behind the other, that a spell meets."""
-    first = bisect_right(times, spell.begin, key=lambda each: each[1])
-    return times[first : bisect_left(times, spell.end, key=lambda each: each[0])]
+    def has(self, rule: str) -> bool:
+        """Whether something looks odd by a rule."""
+        return bool(self.open) and any(key[0] == rule for key in self.open)
 
+    def expect(self, rule: str, time: float) -> None:
+        """Have a rule asked at a time, if not before."""
+        self._due[rule] = min(self._due[rule], time)
+        self._next = min(self._next, time)
 
-def joined(found: Sequence[Spell], gap: int) -> list[Spell]:
-    """Return spells with those of one rule as one where no more than a gap in nanoseconds lies between."""
-    last: dict[tuple[str, str], Spell] = {}
-    done = []
-    for spell in sorted(found):
-        key = spell.rule, spell.of
-        before = last.get(key)
-        if before is not None and spell.begin - before.end <= gap:
-            last[key] = before._replace(end=max(before.end, spell.end))
-            continue
-        if before is not None:
-            done.append(before)
-        last[key] = spell
-    return sorted([*done, *last.values()])
+    def judge(self, time: int, *rules: str) -> None:
+        """Have rules asked once all has come that happened by a time; what comes late is judged with the rest."""
+        for rule in rules:
+            self.expect(rule, max(time, self._judged))
 
+    def settle(self, until: float) -> None:
+        """Judge all times before one."""
+        while self._next < until:
+            time = self._next
+            self._judged = time
+            for rule, due in self._due.items():
+                if due <= time:
+                    self._ask(rule, int(time))
+            self._next = min(self._due.values())
+        if self._breaks:
+            self._end_breaks(until)
 
-def _repeated(tracks: EnsembleTracks, end: int) -> Iterator[Spell]:
-    times: defaultdict[str, list[int]] = defaultdict(list)
-    for time, action in zip(tracks.repeats.times, tracks.repeats.entries, strict=True):
-        times[action].append(time)
-    if all(len(each) < OFTEN for each in times.values()):
-        return
-    decided = zip(tracks.decisions.times, tracks.decisions.entries, strict=True)
-    for (time, decision), (until, _) in pairwise([*decided, (end + 1, None)]):
-        of = times.get(decision.action_name, [])
-        last = bisect_right(of, time)
-        count = last - bisect_right(of, time - _WINDOW)
-        if count >= OFTEN and time < until:
-            over = min(until, of[last - OFTEN] + _WINDOW)
-            yield Spell(time, over, "repeated", decision.action_name, repeated(decision.action_name, count))
+    def finish(self, time: int) -> None:
+        """End all spells: nothing follows a time."""
+        self.settle(time + 1)
+        for rule, of in list(self.open):
+            self._break(rule, of, time + 1)
+        self._end_breaks(inf)
 
+    def _ask(self, rule: str, time: int) -> None:
+        found, due = self._rules[rule](time)
+        self._due[rule] = due
+        for key in [key for key in self.open if key[0] == rule and key[1] not in found]:
+            self._break(*key, time)
+        for of, text in found.items():
+            key = rule, of
+            if key in self.open:
+                continue
+            number, end = self._breaks.pop(key, (0, 0))
+            if number and time - end > self._gap:
+                self._tell(Told(end, "over", number, rule, of, ""))
+                number = 0
+            if not number:
+                self._number = number = self._number + 1
+                self._tell(Told(time, "odd", number, rule, of, text))
+            self.open[key] = number
 
-def _lasting(tracks: EnsembleTracks, end: int, composed: Collection[str]) -> Iterator[Spell]:
-    ends = tracks.ends
-    for action, begun, until in tracks.lived(end + 1):
-        if action in composed or until - begun < _SHORT:
-            continue
-        others = sorted({begun, *ends.times[bisect_right(ends.times, begun) : bisect_left(ends.times, until)], until})
-        for since, later in pairwise(others):  # what is usual changes where another action ends
-            ended = ends.entries[ends.last(since, KEPT)]
-            odd = max(since, begun + lasts_long(action, ended))
-            if odd < later:
-                odd = round(odd)
-                yield Spell(odd, later, "lasting", action, lasting(action, (odd - begun) / 1e9, ended))
+    def _break(self, rule: str, of: str, time: int) -> None:
+        self._breaks[rule, of] = self.open.pop((rule, of)), time
 
-
-def _unmoved(
-    tracks: EnsembleTracks, end: int, observation: Callable[[object], str], state: Callable[[int], str]
-) -> Iterator[Spell]:
-    seen = [Seen(time / 1e9, *entry) for time, entry in zip(tracks.seen.times, tracks.seen.entries, strict=True)]
-    still = 0  # how many of the last ones may have stood still, which is told cheaply
-    for place, (time, until) in enumerate(pairwise([*tracks.seen.times, end + 1])):
-        last, before = seen[place], seen[place - 1]
-        moved = place > 0 and (last.state != before.state or abs(last.chance - before.chance) >= MOVED)
-        still = 1 if moved else still + 1
-        if still < min(place + 1, SEEN) or time == until:
-            continue
-        text = unmoved(seen[max(0, place + 1 - SEEN) : place + 1], observation, state)
-        if text:
-            yield Spell(time, min(until, time + _WINDOW), "unmoved", "", text)
+    def _end_breaks(self, until: float) -> None:
+        for (rule, of), (number, end) in list(self._breaks.items()):
+            if until - end > self._gap:
+                del self._breaks[rule, of]
+                self._tell(Told(end, "over", number, rule, of, ""))

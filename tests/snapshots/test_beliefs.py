@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 
 from mdm.beliefs import Support
 from mdm.models import Factor, Space
-from mdm.snapshots.beliefs import belief_frame
+from mdm.snapshots.beliefs import belief_frame, likeliest
 
 SPACE = Space([Factor("x", 3), Factor("door", ["open", "shut"]), Factor("y", 4)])
 
@@ -82,3 +82,13 @@ def test_a_grid_has_rows_and_columns_and_at_most_4096_cells(sizes, shown):
 @pytest.mark.parametrize("other", [None, 3, (1, 2), np.array([1, 2])])
 def test_what_is_no_belief_is_none(other):
     assert belief_frame(other, None) is None
+
+
+@given(st.lists(st.floats(0.01, 1), min_size=1, max_size=30))
+def test_the_likeliest_state_is_that_of_numpy_dense_or_by_its_support(weights):
+    belief = np.array(weights) / sum(weights)
+    assert likeliest(belief) == (int(np.argmax(belief)), belief.max())
+    support = Support(np.arange(len(weights)) * 7, belief)
+    assert likeliest(support) == (7 * int(np.argmax(belief)), belief.max())
+    assert likeliest(3) is None
+    assert likeliest(np.zeros(20_000)) is None

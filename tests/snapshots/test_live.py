@@ -19,7 +19,7 @@ from mdm import Ensemble, Error
 from mdm.models import MDP, Factor, Space
 from mdm.policies import DeterministicPolicy
 from mdm.snapshots import Frame, LiveRun, Scene
-from mdm.snapshots.live import factors_of
+from mdm.snapshots.scenes import factors_of
 from mdm.team import Network, Team
 from mdm.testing import probe, run_virtual
 
@@ -282,11 +282,11 @@ def test_of_a_thousand_ensembles_changes_are_seen_at_once_and_all_others_in_thei
         looks = dict.fromkeys(range(300), 0)
         for place, each in enumerate(live._ensembles):
 
-            def look(now, status, place=place, look=each.lookout.look):
+            def look(now, place=place, look=each.reducer.odd_now):
                 looks[place] += 1
-                return look(now, status)
+                return look(now)
 
-            each.lookout.look = look
+            each.reducer.odd_now = look
         for _ in range(20):
             await asyncio.sleep(0.05)
             live.frame({"robot200"})

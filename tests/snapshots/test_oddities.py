@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import in_process
-import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from places import EXAMPLES
 
-from mdm.beliefs import Support
 from mdm.recording import Record
 from mdm.snapshots import RecordedRun
-from mdm.snapshots.oddities import Ended, Seen, lasting, likeliest, repeated, unmoved
+from mdm.snapshots.oddities import Ended, Seen, lasting, repeated, unmoved
 
 
 def test_ten_decisions_on_nothing_new_are_odd_and_nine_are_not():
@@ -71,16 +69,6 @@ def test_a_belief_that_stands_still_while_observations_differ_is_odd():
     assert told(seen(symbols, [0.89] * 20)).endswith("s1 at 89 %")
     assert told(seen(symbols, [0.9] * 20)) == ""  # noise moves nobody who is that sure
     assert told(seen(symbols, [0.5] * 20)[:19]) == ""
-
-
-@given(st.lists(st.floats(0.01, 1), min_size=1, max_size=30))
-def test_the_likeliest_state_is_that_of_numpy_dense_or_by_its_support(weights):
-    belief = np.array(weights) / sum(weights)
-    assert likeliest(belief) == (int(np.argmax(belief)), belief.max())
-    support = Support(np.arange(len(weights)) * 7, belief)
-    assert likeliest(support) == (7 * int(np.argmax(belief)), belief.max())
-    assert likeliest(3) is None
-    assert likeliest(np.zeros(20_000)) is None
 
 
 @pytest.mark.parametrize(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import random
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from mdm.messages import ActionLife, Decision, Mode
 from mdm.snapshots.oddities import Ended, Seen, lasting, repeated, unmoved
-from mdm.snapshots.spells import Spell, joined, spells
-from mdm.snapshots.tracks import EnsembleTracks
+from mdm.snapshots.reducer import EnsembleReducer, Known
 
 SECOND = 1_000_000_000
 
@@ -42,6 +42,7 @@ def happened(seed):
             life += 1
             living[life] = rng.choice("abcd")
             messages.append(ActionLife(time, "robot", life, living[life], "running"))
+            time += 1  # one that takes no time is a plain function's, which lasts for none
         elif kind == "end" and living:
             number = rng.choice(list(living))
             messages.append(
@@ -87,14 +88,34 @@ def judged(messages, time):
     return found
 
 
+class Spell(NamedTuple):
+    begin: int
+    end: int
+    rule: str
+    of: str
+    text: str
+
+
+def spells(messages, end, gap=0):
+    """Return the spells over which something looks odd."""
+    told = []
+    known = Known(None, str, composed=frozenset({"d"}))
+    reducer = EnsembleReducer("robot", lambda _, each: told.append(each), known, gap=gap)
+    for each in messages:
+        reducer.add(each)
+    reducer.finish(end)
+    begins = {each.number: each for each in told if each.status == "odd"}
+    over = {each.number: each.time for each in told if each.status == "over"}
+    assert list(begins) == list(range(1, len(begins) + 1))
+    assert begins.keys() == over.keys()
+    return [Spell(each.time, over[number], *each[3:]) for number, each in begins.items()]
+
+
 @pytest.mark.parametrize("seed", range(12))
 def test_something_is_in_a_spell_whenever_it_looks_odd_and_at_no_other_time(seed):
     messages = happened(seed)
-    tracks = EnsembleTracks("robot")
-    for each in messages:
-        tracks.add(each)
     end = messages[-1].time
-    found = spells(tracks, end, {"d"}, str, str)
+    found = spells(messages, end)
     assert all(each.begin < each.end and each.text for each in found)
     rng = random.Random(seed)
     edges = {time for each in found for time in (each.begin - 1, each.begin, each.end - 1, each.end)}
@@ -108,20 +129,26 @@ def test_something_is_in_a_spell_whenever_it_looks_odd_and_at_no_other_time(seed
 def test_much_of_what_is_judged_is_odd():
     rules = set()
     for seed in range(12):
-        tracks = EnsembleTracks("robot")
-        for each in happened(seed):
-            tracks.add(each)
-        rules |= {each.rule for each in spells(tracks, 120 * SECOND, {"d"}, str, str)}
+        messages = happened(seed)
+        rules |= {each.rule for each in spells(messages, messages[-1].time)}
     assert rules == {"repeated", "lasting", "unmoved"}
 
 
 def test_of_an_ensemble_of_which_only_the_name_is_known_nothing_is_odd():
-    assert spells(EnsembleTracks("robot"), 10 * SECOND, set(), str, str) == []
+    assert spells([], 10 * SECOND) == []
 
 
 def test_a_short_break_ends_no_spell_but_that_of_another_rule_or_action():
-    one, two = Spell(0, 10, "repeated", "a", "first"), Spell(14, 20, "repeated", "a", "second")
-    assert joined([two, one], 4) == [Spell(0, 20, "repeated", "a", "first")]
-    assert joined([one, two], 3) == [one, two]
-    other = two._replace(of="b")
-    assert joined([one, other], 4) == [one, other]
+    def burst(begin, action):
+        decisions = [
+            Decision(begin + step, "robot", step, "again", None, None, None, 0, action, None) for step in range(10)
+        ]
+        return [*decisions, Decision(begin + 10, "robot", 10, "tick", None, None, None, 0, "z", None)]
+
+    def bursts(second, gap):
+        messages = [Mode(0, "robot", "deciding", (), 0), *burst(0, "a"), *burst(20, second)]
+        return [each[:4] for each in spells(messages, 40, gap)]
+
+    assert bursts("a", 10) == [(9, 30, "repeated", "a")]
+    assert bursts("a", 9) == [(9, 10, "repeated", "a"), (20, 30, "repeated", "a")]
+    assert bursts("b", 20) == [(9, 10, "repeated", "a"), (29, 30, "repeated", "b")]

@@ -8,8 +8,7 @@ import re
 import pytest
 
 from mdm.snapshots import Event, Frame, Scene
-from mdm.snapshots.frame import BeliefFrame, CauseFrame, Detail, EnsembleFrame, LifeFrame
-from mdm.snapshots.scene import EnsembleScene, PredicateScene
+from mdm.snapshots.frame import BeliefFrame, CauseFrame, Detail, EnsembleFrame, EnsembleScene, LifeFrame, PredicateScene
 from mdm.views.terminal import Terminal
 
 console = pytest.importorskip("rich.console")

@@ -25,7 +25,7 @@ from mdm.views.web.session import Allowance
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from mdm.snapshots.scene import EnsembleScene, FloorScene, PredicateScene
+    from mdm.snapshots.frame import EnsembleScene, FloorScene, PredicateScene
 
 __all__ = ["TeamRun"]
 

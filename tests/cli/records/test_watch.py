@@ -19,7 +19,7 @@ import mdm
 from mdm.cli import main
 from mdm.policies import DeterministicPolicy
 from mdm.snapshots import Detail, EnsembleFrame, Event, Frame, Scene
-from mdm.snapshots.scene import EnsembleScene
+from mdm.snapshots.frame import EnsembleScene
 from mdm.team.transport.certificates import make_certificates
 from mdm.testing import run_virtual
 

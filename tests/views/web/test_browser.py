@@ -23,8 +23,7 @@ from mdm.models import POMDP
 from mdm.policies import AlphaVectors, DeterministicPolicy
 from mdm.recording import Record
 from mdm.snapshots import Detail, EnsembleFrame, Frame, RecordedRun
-from mdm.snapshots.frame import LifeFrame
-from mdm.snapshots.scene import FactorScene, PredicateScene
+from mdm.snapshots.frame import FactorScene, LifeFrame, PredicateScene
 from mdm.team.transport.certificates import make_certificates
 from mdm.testing import run_virtual
 

@@ -1,11 +1,13 @@
-"""Causes of decisions in words: what a running system tells is what its record tells."""
+"""Causes of decisions, states and observations in words: a running system tells the same as its record."""
 
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 
 import msgspec
 import pytest
+from hypothesis import given, strategies as st
 
 import mdm
 from mdm import Ensemble, PredicateManager, StateFactor
@@ -13,8 +15,8 @@ from mdm.models import Factor, Space
 from mdm.policies import DeterministicPolicy
 from mdm.recording import Record
 from mdm.snapshots import Event, LiveRun, RecordedRun
-from mdm.snapshots.causes import Wiring, cause_in_words, changes, wired
 from mdm.snapshots.oddities import Ended
+from mdm.snapshots.words import Wiring, at_state, cause_in_words, changes, most_frequent, observed, on_observing, wired
 from mdm.testing import run_virtual
 
 ROOMS = Space([Factor("room", ["hall", "lab", "shop"]), Factor("fire", ["no", "yes"])])
@@ -118,3 +120,28 @@ def test_a_running_system_and_its_record_tell_the_same_causes(tmp_path):
         "on a change of its state: fire yes (FireIsSeen)",
         "on a change of its state: fire not yes (not FireIsSeen)",
     }
+
+
+@given(st.lists(st.sampled_from("abcdefghijklmnop")))
+def test_the_most_frequent_come_first(names):
+    counts = Counter(names)
+    found = most_frequent(counts)
+    assert [count for _, count in found] == sorted(counts.values(), reverse=True)[:8]
+    assert dict(found).items() <= counts.items()
+
+
+def test_an_observation_is_named_by_its_index_or_its_components():
+    space = Space([Factor("left", ["wall", "free"]), Factor("right", ["wall", "free"])])
+    assert observed(space, (1, None)) == "left free, right ?"
+    assert observed(space, 1) == space.names[1]
+    assert observed(space, None) is None
+    assert observed(None, 3) is None
+
+
+def test_a_decision_is_in_a_state_or_on_an_observation():
+    space = Space([Factor("person", ["yes", "no"]), Factor("fire", ["yes", "no"])])
+    assert at_state(space, 1) == "in state person yes, fire no"
+    assert at_state(Space.single("state", ["hall", "lab"]), 1) == "in state lab"
+    assert at_state(None, 7) == "in state 7"
+    assert on_observing("hear-left") == "on observing hear-left"
+    assert on_observing(None) == ""

@@ -7,7 +7,7 @@ import pytest
 
 from mdm.actors import PredicateManager
 from mdm.maps import Edge, Frame, Graph, Grid, Labels, Map, Node, Places, Pose
-from mdm.snapshots.floors import floors_of, robot_at
+from mdm.snapshots.scenes import floors_of, robot_at
 
 
 def a_floor(rows, columns, yaw=0.0):

@@ -1,4 +1,4 @@
-"""Why a decision was made then, in words: which predicate, observation, tick or end of an action brought it about."""
+"""States, observations and the causes of decisions in words."""
 
 from __future__ import annotations
 
@@ -7,10 +7,22 @@ from typing import TYPE_CHECKING, NamedTuple
 from mdm.models import Factor, Space
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
     from mdm.actors import Ensemble
     from mdm.snapshots.oddities import Ended
 
-__all__ = ["Wiring", "cause_in_words", "changes", "wired"]
+__all__ = [
+    "Wiring",
+    "at_state",
+    "cause_in_words",
+    "changes",
+    "most_frequent",
+    "observed",
+    "on_observing",
+    "valued",
+    "wired",
+]
 
 _CAUSES = {
     "start": "as it started",
@@ -27,6 +39,8 @@ _CAUSES = {
 }
 _MOST = 3
 """Factors whose changes are told."""
+_LISTED = 8
+"""Observations that are counted for the eye."""
 
 
 class Wiring(NamedTuple):
@@ -55,10 +69,10 @@ def cause_in_words(cause: str, *, observed: str = "", changed: str = "", ended: 
     return _CAUSES.get(cause, cause)
 
 
-def wired(ensemble: Ensemble | None) -> Wiring:
+def wired(ensemble: Ensemble) -> Wiring:
     """Return the factors of an ensemble's state, with the predicate, or its negation, for each value of each."""
-    layer = None if ensemble is None else ensemble.state
-    if ensemble is None or layer is None:
+    layer = ensemble.state
+    if layer is None:
         return Wiring(None, {})
     wires = {factor.name: factor.wires() for factor in layer.factors}
     space = ensemble.controller.symbols.state_space
@@ -86,3 +100,39 @@ def changes(wiring: Wiring, before: int | None, after: int | None) -> str:
             source = known[value] if value < len(known) else None
             told.append(f"{factor.name} {factor.names[value]}{f' ({source})' if source else ''}")
     return ", ".join(told[:_MOST]) + (f" and {len(told) - _MOST} more" if len(told) > _MOST else "")
+
+
+def observed(space: Space | None, observation: int | tuple[int | None, ...] | None) -> str | None:
+    """Return the name of an observation, or of its components; None where there is none, or it has no name."""
+    if space is None or observation is None:
+        return None
+    if isinstance(observation, int):
+        return space.names[observation]
+    return _factors(space, observation)
+
+
+def valued(space: Space, values: Iterable[int | None]) -> tuple[tuple[str, str | None], ...]:
+    """Return the names of factors with those of their values."""
+    pairs = zip(space.factors, values, strict=True)
+    return tuple([(factor.name, None if value is None else factor.names[value]) for factor, value in pairs])
+
+
+def _factors(space: Space, values: Iterable[int | None]) -> str:
+    return ", ".join(f"{name} {value or '?'}" for name, value in valued(space, values))
+
+
+def at_state(space: Space | None, state: int) -> str:
+    """Return that something was decided in a state, by its factors where it has several."""
+    if space is None or len(space.factors) < 2:
+        return f"in state {state if space is None else space.names[state]}"
+    return f"in state {_factors(space, space.unravel(state))}"
+
+
+def on_observing(name: str | None) -> str:
+    """Return that something was decided on an observation; empty where there was none."""
+    return f"on observing {name}" if name else ""
+
+
+def most_frequent(tally: Mapping[str, int]) -> tuple[tuple[str, int], ...]:
+    """Return the most frequent observations by name with how often each came, the most frequent first."""
+    return tuple(sorted(tally.items(), key=lambda pair: (-pair[1], pair[0]))[:_LISTED])

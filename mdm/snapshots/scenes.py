@@ -1,4 +1,4 @@
-"""Floors for the eye: rasters no larger than a screen, places and ways."""
+"""Scenes for the eye: ensembles with their factors; floors, no larger than a screen, with places and ways."""
 
 from __future__ import annotations
 
@@ -8,21 +8,82 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mdm.maps.map import Floors, Map
-from mdm.snapshots.frame import RobotFrame
-from mdm.snapshots.scene import FloorScene, PlaceScene, WayScene
+from mdm.snapshots.beliefs import grid_factors
+from mdm.snapshots.frame import EnsembleScene, FactorScene, FloorScene, PlaceScene, RobotFrame, WayScene
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from mdm.actors import Ensemble
     from mdm.maps.graph import Graph, Pose
     from mdm.maps.places import Places
     from mdm.maps.raster import Frame, Grid, Labels
     from mdm.messages import PoseUpdate
+    from mdm.models import Space
 
-__all__ = ["floors_of", "robot_at", "robot_frame"]
+__all__ = ["ensembles_of", "factors_of", "floors_of", "robot_at", "robot_frame"]
+
+_LISTED = 64
+"""Actions, and symbols of a factor, that are listed."""
 
 _SIDE = 400
 """Cells along the longer side, at most."""
 _PLACES = 254
 _OCCUPIED = 255
+
+
+def factors_of(space: Space | None, ensemble: Ensemble | None = None) -> tuple[FactorScene, ...]:
+    """Return the factors of a space of states as a scene has them, and the predicates of an ensemble that tell them."""
+    layer = None if ensemble is None else ensemble.state
+    if space is None:  # of a policy without a model: the factors as they are wired
+        wired = [] if layer is None else [(each.name, tuple(each.predicates)) for each in layer.factors]
+        return tuple([FactorScene(name, (), told if len(told) <= _LISTED else ()) for name, told in wired])
+    told_by = {} if layer is None else {each.name: tuple(each.predicates) for each in layer.factors}
+    return tuple(
+        [
+            FactorScene(each.name, tuple(each.names), told_by.get(each.name, ()))
+            if len(each) <= _LISTED
+            else FactorScene(each.name, ())
+            for each in space.factors
+        ]
+    )
+
+
+def ensembles_of(
+    ensembles: Mapping[str, Ensemble | None],
+    spaces: Mapping[str, Space | None],
+    actions: Mapping[str, Sequence[str]],
+) -> tuple[EnsembleScene, ...]:
+    """Return the scenes of ensembles, by their paths, each behind the one above it.
+
+    Args:
+        ensembles: By their paths; None where a record alone tells of it.
+        spaces: The states of each.
+        actions: The names of the actions of those of which a record alone tells.
+    """
+    places = {path: place for place, path in enumerate(ensembles)}
+    found = []
+    for path, ensemble in ensembles.items():
+        above = path.rpartition("/")[0]
+        while above and above not in places:
+            above = above.rpartition("/")[0]
+        outer, space = ensembles.get(above), spaces[path]
+        states = ensemble.controller.symbols.num_states if ensemble is not None else space and len(space)
+        pairs = [] if outer is None else [*zip(outer.action.names, outer.action.bindings, strict=True)]
+        bound = [name for name, binding in pairs if ensemble is not None and binding.ensemble is ensemble]
+        found.append(
+            EnsembleScene(
+                path=path,
+                parent=places.get(above, -1),
+                bound=bound[0] if bound else "",
+                summary="" if ensemble is None else ensemble.summary(),
+                actions=tuple(actions.get(path, ()) if ensemble is None else ensemble.action.names)[:_LISTED],
+                states=states or 0,
+                factors=factors_of(space, ensemble),
+                grid=grid_factors(space) is not None,
+            )
+        )
+    return tuple(found)
 
 
 def floors_of(places: Places) -> tuple[FloorScene, ...]:

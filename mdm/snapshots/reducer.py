@@ -1,0 +1,492 @@
+"""The reducer of a run: messages in, the state of a picture out, the same for a running system and for its record.
+
+A running system and a record feed it the same messages, in the order of their times; causes, oddities, spells, frames
+and events follow from these alone. A record keeps all of them, so that it is shown at any of its times; of a running
+system the newest are kept, as many as a rule needs.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import Counter, defaultdict
+from math import inf
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import msgspec
+
+from mdm.errors import ModelError
+from mdm.messages import ActionLife, Decision, Idle, Mode
+from mdm.snapshots.beliefs import belief_frame, likeliest
+from mdm.snapshots.events import Event, remedy_of
+from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, LifeFrame
+from mdm.snapshots.oddities import (
+    FEW,
+    KEPT,
+    MOVED,
+    OFTEN,
+    SEEN,
+    SHORT,
+    WINDOW,
+    Ended,
+    Seen,
+    lasting,
+    lasts_long,
+    repeated,
+    unmoved,
+)
+from mdm.snapshots.spells import Spells
+from mdm.snapshots.words import (
+    Wiring,
+    at_state,
+    cause_in_words,
+    changes,
+    most_frequent,
+    observed,
+    on_observing,
+    valued,
+    wired,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Set as AbstractSet
+
+    from mdm.actors import Ensemble
+    from mdm.models import Space
+    from mdm.snapshots.spells import Judged, Told
+
+__all__ = ["EnsembleReducer", "Known", "Track", "expected_return", "known_of"]
+
+HISTORY = 8
+"""Observations that are told with their times."""
+_NEWEST = 64
+"""Entries that are kept of a running system where no rule needs more."""
+_LATELY = 1_000
+"""Of decisions that repeat."""
+_KINDS = 1_000
+"""Observations of a running system that are counted each."""
+_VALUED = 10_000
+"""States up to which a policy is asked for its value."""
+_WINDOW = round(WINDOW * 1e9)
+_SHORT = round(SHORT * 1e9)
+_SAFE = "safe action"
+
+
+class Track:
+    """What is known of one subject at each time: entries by their times.
+
+    Args:
+        newest: How many entries are kept at least; None for all.
+    """
+
+    __slots__ = ("entries", "newest", "times")
+
+    def __init__(self, newest: int | None = None) -> None:
+        self.times: list[int] = []
+        self.entries: list[Any] = []
+        self.newest = newest
+
+    def add(self, time: int, entry: Any) -> None:
+        """Add an entry that is no earlier than those before."""
+        self.times.append(time)
+        self.entries.append(entry)
+        if self.newest is not None and len(self.times) > 2 * self.newest:
+            del self.times[: -self.newest], self.entries[: -self.newest]
+
+    def last(self, time: int, most: int) -> slice:
+        """Return where the last entries by a time are, so many at most."""
+        end = self.place(time) + 1
+        return slice(max(0, end - most), end)
+
+    def place(self, time: int) -> int:
+        """Return the place of the last entry by a time; -1 where there is none."""
+        return bisect_right(self.times, time) - 1
+
+    def at(self, time: int) -> Any:
+        """Return the last entry by a time; None where there is none."""
+        place = self.place(time)
+        return None if place < 0 else self.entries[place]
+
+
+class Decided(NamedTuple):
+    """A decision without its belief, how many it stands for, and how many there were with them."""
+
+    message: Decision
+    stands: int
+    total: int
+
+
+class Known(NamedTuple):
+    """What is known of an ensemble beside what happens to it.
+
+    Attributes:
+        space: Its states, where they have names.
+        observation: Names an observation.
+        wiring: The factors of its state.
+        composed: Actions that are ensembles, which last as long as they are chosen.
+        controller: Its controller, where it may be asked for the return that its policy expects.
+    """
+
+    space: Space | None
+    observation: Callable[[Any], str]
+    wiring: Wiring = Wiring(None, {})
+    composed: frozenset[str] = frozenset()
+    controller: Any = None
+
+    def state(self, state: int) -> str:
+        """Return the name of a state."""
+        return str(state) if self.space is None else self.space.names[state]
+
+    def factors(self, state: int) -> tuple[tuple[str, str | None], ...]:
+        """Return the factors of a state with their values; none where there is one alone that nothing tells."""
+        space = self.space
+        if space is None or (len(space.factors) < 2 and space.factors[0].name not in self.wiring.sources):
+            return ()
+        return valued(space, space.unravel(state))
+
+    def observed(self, observation: Any) -> str:
+        """Return the name of an observation; empty where there was none."""
+        return "" if observation is None else self.observation(observation)
+
+
+UNKNOWN = Known(None, str)
+
+
+def known_of(ensemble: Ensemble, *, controller: Any) -> Known:
+    """Return what is known of an ensemble that is there, running or not, with the controller that may be asked."""
+    symbols, action = ensemble.controller.symbols, ensemble.action
+    pairs = zip(action.names, action.bindings, strict=True)
+    return Known(
+        symbols.state_space,
+        lambda observation: observed(symbols.observation_space, observation) or str(observation),
+        wired(ensemble),
+        frozenset([name for name, binding in pairs if binding.ensemble is not None]),
+        controller,
+    )
+
+
+def expected_return(controller: Any, at: Any) -> float | None:
+    """Return the expected return by the policy's own values, where it has some and asking costs little."""
+    if controller is None or at is None or not hasattr(controller.policy, "value"):
+        return None
+    states = controller.symbols.num_states
+    if states is None or states > _VALUED:
+        return None
+    try:
+        return round(float(controller.policy.value(at)), 6)
+    except (ModelError, TypeError, ValueError, IndexError, NotImplementedError):
+        return None
+
+
+class EnsembleReducer:
+    """What has happened to an ensemble.
+
+    Args:
+        path: Its path.
+        tell: Told when something begins to look odd, and when that is over.
+        known: What is known of it besides.
+        whole: Keep all, for a picture of any time; else the newest.
+        gap: A break of so many nanoseconds at most ends no spell.
+
+    Attributes:
+        modes: Its modes.
+        idles: When it had nothing to do, and when it had again.
+        lives: The actions that lived from each change of them on.
+        decisions: Its decisions, each a `Decided`.
+        changes: The times of those for another action than the one before.
+        ends: The ended lives of its actions, but for plain functions.
+        outcomes: How each life has ended, those of plain functions with them.
+        observed: The observations that were decided on.
+        believes: Whether any decision has a belief.
+        version: Counts what has happened.
+        heard: Since when all ends of actions are heard; None where none was missed.
+    """
+
+    def __init__(
+        self,
+        path: str,
+        tell: Callable[[str, Told], object],
+        known: Known = UNKNOWN,
+        *,
+        whole: bool = True,
+        gap: int = _WINDOW,
+    ) -> None:
+        def track(newest: int = _NEWEST) -> Track:
+            return Track(None if whole else newest)
+
+        self.path = path
+        self.known = known
+        self.modes, self.idles, self.lives, self.decisions = track(), track(), track(), track()
+        self.ends, self.outcomes, self.observed = track(KEPT), track(1), track(HISTORY)
+        self.changes: list[int] = []
+        self.believes = False
+        self.version = 0
+        self.heard: int | None = None
+        self._whole = whole
+        self._told_lives: list[ActionLife] = []
+        self._living: dict[int, ActionLife] = {}
+        self._repeats: defaultdict[str, Track] = defaultdict(lambda: track(_LATELY))
+        self._tally: defaultdict[Any, Track] = defaultdict(lambda: track(1))
+        self._seen = track(SEEN)
+        self._still = 0  # how many of the last ones may have stood still, which is told cheaply
+        rules = {"repeated": self._repeated, "lasting": self._lasting, "unmoved": self._unmoved}
+        self.spells = Spells(rules, lambda told: tell(path, told), gap)
+
+    # -- Messages ------------------------------------------------------------------------------------------------
+
+    def add(self, message: Decision | ActionLife | Mode | Idle, count: int = 1, repeats: int | None = None) -> None:
+        """Take what has happened.
+
+        Args:
+            message: The message.
+            count: Of a decision, how many it stands for: those since the one before, with itself.
+            repeats: How many of these were made only because an action had ended; by default as its cause says.
+        """
+        self.version += 1
+        self.spells.settle(message.time)
+        if isinstance(message, Decision):
+            self._decide(message, count, int(message.cause == "again") if repeats is None else repeats)
+        elif isinstance(message, ActionLife):
+            self._live(message)
+        elif isinstance(message, Mode):
+            self.modes.add(message.time, message)
+            self.spells.judge(message.time, "repeated", "lasting", "unmoved")
+        else:
+            self.idles.add(message.time, message)
+
+    def _decide(self, decision: Decision, count: int, repeats: int) -> None:
+        time, name, observation = decision.time, decision.action_name, decision.observation
+        before = self.decisions.entries[-1] if self.decisions.entries else None
+        if self._whole and (before is None or before.message.action_name != name):
+            self.changes.append(time)
+        if decision.belief is not None:  # which is read again where one looks at it
+            self.believes = True
+            kept = msgspec.structs.replace(decision, belief=None)
+        else:
+            kept = decision
+        self.decisions.add(time, Decided(kept, count, count + (0 if before is None else before.total)))
+        if repeats:
+            track = self._repeats[name]
+            track.add(time, repeats + (track.entries[-1] if track.entries else 0))
+        if name in self._repeats or self.spells.has("repeated"):
+            self.spells.judge(time, "repeated")
+        if observation is not None:
+            self._observe(time, observation, likeliest(decision.belief))
+
+    def _observe(self, time: int, symbol: Any, found: tuple[int, float] | None) -> None:
+        self.observed.add(time, symbol)
+        if self._whole or symbol in self._tally or len(self._tally) < _KINDS:
+            tally = self._tally[symbol]
+            tally.add(time, 1 + (tally.entries[-1] if tally.entries else 0))
+        if found is None:
+            return
+        before = self._seen.entries[-1] if self._seen.entries else None
+        moved = before is not None and (found[0] != before[1] or abs(found[1] - before[2]) >= MOVED)
+        self._still = 1 if moved else self._still + 1
+        self._seen.add(time, (symbol, *found))
+        if self._still >= min(len(self._seen.times), SEEN) >= FEW or self.spells.has("unmoved"):
+            self.spells.judge(time, "unmoved")
+
+    def _live(self, life: ActionLife) -> None:
+        time, living = life.time, self._living
+        if life.status == "running":
+            living[life.life] = life
+            self.spells.expect("lasting", time + _SHORT)
+        else:
+            begun = living.pop(life.life, life)
+            self.outcomes.add(time, life.status)
+            # The life of a plain function has no length, and its decision stands for it; a safe action has none.
+            if life.status != "succeeded" or begun.time != time or life.action == _SAFE:
+                self.ends.add(time, Ended(life.action, (time - begun.time) / 1e9, life.status))
+                if self._whole:
+                    self._told_lives += [begun, life] if begun is not life else [life]
+            oldest = next(iter(living.values()), life)  # what is usual changes for those that last
+            if self.spells.has("lasting") or time - oldest.time >= _SHORT:
+                self.spells.judge(time, "lasting")
+        self.lives.add(time, tuple(living.values()))
+
+    @property
+    def living(self) -> AbstractSet[int]:
+        """The numbers of the lives that have begun and not ended, as far as was told."""
+        return self._living.keys()
+
+    def lose(self, life: int, time: int) -> None:
+        """Take that a life has ended somehow, of which no message has come."""
+        del self._living[life]
+        self.lives.add(time, tuple(self._living.values()))
+        self.version += 1
+
+    def finish(self, time: int) -> None:
+        """Take that nothing follows a time."""
+        self.spells.finish(time)
+
+    @property
+    def told_lives(self) -> list[ActionLife]:
+        """The beginnings and ends of lives, but for those of plain functions, by their times."""
+        return sorted([*self._told_lives, *self._living.values()], key=lambda life: life.time)
+
+    # -- Rules ---------------------------------------------------------------------------------------------------
+
+    def _decides(self, time: int) -> bool:
+        mode: Mode | None = self.modes.at(time)
+        return mode is not None and mode.mode == "deciding"
+
+    def _repeated(self, time: int) -> Judged:
+        decided: Decided | None = self.decisions.at(time)
+        if decided is None or not self._decides(time):
+            return {}, inf
+        name = decided.message.action_name
+        track = self._repeats.get(name)
+        if track is None:
+            return {}, inf
+        last, first = track.place(time), track.place(time - _WINDOW)
+        before = track.entries[first] if first >= 0 else 0
+        count = track.entries[last] - before if last >= 0 else 0
+        text = repeated(name, count)
+        if not text:
+            return {}, inf
+        place = last  # the earliest entry without which there are too few
+        while place > first and track.entries[last] - (track.entries[place - 1] if place else 0) < OFTEN:
+            place -= 1
+        return {name: text}, track.times[place] + _WINDOW
+
+    def _lasting(self, time: int) -> Judged:
+        if not self._decides(time):
+            return {}, inf
+        found: dict[str, str] = {}
+        due = inf
+        ended = self.ends.entries[self.ends.last(time, KEPT)]
+        for life in self.lives.at(time) or ():
+            if life.action in self.known.composed or life.action == _SAFE:
+                continue
+            when = life.time + _SHORT
+            if when <= time:
+                when = life.time + lasts_long(life.action, ended)
+            if when > time:
+                due = min(due, when)
+            else:
+                found.setdefault(life.action, lasting(life.action, (time - life.time) / 1e9, ended))
+        return found, due
+
+    def _unmoved(self, time: int) -> Judged:
+        last = self._seen.last(time, SEEN)
+        times = self._seen.times[last]
+        if len(times) < FEW or time - times[-1] >= _WINDOW or not self._decides(time):
+            return {}, inf
+        seen = [Seen(at / 1e9, *entry) for at, entry in zip(times, self._seen.entries[last], strict=True)]
+        text = unmoved(seen, self.known.observed, self.known.state)
+        return ({"": text}, times[-1] + _WINDOW) if text else ({}, inf)
+
+    def odd(self, time: int) -> tuple[str, ...]:
+        """Return what looks odd at a time, in words."""
+        rules = (self._repeated, self._lasting, self._unmoved)
+        return tuple([text for rule in rules for text in rule(time)[0].values()])
+
+    def odd_now(self, time: int) -> tuple[str, ...]:
+        """Return what looks odd now: nothing has happened later. Costs little where nothing is odd."""
+        self.spells.settle(time + 1)
+        return self.odd(time) if self.spells.open else ()
+
+    # -- Pictures ------------------------------------------------------------------------------------------------
+
+    def frame(
+        self, time: int, seconds: Callable[[int], float], odd: tuple[str, ...], waiting: tuple[str, ...] = ()
+    ) -> EnsembleFrame:
+        """Return how the ensemble is at a time.
+
+        Args:
+            time: The time.
+            seconds: Of a time, the seconds since the run's second 0.
+            odd: What looks odd then.
+            waiting: What it waits for, which no message tells.
+        """
+        mode: Mode | None = self.modes.at(time)
+        idle: Idle | None = self.idles.at(time)
+        decided: Decided | None = self.decisions.at(time)
+        causes = () if mode is None else mode.causes
+        return EnsembleFrame(
+            mode="stopped" if mode is None else mode.mode,
+            since=0.0 if mode is None else seconds(mode.since),
+            causes=tuple([CauseFrame(c.kind, c.detail, seconds(c.since), remedy_of(c.kind)) for c in causes]),
+            waiting=waiting,
+            idle=seconds(idle.since) if idle is not None and idle.idle else None,
+            live=tuple([LifeFrame(life.action, seconds(life.time)) for life in self.lives.at(time) or ()]),
+            epoch=-1 if decided is None else decided.message.epoch,
+            action="" if decided is None else decided.message.action_name,
+            decisions=0 if decided is None else decided.total,
+            odd=odd,
+        )
+
+    def detail(self, time: int, seconds: Callable[[int], float], current: Any, **more: Any) -> Detail:
+        """Return the ensemble at close range, at a time.
+
+        Args:
+            time: The time.
+            seconds: Of a time, the seconds since the run's second 0.
+            current: The belief that was decided on last; None where there is none.
+            more: What no message tells.
+        """
+        known = self.known
+        place = self.decisions.place(time)
+        decision: Decision | None = self.decisions.entries[place].message if place >= 0 else None
+        at: Any = current if decision is None or decision.state is None else decision.state
+        facts: dict[str, Any] = {}
+        if decision is not None:
+            facts = {"cause": self.cause(place), "decided": seconds(decision.time), "reward": decision.reward}
+            if decision.state is not None:
+                facts |= {"state": known.state(decision.state), "factors": known.factors(decision.state)}
+        last = self.observed.last(time, HISTORY)
+        history = [
+            (seconds(when), known.observed(symbol))
+            for when, symbol in zip(self.observed.times[last], self.observed.entries[last], strict=True)
+        ]
+        counts: Counter[str] = Counter()
+        for symbol, track in self._tally.items():
+            counts[known.observed(symbol)] += track.at(time) or 0
+        facts |= {
+            "observation": history[-1][1] if history else None,
+            "value": expected_return(known.controller, at),
+            "belief": belief_frame(current, known.space),
+            "observations": tuple(history),
+            "tally": most_frequent(+counts),
+        }
+        return Detail(**(more | facts))
+
+    def cause(self, place: int) -> str:
+        """Return the cause of a decision by its place, in words."""
+        message, count, _ = self.decisions.entries[place]
+        before: Decision | None = self.decisions.entries[place - 1].message if place > 0 and count == 1 else None
+        ended: Ended | None = None
+        if message.cause == "again" and before is not None:
+            ended = self.ends.at(message.time)
+            if ended is None or ended.action != before.action_name:
+                # Of a plain function's end nothing is heard, if it has succeeded.
+                plain = self.heard is None or before.time >= self.heard
+                ended = Ended(before.action_name, 0.0, "succeeded") if plain else None
+        return cause_in_words(
+            message.cause,
+            observed=self.known.observed(message.observation),
+            changed=changes(self.known.wiring, None if before is None else before.state, message.state),
+            ended=ended,
+        )
+
+    def decision_event(self, place: int, seconds: Callable[[int], float], count: int | None = None) -> Event:
+        """Return a decision by its place as an event, which has no number yet.
+
+        Args:
+            place: Its place.
+            seconds: Of a time, the seconds since the run's second 0.
+            count: How many it stands for, where that is another number than it was told with.
+        """
+        message, of, _ = self.decisions.entries[place]
+        at = ""
+        if message.cause != "observation" and message.state is not None:
+            at = at_state(self.known.space, message.state)
+        elif message.cause != "observation":
+            at = on_observing(self.known.observed(message.observation))
+        return Event(
+            *(0, seconds(message.time), "decision", self.path, message.action_name),
+            detail=self.cause(place),
+            life=message.epoch,
+            at=at,
+            count=of if count is None else count,
+        )

@@ -43,7 +43,6 @@ UNTESTED_ALONE = {
 """Modules that have no tests of their own, and where they are tested."""
 
 ACROSS = {
-    "same/test_same.py": "that the comparison of two commits sees where they differ",
     "chaos/test_chaos.py": "random systems under random faults",
     "chaos/test_processes.py": "robots as real processes that get signals",
     "chaos/test_planted.py": "that the scenarios find faults that are planted",
@@ -100,7 +99,6 @@ ACROSS = {
     "team/transport/test_renewed.py": "certificates that are made anew while sessions hold them",
     "cli/team/test_wrong_addresses.py": "teams whose files name addresses that are wrong",
     "cli/team/test_mapped_ports.py": "teams in networks of their own, behind mapped ports and routers",
-    "same/test_same.py": "the comparison of two commits",
     "test_ros.py": "a program of the pages, beside a robot of ROS",
     "test_solved.py": "the policies that tests start from",
     "test_benchmarks.py": "programs beside the package",

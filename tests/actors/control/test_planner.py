@@ -17,7 +17,7 @@ from sentences import refused
 
 import mdm
 from mdm.actors import ControlLayer
-from mdm.actors.control.search_process import SearchProcess
+from mdm.actors.control.planner import SearchProcess
 from mdm.messages import Answer, Belief, Observation, Question, State
 from mdm.testing import capture_decisions, probe, run_virtual
 

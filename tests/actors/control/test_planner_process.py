@@ -8,7 +8,7 @@ import os
 import numpy as np
 import pytest
 
-from mdm.actors.control.search_process import SearchProcess
+from mdm.actors.control.planner import SearchProcess
 from mdm.problems import tiger
 from mdm.solvers import TreeSearch
 
@@ -19,7 +19,7 @@ SURE = np.array([1]), np.array([1.0])
 @pytest.fixture(autouse=True)
 def _patience(monkeypatch):
     """Let a busy machine take its time to end a process of low priority."""
-    monkeypatch.setattr("mdm.actors.control.search_process._PATIENCE", 60.0)
+    monkeypatch.setattr("mdm.actors.control.planner._LAST_WORDS", 60.0)
 
 
 def run(main, **options):

@@ -646,13 +646,13 @@ class Ensemble(Layer):
         """Go safe in the turn of the failure, with no way back but a restart, before which sensors are still heard."""
         if self.predicates is not None:
             self.predicates.keep()
-        self.safety.end("failure", f"{type(error).__name__}: {text_of(error)}", lambda: None)
+        self.safety.last_word.end("failure", f"{type(error).__name__}: {text_of(error)}", lambda: None)
 
     def on_ending(self) -> None:
         """Go safe with the runtime, not only when those that stop before have come to their ends."""
         above = self.parent
         if not (isinstance(above, Ensemble) and above.life == "running"):  # else that one ends this one
-            self.safety.end("end", "the runtime ends", lambda: None)
+            self.safety.last_word.end("end", "the runtime ends", lambda: None)
 
     def on_starved(self, detail: str) -> None:
         """Go safe while a turn goes on without end and other input comes."""
@@ -665,7 +665,7 @@ class Ensemble(Layer):
     async def on_stopping(self) -> None:
         """End the running action and the ensembles below, and run the safe actions: the outermost has the last word."""
         done = anyio.Event()
-        await self.come_to("stop", lambda _: self.safety.end("end", "the ensemble ends", done.set))
+        await self.come_to("stop", lambda _: self.safety.last_word.end("end", "the ensemble ends", done.set))
         with anyio.move_on_after(self.patience) as scope:
             await done.wait()
         if scope.cancelled_caught:

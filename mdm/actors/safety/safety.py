@@ -40,6 +40,7 @@ class Safety:
         modes: The state machine.
         waiting: Reports the input that an ensemble which cannot decide waits for.
         runs: How often the safe action was begun, or begun anew.
+        last_word: Carries out the end.
     """
 
     def __init__(self, ensemble: Ensemble, settings: SafetySettings) -> None:
@@ -50,29 +51,27 @@ class Safety:
         self._control = ensemble.control
         self._reactions = {name: self._reaction(name, getattr(settings, name)) for name in _REACTIONS}
         self.on_lost_teammate = settings.on_lost_teammate
-        if self.on_lost_teammate == "safe_action" and not self._has_safe_action:
+        if self.on_lost_teammate == "safe_action" and not self.has_safe_action:
             raise ConfigError("on_lost_teammate asks for the safe action, but there is none", key="safe_action")
         self._keep = settings.after_safe == "keep"
         self._done = self._index_of_safe_action()
         self._told: tuple[str, tuple[Cause, ...]] = ("stopped", ())
         self._stale = False
         self._base = 0
-        self._safe_at = 0
         self._lost: set[str] = set()
-        self._ended_below: int | None = None
-        self._ended: list[Callable[[], None]] = []
-        self._end_stopped: Callable[[], None] = lambda: None
+        self.last_word = LastWord(self, ensemble)
 
     @property
-    def _has_safe_action(self) -> bool:
+    def has_safe_action(self) -> bool:
+        """Whether there is a safe action, and this agent carries out its part."""
         action = self._ensemble.action
         return action.safe is not None and not action.idle
 
     def _reaction(self, name: str, given: object) -> bool:
         """Whether a cause makes the ensemble safe."""
-        if given == "safe" and not self._has_safe_action:
+        if given == "safe" and not self.has_safe_action:
             raise ConfigError(f"{name} asks for the safe action, but there is none", key="safe_action")
-        return self._has_safe_action and given in {None, "safe"}
+        return self.has_safe_action and given in {None, "safe"}
 
     def _index_of_safe_action(self) -> int | None:
         """The model's index of the safe action, where it is one of the model's and the agent is alone."""
@@ -88,8 +87,7 @@ class Safety:
         ensemble = self._ensemble
         now = ensemble.runtime.now()
         self.modes.open(now)
-        self._ended_below = None
-        self._ended.clear()
+        self.last_word.open()
         self._lost.clear()
         self._channel = ensemble.channel("mode", Mode, retain=True)
         self._control.guard = self
@@ -102,7 +100,7 @@ class Safety:
         """End a life of the ensemble: nothing of it is left that could be made safe."""
         self.modes.close()
         self._ensemble.liveness.end()
-        self._tell_ended()
+        self.last_word.tell()
 
     def _watch(self, manager: PredicateManager) -> None:
         """Notice sensors that become too old, and those of observations that turn unknown: no state tells of these."""
@@ -158,23 +156,23 @@ class Safety:
             if self.modes.mode == "stopped":  # else its idle callbacks are called when its safe mode is over
                 ensemble.action.when_idle(ensemble.became_idle)
         elif not ensemble.runtime.ending:
-            self._obey(self.modes.start(time), time)
+            self.obey(self.modes.start(time), time)
             if ensemble.runtime.starved:
                 self.endanger("starved", ensemble.runtime.starved, time)
 
     def stop(self, time: int) -> None:
         """Decide no more; an ensemble that is ending already is made safe all the same."""
-        self._obey(self.modes.stop(time), time)
+        self.obey(self.modes.stop(time), time)
 
     def release(self, time: int) -> None:
         """Take a person's word that nothing holds any more."""
-        self._obey(self.modes.release(time), time)
+        self.obey(self.modes.release(time), time)
 
     def wait(self, kind: str, detail: str, time: int) -> None:
         """Be safe, though it was not started, where there is a safe action: whoever starts it waits for something."""
-        if self._has_safe_action and self.modes.mode == "stopped":
+        if self.has_safe_action and self.modes.mode == "stopped":
             self.modes.causes[kind] = Cause(kind, detail, time)
-            self._obey(self.modes.start(time), time)
+            self.obey(self.modes.start(time), time)
 
     def recall(self, causes: Iterable[Cause], time: int) -> None:
         """Take it that these causes have outlasted an earlier process: they hold until a release."""
@@ -190,8 +188,8 @@ class Safety:
             Whether the ensemble is safe, so that nothing that was or is decided may start.
         """
         self._ensemble.runtime.faults.publish(fault)
-        if self._has_safe_action:
-            self._obey(self.modes.endanger(fault.kind, fault.detail, fault.time), fault.time)
+        if self.has_safe_action:
+            self.obey(self.modes.endanger(fault.kind, fault.detail, fault.time), fault.time)
         else:
             self._ensemble.liveness.look()
         return self.modes.mode == "safe"
@@ -205,13 +203,13 @@ class Safety:
             time: When.
             at_rest: See `Modes.endanger`.
         """
-        if self._has_safe_action:
-            self._obey(self.modes.endanger(kind, detail, time, at_rest=at_rest), time)
+        if self.has_safe_action:
+            self.obey(self.modes.endanger(kind, detail, time, at_rest=at_rest), time)
 
     def reopen(self, kinds: frozenset[str], time: int) -> None:
         """Take causes as gone."""
         if self.modes.causes:
-            self._obey(self.modes.gone(kinds, time), time)
+            self.obey(self.modes.gone(kinds, time), time)
 
     def blind(self, time: int) -> None:
         """Take it that no state is known: a cause where the ensemble has acted, else it waits."""
@@ -255,11 +253,12 @@ class Safety:
         """Take it that an action has failed, and that nothing else heeds that."""
         if self.deciding and self._reactions[_FAILED]:
             now = self._ensemble.runtime.now()
-            self._obey(self.modes.endanger("action", text, now), now)
+            self.obey(self.modes.endanger("action", text, now), now)
 
     # -- Orders --------------------------------------------------------------------------------------------------
 
-    def _obey(self, orders: tuple[Order, ...], time: int) -> None:
+    def obey(self, orders: tuple[Order, ...], time: int) -> None:
+        """Carry out the orders of the modes, and publish the mode where it has changed."""
         action, control = self._ensemble.action, self._control
         if any(kind != "impossible_observation" for kind in self.modes.causes):
             self._stale = True
@@ -271,8 +270,8 @@ class Safety:
                 self.runs += 1
                 control.source.hold(self._done)
                 for below in self._ensemble.subensembles:
-                    below.safety.stop_alone()
-                action.secure(self._on_secured, self._on_begin, patience=self._ensemble.settling)
+                    below.safety.last_word.stop_alone()
+                action.secure(self._on_secured, self.last_word.begins, patience=self._ensemble.settling)
             elif order is Order.HALT:
                 self.waiting.end()
                 self._ensemble.liveness.end()
@@ -301,17 +300,6 @@ class Safety:
         if self.deciding and self._control.blind:
             self.waiting.begin()
 
-    def _on_begin(self) -> None:
-        self._ended_below = self._count_below()
-
-    @property
-    def _outlived(self) -> bool:
-        """Whether an action below has ended since the safe action last began; at its end, the last word is due anew."""
-        return self._ended_below is not None and self._count_below() > self._ended_below
-
-    def _count_below(self) -> int:
-        return sum(safety._ensemble.action.num_ended for safety in self._family() if safety is not self)  # noqa: SLF001
-
     def _on_secured(self, failure: str | None) -> None:
         # Behind the state that the cause itself brings about, so that none from before it is decided on.
         secured: Subscription[str | None] = Subscription(None, self._ensemble, self._secured)
@@ -320,16 +308,16 @@ class Safety:
     def _secured(self, failure: str | None) -> None:
         now = self._ensemble.runtime.now()
         if failure is None:
-            self._safe_at = self._ensemble.action.started
-        orders = self.modes.secured(failure, now, early=self._outlived)
+            self.last_word.safe_at = self._ensemble.action.started
+        orders = self.modes.secured(failure, now, early=self.last_word.outlived)
         if self.modes.safe_action is Try.OWED:
-            self._end_stopped()
+            self.last_word.end_stopped()
             return
-        self._obey(orders, now)
+        self.obey(orders, now)
         if failure is not None and Order.SECURE not in orders:
             self._ensemble.action.give_up()
         if self.modes.stage is Stage.LAST and not self.modes.securing:
-            self._finish()
+            self.last_word.finish()
 
     def _tell(self, time: int) -> None:
         """Publish the mode and its causes, where they have changed."""
@@ -343,64 +331,57 @@ class Safety:
 
     # -- The end -------------------------------------------------------------------------------------------------
 
-    def end(self, kind: str, detail: str, ended: Callable[[], None]) -> None:
-        """Make all that is below safe, then this ensemble, with no way back; the outermost has the last word.
-
-        Args:
-            kind: The cause: ``end`` or ``failure``.
-            detail: In words.
-            ended: Called when it is done.
-        """
-        if self.modes.stage in {Stage.CLOSED, Stage.OVER}:  # closed, where the ensemble above ends in its own start
-            ended()
-            return
-        self._ended.append(ended)
-        if self.modes.ending:
-            return
-        for safety in self._family():
-            safety.latch()
-        self.modes.end_below()
-        waiting = len(self._ensemble.subensembles) + 1
-
-        def one() -> None:
-            nonlocal waiting
-            waiting -= 1
-            if not waiting:
-                self._end(kind, detail)
-
-        self._end_below(kind, detail, one)
-        one()
-
-    def _end_below(self, kind: str, detail: str, ended: Callable[[], None]) -> None:
-        """Make the deciding ensembles below safe at once, and then the stopped ones; call back for each."""
-        family = [child.safety for child in self._ensemble.subensembles]
-        stopped = [safety for safety in family if safety.was_left]
-        for safety in family:
-            if safety not in stopped:
-                safety.end(kind, detail, ended)
-
-        def end_stopped() -> None:
-            while stopped:
-                stopped.pop().end(kind, detail, ended)
-
-        self._end_stopped = end_stopped
-        if stopped:  # their safe actions would run beside lives that go on here
-            self._ensemble.action.when_idle(end_stopped)
-            self._ensemble.after(self._ensemble.settling, end_stopped)
-
-    def _end(self, kind: str, detail: str) -> None:
-        self.modes.end_here()
-        now = self._ensemble.runtime.now()
-        if not self._has_safe_action:
-            self._obey(self.modes.stop(now), now)
-        self._obey(self.modes.end(now, kind, detail, unsafe=self.unsafe), now)
-        if not self.modes.securing:
-            self._ensemble.action.when_idle(self._finish)
-
     @property
     def ending(self) -> bool:
         """Whether it comes to its end, or has."""
         return self.modes.ending
+
+
+class LastWord:
+    """The end of an ensemble: those below come first, and its safe action runs last where anything has run since.
+
+    Args:
+        safety: Carries out its modes.
+        ensemble: The ensemble.
+
+    Attributes:
+        safe_at: How many lives had begun when the safe action last ended well.
+        end_stopped: Ends the stopped ensembles below, which wait until what lives here has ended.
+    """
+
+    def __init__(self, safety: Safety, ensemble: Ensemble) -> None:
+        self.safe_at = 0
+        self.end_stopped: Callable[[], None] = lambda: None
+        self._safety = safety
+        self._modes = safety.modes
+        self._ensemble = ensemble
+        self._ended_below: int | None = None
+        self._ended: list[Callable[[], None]] = []
+
+    def open(self) -> None:
+        """Begin a life of the ensemble."""
+        self._ended_below = None
+        self._ended.clear()
+
+    def begins(self) -> None:
+        """Take it that the safe action begins."""
+        self._ended_below = self._count_below()
+
+    @property
+    def outlived(self) -> bool:
+        """Whether an action below has ended since the safe action last began; at its end, the last word is due anew."""
+        return self._ended_below is not None and self._count_below() > self._ended_below
+
+    def _count_below(self) -> int:
+        return sum(one.action.num_ended for one in self._family() if one is not self._ensemble)
+
+    def _family(self) -> Iterator[Ensemble]:
+        """Yield the ensemble and all below it."""
+        family = [self._ensemble]
+        while family:
+            one = family.pop(0)
+            yield one
+            family = [*one.subensembles, *family]
 
     @property
     def unsafe(self) -> bool:
@@ -409,21 +390,77 @@ class Safety:
         Not in the middle of a start, while no action could run.
         """
         action = self._ensemble.action
-        unsafe = action.started > self._safe_at or self._outlived
-        return unsafe and self._has_safe_action and action.life == "running"
+        unsafe = action.started > self.safe_at or self.outlived
+        return unsafe and self._safety.has_safe_action and action.life == "running"
 
     @property
     def was_left(self) -> bool:
         """Whether it has stopped, and an action has begun here or below since a safe action last ran."""
-        stopped = self.modes.mode == "stopped" and not self._ensemble.interrupted
-        return stopped and any(safety.unsafe for safety in self._family())
+        stopped = self._modes.mode == "stopped" and not self._ensemble.interrupted
+        return stopped and any(one.safety.last_word.unsafe for one in self._family())
 
-    def _finish(self) -> None:
-        if self.modes.finish():
+    def end(self, kind: str, detail: str, ended: Callable[[], None]) -> None:
+        """Make all that is below safe, then this ensemble, with no way back; the outermost has the last word.
+
+        Args:
+            kind: The cause: ``end`` or ``failure``.
+            detail: In words.
+            ended: Called when it is done.
+        """
+        if self._modes.stage in {Stage.CLOSED, Stage.OVER}:  # closed, where the ensemble above ends in its own start
+            ended()
+            return
+        self._ended.append(ended)
+        if self._modes.ending:
+            return
+        for one in self._family():
+            one.safety.last_word.latch()
+        self._modes.end_below()
+        waiting = len(self._ensemble.subensembles) + 1
+
+        def one_has() -> None:
+            nonlocal waiting
+            waiting -= 1
+            if not waiting:
+                self._end_here(kind, detail)
+
+        self._end_below(kind, detail, one_has)
+        one_has()
+
+    def _end_below(self, kind: str, detail: str, ended: Callable[[], None]) -> None:
+        """Make the deciding ensembles below safe at once, and then the stopped ones; call back for each."""
+        family = [child.safety.last_word for child in self._ensemble.subensembles]
+        stopped = [below for below in family if below.was_left]
+        for below in family:
+            if below not in stopped:
+                below.end(kind, detail, ended)
+
+        def end_stopped() -> None:
+            while stopped:
+                stopped.pop().end(kind, detail, ended)
+
+        self.end_stopped = end_stopped
+        if stopped:  # their safe actions would run beside lives that go on here
+            self._ensemble.action.when_idle(end_stopped)
+            self._ensemble.after(self._ensemble.settling, end_stopped)
+
+    def _end_here(self, kind: str, detail: str) -> None:
+        self._modes.end_here()
+        now, safety = self._ensemble.runtime.now(), self._safety
+        if not safety.has_safe_action:
+            safety.obey(self._modes.stop(now), now)
+        safety.obey(self._modes.end(now, kind, detail, unsafe=self.unsafe), now)
+        if not self._modes.securing:
+            self._ensemble.action.when_idle(self.finish)
+
+    def finish(self) -> None:
+        """The last word is said."""
+        if self._modes.finish():
             self._ensemble.became_idle()
-            self._tell_ended()
+            self.tell()
 
-    def _tell_ended(self) -> None:
+    def tell(self) -> None:
+        """Call back those who wait for the end."""
         ended, self._ended = self._ended, []
         for tell in ended:
             tell()
@@ -431,8 +468,8 @@ class Safety:
     def stop_alone(self) -> None:
         """Stop ensembles started by hand, here and below; one that an action has started stops at that action's end."""
         for below in self._ensemble.subensembles:
-            below.safety.stop_alone()
-        if self.modes.mode != "stopped" and not self.modes.ending and not self._ensemble.awaited:
+            below.safety.last_word.stop_alone()
+        if self._modes.mode != "stopped" and not self._modes.ending and not self._ensemble.awaited:
             self._ensemble.interrupt()
 
     def latch(self) -> None:
@@ -440,12 +477,7 @@ class Safety:
 
         It stays latched: the ensemble above ends, and it ends with that one.
         """
-        self.modes.latch()
-        self._control.source.latch()
+        self._modes.latch()
+        self._ensemble.control.source.latch()
         self._ensemble.action.latch()
         self._ensemble.action.end_functions()
-
-    def _family(self) -> Iterator[Safety]:
-        yield self
-        for child in self._ensemble.subensembles:
-            yield from child.safety._family()  # noqa: SLF001 - one family

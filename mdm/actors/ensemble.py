@@ -368,7 +368,7 @@ class Ensemble(Layer):
         """
         index, values = self.controller.symbols.observed(observation)
         mask = tuple([value is not None for value in values])
-        now = self.runtime.now()
+        now = self.runtime.dispatcher.now()
         name = "own_observation" if self.shared else "observation"
         self.channel(name, Observation).publish(Observation(now, index, values, mask))
 

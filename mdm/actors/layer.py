@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from mdm.runtime import Actor
 from mdm.runtime.channel import Subscription
+from mdm.runtime.dispatcher import Alarm
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -27,7 +28,9 @@ class Layer(Actor):
     def after(self, seconds: float, function: Callable[[], object]) -> Timer:
         """Call a function in a turn, after so many seconds: also where this layer or its ensemble fails meanwhile."""
         runtime, turn = self.runtime, Subscription[None](None, self, lambda _: function())
-        return runtime.dispatcher.call_at(runtime.dispatcher.counts_from(self.path) + round(seconds * 1e9), turn)
+        timer = Alarm(runtime.dispatcher, turn)
+        timer.set(runtime.dispatcher.counts_from(self.path) + round(seconds * 1e9))
+        return timer
 
     def problems(self) -> Iterator[ConfigError]:
         """Yield everything that would keep this layer from starting."""

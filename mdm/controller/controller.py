@@ -580,7 +580,7 @@ class Controller:
             ModelError: If it is none, so that it would take ``snapshot`` and ``restore``.
         """
         held = Held(
-            self.configuration,
+            self._configuration or self.configuration,
             self.epoch,
             self.last_action,
             self.given,

@@ -12,6 +12,7 @@ import anyio
 from mdm.errors import Error
 from mdm.messages import Fault, StateChange, Tick
 from mdm.runtime.channel import Channel, Subscription
+from mdm.runtime.dispatcher import Alarm
 from mdm.runtime.handler import check_plain, kind_of
 from mdm.runtime.statistics import ActorStatistics
 from mdm.runtime.supervision import (
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
 
     from mdm.runtime.executors import Jobs
     from mdm.runtime.runtime import Runtime
-    from mdm.runtime.time.clock import Timer
     from mdm.runtime.work import Work
 
 __all__ = ["Actor", "Start", "descendants"]
@@ -143,7 +143,7 @@ class Actor:
         self.__runtime: Runtime | None = None
         self.__channels: dict[str, Channel[Any]] = {}
         self.__subscriptions: list[Subscription[Any]] = []
-        self.__timers: WeakSet[Timer | Ticker] = WeakSet()
+        self.__timers: WeakSet[Alarm | Ticker] = WeakSet()
         self.__work = Workload(self)
         self.__received = 0
         self.__skipped = 0
@@ -318,15 +318,16 @@ class Actor:
         self.__subscriptions.append(subscription)
         return subscription
 
-    def call_later(self, seconds: float, function: Callable[[], object]) -> Timer:
+    def call_later(self, seconds: float, function: Callable[[], object]) -> Alarm:
         """Call a function in a turn of its own, after so many seconds."""
         return self.call_at(self.runtime.dispatcher.counts_from(self.path) + round(seconds * 1e9), function)
 
-    def call_at(self, when: int, function: Callable[[], object]) -> Timer:
+    def call_at(self, when: int, function: Callable[[], object]) -> Alarm:
         """Call a function in a turn of its own, when the clock shows ``when`` nanoseconds: that is the turn's time."""
         check_plain(function, "what a timer calls")
         turn: Subscription[None] = Subscription(None, self, lambda _: function())
-        timer = self.runtime.dispatcher.call_at(when, turn)
+        timer = Alarm(self.runtime.dispatcher, turn)
+        timer.set(when)
         self.__timers.add(timer)
         return timer
 

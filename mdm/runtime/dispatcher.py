@@ -22,6 +22,7 @@ from mdm.errors import Error
 from mdm.messages import Belief, Control, Observation, SensorUpdate, State
 from mdm.runtime.channel import Subscription
 from mdm.runtime.statistics import DispatcherStatistics
+from mdm.runtime.time.clock import Timer
 
 if TYPE_CHECKING:
     import asyncio
@@ -29,9 +30,9 @@ if TYPE_CHECKING:
 
     from mdm.runtime.channel import Channel
     from mdm.runtime.tape import Tape
-    from mdm.runtime.time.clock import Clock, Timer
+    from mdm.runtime.time.clock import Clock
 
-__all__ = ["LOOK_EVERY", "Dispatcher", "Inbox"]
+__all__ = ["LOOK_EVERY", "Alarm", "Dispatcher", "Inbox"]
 
 
 class Inbox:
@@ -334,17 +335,15 @@ class Dispatcher:
         if self.time >= 0:
             self.queue.append((subscription, message))
             return
-        self.begin(self.now())
+        time = self.now()
+        if time >= self.clock.due and self.clock.firing < 0:  # as `begin`, without a call
+            self.clock.fire_before(time)
+        self.time = self.last = time
         if self.active:
             self._take(subscription, message)
         else:
             self.queue.append((subscription, message))
             self.run()
-
-    def call_at(self, when: int, subscription: Subscription[None]) -> Timer:
-        """Begin a turn of one subscriber at a time, or at the present one where that has passed."""
-        due = max(when, self.now())
-        return self.clock.call_at(due, lambda: self.deliver_due(subscription, None, due))
 
     def deliver_due(self, subscription: Subscription[Any], message: object, time: int) -> None:
         """Hand a timer's message to one subscriber, in a turn at the time when that was due."""
@@ -777,6 +776,49 @@ class Dispatcher:
             lost=self._inbox.lost,
             refused=self._refused,
         )
+
+
+class Alarm(Timer):
+    """A timer that begins a turn of one subscriber, and may be set again; ``cancel()`` takes it back.
+
+    Args:
+        dispatcher: Runs the turn.
+        turn: The subscriber.
+    """
+
+    __slots__ = ("_dispatcher", "_timer", "_turn")
+
+    def __init__(self, dispatcher: Dispatcher, turn: Subscription[None]) -> None:
+        self._dispatcher = dispatcher
+        self._turn = turn
+        self._timer: Timer | None = None  # the clock's
+        self.when = 0
+
+    @property
+    def waiting(self) -> bool:
+        """Whether it will still begin a turn."""
+        return self._timer is not None
+
+    def set(self, when: int) -> None:
+        """Begin a turn at a time, or now where that has passed; one that begins sooner stands for both."""
+        timer, dispatcher = self._timer, self._dispatcher
+        if timer is not None:
+            if self.when <= when:
+                return
+            timer.cancel()
+        time = dispatcher.time
+        self.when = max(when, time if time >= 0 else dispatcher.now())
+        self._timer = dispatcher.clock.call_at(self.when, self._fire)
+
+    def _fire(self) -> None:
+        self._timer = None
+        self._dispatcher.deliver_due(self._turn, None, self.when)
+
+    def cancel(self) -> None:
+        """Begin no turn, unless it is set again."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
 
 class _Circle:

@@ -215,7 +215,8 @@ class Copy:
                     values[place] = None if owner in silent else kept[place]
                 elif ownership.hold[place]:
                     kept[place] = values[place]
-        return Observation(time, ownership.index(values), tuple(values), tuple(mask))
+        index = None if None in values else ownership.index(values)
+        return Observation(time, index, tuple(values), tuple(mask))
 
     def _state(self, said: Mapping[str, Part], silent: set[str], time: int) -> State | None:
         """Return the joint state of a step; None where events alone make steps and it is the same as before."""

@@ -108,7 +108,8 @@ class TeamLayer(Layer):
     def on_start(self) -> None:
         """Listen to the own layers."""
         channel = self.owner.channel
-        self._now = self.runtime.dispatcher.now
+        self._dispatcher = self.runtime.dispatcher
+        self._now = self._dispatcher.now
         if self.ownership.takes == "state":
             self._take_in(channel("own_state", State, retain=True), self._on_own_state)
         else:
@@ -207,7 +208,7 @@ class TeamLayer(Layer):
 
     # -- What a kind of team does --------------------------------------------------------------------------------
 
-    def propose(self, part: bytes | None) -> None:
+    def propose(self, part: bytes | None, now: int) -> None:
         """Propose this agent's part of the next step; None where it saw nothing."""
         raise NotImplementedError
 
@@ -279,9 +280,9 @@ class TeamLayer(Layer):
         after = "; this agent stays stopped until a start is asked for" if command == "stop" and self.still else ""
         self.report("void_command", f"{command}, asked for at {self.agent}, is void: {reason}{after}")
 
-    def propose_values(self, values: Iterable[int | None]) -> None:
+    def propose_values(self, values: Iterable[int | None], now: int) -> None:
         """Offer the values of this agent's factors."""
-        self.propose(self.copy.part(self._now(), values))
+        self.propose(self.copy.part(now, values), now)
 
     @property
     def own(self) -> tuple[int | None, ...]:
@@ -297,7 +298,7 @@ class TeamLayer(Layer):
         if own != self._own:
             self._own = own
             if self.team.event_driven:
-                self.propose_values(own)
+                self.propose_values(own, self._dispatcher.time)
 
     def _on_own_observation(self, observation: Observation) -> None:
         new = [observation.values[place] if observation.mask[place] else None for place in self._places]
@@ -306,20 +307,20 @@ class TeamLayer(Layer):
         if not self.team.event_driven:
             self._seen = [old if value is None else value for old, value in zip(self._seen, new, strict=True)]
         elif self.copy.running:
-            self.propose_values(new)
+            self.propose_values(new, self._dispatcher.time)
 
     def _on_tick(self, tick: Tick) -> None:
         self.tick = tick.number
         if not self.copy.running:
             return
         if self.ownership.takes == "state":
-            self.propose_values(self._own)
+            self.propose_values(self._own, self._dispatcher.time)
         elif any(value is not None for value in self._seen):
             seen = self._seen
             self.forget()
-            self.propose_values(seen)
+            self.propose_values(seen, self._dispatcher.time)
         else:
-            self.propose(None)
+            self.propose(None, self._dispatcher.time)
 
     # -- Lost teammates ------------------------------------------------------------------------------------------
 

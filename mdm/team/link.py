@@ -239,22 +239,37 @@ class Link(Actor):
 
     def _hand_on(self, expression: str, heard: list[Subscription[Any]]) -> Callable[[Sample], None]:
         """Return a function that hands on a message in a turn of its own, to all who listen to an expression."""
-        runtime, heard_at = self.runtime, self._heard_at
-        deliver, now = runtime.dispatcher.deliver, runtime.now
+        dispatcher, heard_at = self.runtime.dispatcher, self._heard_at
+        queue, clock = dispatcher.queue, dispatcher.clock
 
-        def receive(sample: Sample) -> None:
-            time = now()
-            if runtime.tape is not None:
+        def take(sample: Sample) -> None:
+            time = dispatcher.time
+            if dispatcher.tape is not None:
                 life, sent, body = sample.incarnation, sample.time, sample.body
-                runtime.tape.note(
+                dispatcher.tape.note(
                     Received(time, self.agent, expression, sample.key, sample.owner, life, sent, bytes(body))
                 )
             heard_at[sample.owner] = time
-            for one in tuple(heard):
-                deliver(one, sample)
+            for one in heard:
+                queue.append((one, sample))
 
-        turn: Subscription[Sample] = Subscription(None, self, receive)
-        return lambda sample: deliver(turn, sample)
+        turn: Subscription[Sample] = Subscription(None, self, take)
+
+        def receive(sample: Sample) -> None:
+            # Each message of a step comes here. It begins a turn as `Dispatcher.deliver` does, whose first handler is
+            # already the listener's: that takes a third less than a turn of the link's from which others are called.
+            if dispatcher.time >= 0 or dispatcher.active or dispatcher.tape is not None:
+                dispatcher.deliver(turn, sample)
+                return
+            time = dispatcher.now()
+            if time >= clock.due and clock.firing < 0:
+                clock.fire_before(time)
+            dispatcher.time = dispatcher.last = heard_at[sample.owner] = time
+            for one in heard:
+                queue.append((one, sample))
+            dispatcher.run()
+
+        return receive
 
     def drop(self, subscriptions: Iterable[Subscription[Any]]) -> None:
         """Bring no more to these."""

@@ -25,7 +25,7 @@ from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
     from mdm.actors import Ensemble
-    from mdm.runtime import Timer
+    from mdm.runtime.dispatcher import Alarm
     from mdm.team.agreement import Commit, Send, Standing
     from mdm.team.link import Link
     from mdm.team.ownership import Placement
@@ -117,6 +117,7 @@ class ReplicatedLayer(TeamLayer):
                 key=f"ensembles.{ensemble.name}.policy",
             )
         super().__init__("replica", team, ensemble, link, placement)
+        self.digest, self.snapshot = self.copy.digest, self.copy.snapshot
         deadline = round(team.deadline * 1e9)
         self.agreement = Agreement(
             self.agent,
@@ -137,9 +138,10 @@ class ReplicatedLayer(TeamLayer):
         self._alone: tuple[str, str] | None = None
         self._saved: bytes | None = None  # a copy by which the ensemble has yet to start or stop
         self._complaint: tuple[str, int] | None = None
-        self._timer: Timer | None = None
-        self._age: Timer | None = None
+        self._timer: Alarm | None = None
+        self._age: Alarm | None = None
         self._sending: Subscription[list[Send]] = Subscription(None, self, self._send_all)
+        self._unsent = 0
         self._ending_turn: Subscription[None] = Subscription(None, self, self._end_turn)
         self._acknowledging: Subscription[None] = Subscription(None, self, self._acknowledge)
         self._acknowledgement: Send | None = None
@@ -148,8 +150,8 @@ class ReplicatedLayer(TeamLayer):
 
     def on_start(self) -> None:
         """Listen to the own layers and to the other agents."""
-        self._dispatcher = self.runtime.dispatcher
         self._timer = self._age = None
+        self._unsent = 0
         if self._saved is not None:  # the ensemble has failed, and begins anew: the team has gone on
             self.restore(self._saved)
             self._resume(self.runtime.now())
@@ -166,12 +168,20 @@ class ReplicatedLayer(TeamLayer):
 
     # -- Sending -------------------------------------------------------------------------------------------------
 
-    def propose(self, part: bytes | None) -> None:
+    def propose(self, part: bytes | None, now: int) -> None:
         """Propose this agent's part of the next step; without a majority it would be too old when a step took it."""
         if self._role == "waiting" and self.team.event_driven:
             self._unsaid += 1
             return
-        self._process(self.agreement.propose(part, self._now()))
+        agreement, step = self.agreement, self.agreement.log.position.step
+        sends = agreement.propose(part, now)
+        if self._unsent or agreement.log.position.step != step:
+            self._process(sends, now)
+            return
+        # No callback follows from it, and nothing else has changed: it is on the wire before anything is noted of it.
+        for send in sends:
+            self._send(send)
+        self._set_timer()
 
     def request(self, command: str, token: str) -> None:
         """Propose a command, for a step of its own; a start of one that was never met waits until it decides alone."""
@@ -179,7 +189,8 @@ class ReplicatedLayer(TeamLayer):
             self._alone = command, token
             self.link.go_without()
             return
-        self._process(self.agreement.propose(None, self.runtime.now(), command, token))
+        now = self.runtime.now()
+        self._process(self.agreement.propose(None, now, command, token), now)
 
     @property
     def still(self) -> bool:
@@ -210,15 +221,17 @@ class ReplicatedLayer(TeamLayer):
             standstill = Standstill(f"{self.agent}.{self.link.transport.incarnation:x}.stored")
         self.agreement.hold.recall(standstill)
 
-    def _process(self, sends: list[Send]) -> None:
+    def _process(self, sends: list[Send], now: int) -> None:
         """Send the agreement's outgoing messages and apply its state to the ensemble.
 
         Both come after this agent's callback, except changes that may prevent the callback.
         """
         agreement = self.agreement
-        if self.process.catching_up or agreement.reports or agreement.proposals.void or agreement.role != self._role:
-            self._follow_up()
+        role = agreement.state.role
+        if self.process.catching_up or agreement.reports or agreement.proposals.void or role != self._role:
+            self._follow_up(now)
         if sends:
+            self._unsent += 1
             self._dispatcher.deliver(self._sending, sends)
         stage = self.stage
         if stage is Stage.IDLE or stage is Stage.ACKNOWLEDGING:
@@ -226,13 +239,18 @@ class ReplicatedLayer(TeamLayer):
             self._dispatcher.deliver_behind(self._ending_turn, None)
 
     def _send_all(self, sends: list[Send]) -> None:
+        self._unsent -= 1
         for send in sends:
-            if isinstance(send.message, Applied):
-                self._acknowledgement = send  # said at the end of the turn, where nothing says the same by then
-                continue
-            if isinstance(send.message, _OFFERS):
-                self._acknowledgement = None
             self._send(send)
+
+    def _send(self, send: Send) -> None:
+        """Put a message on the wire; an acknowledgement at the end of the turn, where nothing says the same by then."""
+        if isinstance(send.message, Applied):
+            self._acknowledgement = send
+            return
+        if isinstance(send.message, _OFFERS):
+            self._acknowledgement = None
+        self.link.send(self._keys[send.to], encode(send.message), priority="step")
 
     def repeat_acknowledgement(self) -> None:
         """Acknowledge the last step, where the record of a run does."""
@@ -240,31 +258,29 @@ class ReplicatedLayer(TeamLayer):
 
     def _acknowledge(self, _: None) -> None:
         """Acknowledge the last step, unless a proposal has done so meanwhile."""
-        if self.runtime.tape is not None:
-            self.runtime.tape.note(Acknowledged(self.runtime.now(), self.path))
+        if self._dispatcher.tape is not None:
+            self._dispatcher.tape.note(Acknowledged(self._now(), self.path))
         if self.stage is Stage.ACKNOWLEDGING:
             self.stage = Stage.IDLE
         elif self.stage is Stage.OVERLAPPING:
             self.stage = Stage.ENDING
         send, self._acknowledgement = self._acknowledgement, None
         if send is not None:
-            self._send(send)
-
-    def _send(self, send: Send) -> None:
-        self.link.send(self._keys[send.to], encode(send.message), priority="step")
+            self.link.send(self._keys[send.to], encode(send.message), priority="step")
 
     def _end_turn(self, _: None) -> None:
         """Do the work of a step that may wait until the end of the turn."""
         if self.stage is Stage.IDLE or self.stage is Stage.ACKNOWLEDGING:  # the layer has stopped meanwhile
             return
         self.stage = Stage.IDLE if self.stage is Stage.ENDING else Stage.ACKNOWLEDGING
-        self._follow_up()
+        self._follow_up(self._dispatcher.time)
         self.copy.digest()  # for which the next step then need not wait
         stage = self.stage
         if self._acknowledgement is not None and (stage is Stage.IDLE or stage is Stage.ENDING):
             # Who observes something as soon as it was called offers it to the next step, and says the same by that.
             self.stage = Stage.ACKNOWLEDGING if stage is Stage.IDLE else Stage.OVERLAPPING
-            if self.runtime.tape is None or not self.runtime.tape.repeats:
+            tape = self._dispatcher.tape
+            if tape is None or not tape.repeats:
                 get_running_loop().call_soon(self._dispatcher.deliver, self._acknowledging, None)
 
     # -- Receiving -----------------------------------------------------------------------------------------------
@@ -275,7 +291,7 @@ class ReplicatedLayer(TeamLayer):
         except Error as error:
             self.drop(sample, str(error))
             return
-        now = self._now()
+        now = self._dispatcher.time
         agreement = self.agreement
         if message.term != agreement.state.term and not is_possible(message, agreement.order, now):
             self.drop(sample, "is of a term that cannot be")
@@ -284,14 +300,15 @@ class ReplicatedLayer(TeamLayer):
             self.process.catch_up(now, over=False)
         sends = agreement.receive(sample.owner, sample.incarnation, message, now)
         if sends or not isinstance(message, _AWAITED) or message.term != agreement.state.term:
-            self._process(sends)
+            self._process(sends, now)
         else:
-            self._set_timer(now)
+            self._set_timer()
 
     def update_live(self, link: Link) -> None:
         """Take note of who is live."""
         barred = link.refusal is not None or self._is_kept_out
-        self._process(self.agreement.members(link.live, self.runtime.now(), barred=barred))
+        now = self.runtime.now()
+        self._process(self.agreement.members(link.live, now, barred=barred), now)
 
     @property
     def _is_kept_out(self) -> bool:
@@ -299,13 +316,13 @@ class ReplicatedLayer(TeamLayer):
         return self.unmet and self.agreement.majority == 1
 
     def _on_time(self) -> None:
-        self._timer = None
-        self._process(self.agreement.tick(self._now()))
+        now = self._dispatcher.time
+        self._process(self.agreement.tick(now), now)
 
     # -- Where it stands -----------------------------------------------------------------------------------------
 
-    def _follow_up(self) -> None:
-        agreement, now = self.agreement, self._now()
+    def _follow_up(self, now: int) -> None:
+        agreement = self.agreement
         if self._saved is not None and self.process.catching_up:
             self._resume(now)
         if agreement.proposals.void:
@@ -313,19 +330,16 @@ class ReplicatedLayer(TeamLayer):
         if agreement.hold.still or self.reported_held:
             self.report_held(settled=not agreement.hold.waits)
         if agreement.reports:
-            reports, agreement.reports = agreement.reports, []
-            for kind, text in reports:
-                if kind == "majority":
-                    gone = [agent for agent in agreement.state.members if agent not in self.link.live]
-                    self.report_loss(gone, "lost_majority", text, lambda: self._role == "waiting")
-                else:
-                    self.report(kind, text)
-        self._role = agreement.role
+            self._report_all()
+        if agreement.state.role != self._role:
+            self._role = agreement.role
         if self.process.catching_up and agreement.state.fetching is None:
             self.process.catch_up(now, over=True)
-        self._set_timer(now)
-        self.assess(now)
-        if self._role in _STEADY:
+        self._set_timer()
+        ensemble, steady = self.ensemble, self._role in _STEADY
+        if not steady or self.lost or ensemble.safety.modes.causes or ensemble.action.barred:
+            self.assess(now)
+        if steady and (self._alone is not None or not self.copy.begun):
             self._begin()
         if self.ownership.takes == "state" and self.team.event_driven:
             self._propose_again(now)
@@ -350,16 +364,24 @@ class ReplicatedLayer(TeamLayer):
             if asked.command not in {BEGIN, HOLD}:
                 self.report_void(asked.token, reason)
 
-    def _set_timer(self, now: int) -> None:
-        times, timer = self.agreement.state.timers, self._timer
-        if not times:
-            return
-        when = min(times.values())
-        if timer is not None and timer.when <= when:
-            return  # one that is too early finds nothing to do, and the next is set then
-        if timer is not None:
-            timer.cancel()
-        self._timer = self.call_at(max(when, now), self._on_time)
+    def _report_all(self) -> None:
+        """Report what the agreement has for a person."""
+        agreement = self.agreement
+        reports, agreement.reports = agreement.reports, []
+        for kind, text in reports:
+            if kind == "majority":
+                gone = [agent for agent in agreement.state.members if agent not in self.link.live]
+                self.report_loss(gone, "lost_majority", text, lambda: self._role == "waiting")
+            else:
+                self.report(kind, text)
+
+    def _set_timer(self) -> None:
+        times = self.agreement.state.timers
+        if times:  # a timer that is too early finds nothing to do, and the next is set then
+            if self._timer is None:
+                self._timer = self.call_at(min(times.values()), self._on_time)
+            else:
+                self._timer.set(min(times.values()))
 
     def _propose_again(self, now: int) -> None:
         """Where events alone make steps: propose again values that the team has lost, and let other values expire."""
@@ -373,14 +395,14 @@ class ReplicatedLayer(TeamLayer):
                 said = copy.values_of(waiting[-1])
             self._term = number
             if said != self.own:
-                self.propose_values(self.own)
+                self.propose_values(self.own, now)
         if self._role == "leading" and copy.aging and self._age is None:
             self._age = self.call_at(now + round(self.team.max_age * 1e9) + 1, self._on_age)
 
     def _on_age(self) -> None:
         self._age = None
         if self._role == "leading" and self.copy.aging:
-            self.propose_values(self.own)
+            self.propose_values(self.own, self._dispatcher.time)
 
     def _on_patience(self) -> None:
         waits = self._role in {"joining", "waiting"} and not self._is_kept_out  # of which the member tells
@@ -401,8 +423,6 @@ class ReplicatedLayer(TeamLayer):
     def assess(self, now: int) -> None:
         """Go safe, hold or go on, by who is there."""
         safety = self.ensemble.safety
-        if self._role in _STEADY and not (self.lost or safety.modes.causes or self.ensemble.action.barred):
-            return  # as at nearly each step
         if self._role == "waiting" and self.copy.begun:
             safety.endanger("lost_majority", f"{self.agent} is without a majority of team {self.team.name!r}", now)
         elif self._role != "joining":
@@ -413,7 +433,9 @@ class ReplicatedLayer(TeamLayer):
 
     def apply(self, commit: Commit) -> None:
         """Apply a step."""
-        now = self._now()
+        now = self._dispatcher.time
+        if now < 0:  # what the program asks for between turns makes a step at once where nobody else is awaited
+            now = self._now()
         self._applied += 1
         try:
             if commit.command is not None:
@@ -446,14 +468,6 @@ class ReplicatedLayer(TeamLayer):
     def running(self) -> bool:
         """Whether the copy decides."""
         return self.copy.running
-
-    def digest(self) -> str:
-        """Return the digest of the copy."""
-        return self.copy.digest()
-
-    def snapshot(self) -> bytes:
-        """Return the whole copy."""
-        return self.copy.snapshot()
 
     def restore(self, snapshot: bytes) -> None:
         """Become another copy."""

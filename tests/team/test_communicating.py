@@ -491,7 +491,7 @@ def test_two_in_episodes_that_another_made_unlike_agree_and_do_not_shout_at_each
         for owner, hearer, episode in ((left, right, new), (right, left, msgspec.structs.replace(new, **changed))):
             word = Update(episode, owner.replica._configuration, (), owner.replica.stops.last)
             packer, key = Packer(owner.name, owner.transport.incarnation, runtime.clock.now), owner.replica._key
-            packer._numbers[key] = hearer.transport.router.unpacker._last[key].number
+            packer.sent[key] = [hearer.transport.router.unpacker._last[key].number, 0]
             hearer.transport.arrive(key, packer.pack(key, encode(word)))
         before = sum(robot.transport.statistics().sent[robot.replica._key].messages for robot in robots)
         await asyncio.sleep(2 * PERIOD)

@@ -66,6 +66,8 @@ class Flags:
 class Dispatcher:
     """Turns that are due: the next ones, and those behind them."""
 
+    tape, time = None, 0
+
     def __init__(self):
         self.next, self.behind = [], []
 
@@ -81,20 +83,20 @@ def replica(again):
     layer = object.__new__(ReplicatedLayer)
     layer.stage, layer._role, layer._acknowledgement, layer._hears = Stage.IDLE, "leading", None, ()
     layer._dispatcher = Dispatcher()
+    layer._unsent, layer._keys = 0, {"a": "", None: ""}
     layer._sending, layer._ending_turn, layer._acknowledging = "send", "end", "acknowledge"
     proposals = SimpleNamespace(void=[])
-    layer.agreement = SimpleNamespace(reports=[], role="leading", proposals=proposals)
+    layer.agreement = SimpleNamespace(reports=[], state=SimpleNamespace(role="leading"), proposals=proposals)
     layer.process = SimpleNamespace(catching_up=False)
     layer.copy = SimpleNamespace(digest=str, snapshot=bytes)
-    layer.link = SimpleNamespace(drop=lambda heard: None)
     sent = []
-    layer._send = sent.append
+    layer.link = SimpleNamespace(drop=lambda heard: None, send=lambda key, body, priority: sent.append(body))
     layer.again = again
 
-    def follow_up():
+    def follow_up(now):
         if layer.again:
             layer.again -= 1
-            layer._process([])
+            layer._process([], now)
 
     layer._follow_up = follow_up
     return layer, sent
@@ -108,7 +110,6 @@ class Search:
         self.rounds = []
         loop = SimpleNamespace(call_soon=lambda deliver, *args: self.rounds.append((deliver, args)))
         monkeypatch.setattr("mdm.team.replicated.get_running_loop", lambda: loop)
-        monkeypatch.setattr(ReplicatedLayer, "runtime", SimpleNamespace(tape=None), raising=False)
 
     def play(self, events):
         """Return the state after some events; None where one of them cannot be."""
@@ -118,7 +119,7 @@ class Search:
         for event in events:
             if event in SENDS:
                 ends = len(dispatcher.behind)
-                layer._process(SENDS[event])
+                layer._process(SENDS[event], 0)
                 assert (len(dispatcher.behind) > ends) == flags.process()
             elif event == "a stop":
                 layer.on_stop()

@@ -364,8 +364,9 @@ class JointProcess:
             control.on_state(message)
         else:
             control.on_observation(message)
-        if control.alarms == alarms and not control.blind:
-            control.reopen(AT_KNOWN, message.time)
+        guard = control.guard
+        if guard is not None and guard.modes.causes and control.alarms == alarms and not control.blind:
+            guard.reopen(AT_KNOWN, message.time)
         self._taking = False
 
     def carry_out(self, action: Action, belief: Vector | None = None) -> None:

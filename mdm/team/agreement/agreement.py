@@ -188,7 +188,8 @@ class Agreement:
                 self.hold.stop(token)
         self.proposals.add(component, asked)
         self._advance(now)
-        return self._flush()
+        out, self._out = self._out, []
+        return out
 
     def receive(self, sender: str, incarnation: int, message: Message, now: int) -> list[Send]:
         """Take a message of another agent."""
@@ -213,7 +214,8 @@ class Agreement:
             self.late += 1
             if isinstance(message, Begin | Commit | Component | Command | Applied):
                 self._send(sender, Stale(self.state.term))
-        return self._flush()
+        out, self._out = self._out, []
+        return out
 
     def tick(self, now: int) -> list[Send]:
         """Fire the timers that are due."""
@@ -254,7 +256,8 @@ class Agreement:
 
     def _step_leading(self, sender: str, message: Message, now: int) -> None:
         """Collect proposals and acknowledgements, send missing steps, and commit the next step when it is ready."""
-        joined = self._ballot.joined
+        assert self.state.ballot is not None
+        joined = self.state.ballot.joined
         match message:
             case Component() | Command():
                 if sender in joined and self._counts(sender, message.step, now):
@@ -354,7 +357,7 @@ class Agreement:
             if proposals.components and proposals.offered is None:
                 proposals.offered = (state.term, step)
                 self._submit(Component(state.term, step, proposals.components[0]), now)
-            if role == "following" or not self._is_ready():
+            if role == "following" or not (state.components or state.commands) or not self._is_ready():
                 return
             self._commit(now)
 
@@ -415,14 +418,12 @@ class Agreement:
         return True
 
     def _is_ready(self) -> bool:
-        """Return whether the next step can be committed.
+        """Return whether the next step, for which something was proposed, can be committed.
 
         A majority has applied the last one, and no present member is awaited, or the deadline is over.
         """
         state = self.state
         components, commands = state.components, state.commands
-        if not components and not commands:
-            return False
         step, applied = self.log.position.step, state.applied
         if list(applied.values()).count(step) < self.majority:
             return False
@@ -440,22 +441,22 @@ class Agreement:
         state, last = self.state, self.log.position
         components, commands, applied = state.components, state.commands, state.applied
         inputs: dict[str, bytes] = {}
-        missing: tuple[str, ...] = ()
+        missing: list[str] = []
         command, by, token = None, "", ""
         if commands:
             by = min(commands, key=lambda agent: commands[agent][0] not in BARS)  # of equals the first
             command, token = commands[by]
         else:
-            inputs = {agent: body for agent in self.agents if (body := components.get(agent)) is not None}
-            if self.event_driven:
-                missing = tuple([agent for agent in self.agents if applied.get(agent) != last.step])
-            else:
-                missing = tuple([agent for agent in self.agents if agent not in components])
+            for agent in self.agents:
+                if (body := components.get(agent)) is not None:
+                    inputs[agent] = body
+                if applied.get(agent) != last.step if self.event_driven else agent not in components:
+                    missing.append(agent)
         digest = self.replica.digest()
-        commit = Commit(state.term, last.step + 1, last.term, inputs, missing, command, by, digest, token)
+        commit = Commit(state.term, last.step + 1, last.term, inputs, tuple(missing), command, by, digest, token)
         self._apply(commit)
         applied[self.agent] = commit.step
-        state.open_step()
+        state.components, state.commands, state.overdue = {}, {}, False
         state.timers.pop("close", None)
         if self.event_driven:
             state.timers["close"] = now + self.deadline

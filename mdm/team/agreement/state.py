@@ -213,7 +213,7 @@ class State(msgspec.Struct):
         self.term, self.highest = term, max(self.highest, term.number)
         self.released = False
         self.applied, self.doubts, self.ahead = {}, {}, {}
-        self.open_step()
+        self.components, self.commands, self.overdue = {}, {}, False
         for timer in ("call", "patience", "invite", "retry"):
             self.timers.pop(timer, None)
 
@@ -235,7 +235,3 @@ class State(msgspec.Struct):
         self.role = "following" if self.ballot is None else "leading"
         self.fetching = None
         self.timers.pop("call", None)
-
-    def open_step(self) -> None:
-        """Collect nothing yet for the next step."""
-        self.components, self.commands, self.overdue = {}, {}, False

@@ -24,7 +24,7 @@ from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
     from mdm.actors import Ensemble
-    from mdm.runtime import Timer
+    from mdm.runtime.dispatcher import Alarm
     from mdm.team.link import Link
     from mdm.team.ownership import Placement
     from mdm.team.team import Team
@@ -55,7 +55,7 @@ class CentralisedFollower(TeamLayer):
         self._key = link.key(ensemble.name, "part")
         self._controller = controlling(team, ensemble, placement)
         self.proposals = Proposals(replace=self.ownership.takes == "state")
-        self._retry: Timer | None = None
+        self._retry: Alarm | None = None
         self._sent_at = 0
         self._life = 0
         self._last: Decision | None = None
@@ -104,7 +104,7 @@ class CentralisedFollower(TeamLayer):
         """Obey the stop, until the controller has decided a start that was asked for after it."""
         self.proposals.recall(*(msgspec.msgpack.decode(memory, type=tuple[Life, Number]) if memory else (0, 0)))
 
-    def propose(self, part: bytes | None) -> None:
+    def propose(self, part: bytes | None, now: int) -> None:
         """Send this agent's part of the next step."""
         if not self.team.event_driven:
             self.link.send(self._key, encode(Proposal(0, self.tick, part, None)), priority="step")
@@ -128,14 +128,17 @@ class CentralisedFollower(TeamLayer):
         first = self.proposals.first
         if first is not None:
             self.link.send(self._key, encode(first), priority="step")
-            self._sent_at = self.runtime.now()
+            self._sent_at = self._now()
             if self._retry is None:
                 self._retry = self.call_at(self._sent_at + _RETRY_NS, self._resend)
+            else:
+                self._retry.set(self._sent_at + _RETRY_NS)
 
     def _resend(self) -> None:
-        due, self._retry = self._sent_at + _RETRY_NS, None
-        if self.proposals.first is not None and due > self.runtime.now():  # it is another one, said since
-            self._retry = self.call_at(due, self._resend)
+        due = self._sent_at + _RETRY_NS
+        assert self._retry is not None
+        if self.proposals.first is not None and due > self._dispatcher.time:  # it is another one, said since
+            self._retry.set(due)
         else:
             self._send()
 
@@ -161,27 +164,27 @@ class CentralisedFollower(TeamLayer):
             self.proposals.follow(self._life, self._lost)
             self._send_due()
             if self.ownership.takes == "state" and self.team.event_driven:
-                self.propose_values(self.own)  # a controller that has just begun knows nothing
-        taken = decision.taken.get(self.agent, 0)
-        if can_be(taken, self.runtime.now(), 1000):
-            self.proposals.acknowledge(taken, self._bar(decision)[0])
+                self.propose_values(self.own, self._dispatcher.time)  # a controller that begins knows nothing
+        taken, bar = decision.taken.get(self.agent, 0), self._bar(decision)
+        if can_be(taken, self._dispatcher.time, 1000):
+            self.proposals.acknowledge(taken, bar[0])
             self._send_due()
         if (void := decision.void.get(self.agent)) and self.commands.outcomes.get(void) == PENDING:
             self.report_void(void, "a stop came before it")
-        self._apply(decision)
+        self._apply(decision, bar)
 
     def _bar(self, decision: Decision) -> tuple[int, int]:
         """Return the number of this agent's last stop or hold that the controller has taken, and the step it became."""
         life, number, step = decision.bars.get(self.agent, (0, 0, 0))
         return (number, step) if life == self.link.transport.incarnation else (0, 0)
 
-    def _apply(self, decision: Decision) -> None:
+    def _apply(self, decision: Decision, bar: tuple[int, int]) -> None:
         """Carry out this agent's component of a decision, once.
 
         The messages of a life come in order. Where the controller is at an earlier step than it said before, or has
         decided something else at the same, it did not say that: its decision counts as when it is heard first.
         """
-        now = self.runtime.now()
+        now = self._dispatcher.time
         last, self._last = self._last, decision
         if last is not None and (
             decision.step < last.step or (decision.step == last.step and not _same(decision, last))
@@ -190,7 +193,7 @@ class CentralisedFollower(TeamLayer):
             self.proposals.doubt(decision.step)
         safety = self.ensemble.safety
         held = self.still
-        self._settle(decision)
+        self._settle(decision, bar)
         self._send_due()
         if last is not None and decision.step == last.step:
             safety.reopen(_CONTROLLER, now)
@@ -224,9 +227,9 @@ class CentralisedFollower(TeamLayer):
         )
         self.assess(now)
 
-    def _settle(self, decision: Decision) -> None:
+    def _settle(self, decision: Decision, bar: tuple[int, int]) -> None:
         """Obey the stops and starts of a decision."""
-        proposals, bar = self.proposals, self._bar(decision)
+        proposals = self.proposals
         before = proposals.standstill if proposals.still else None
         running, started, called = decision.running, decision.started, decision.called
         proposals.settle(decision.step, bar, running=running, started=started, called=called)

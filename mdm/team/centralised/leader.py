@@ -201,7 +201,7 @@ class CentralisedLeader(TeamLayer):
             raise ValueError("it is no controller's")
         self._stopped = True
 
-    def propose(self, part: bytes | None) -> None:
+    def propose(self, part: bytes | None, now: int) -> None:
         """Collect this agent's own part."""
         if self.refusal is not None:
             return
@@ -224,7 +224,7 @@ class CentralisedLeader(TeamLayer):
             return
         # Its sender's clock is an hour ahead at most.
         period = round((self.team.period or 1.0) * 1e9)
-        if not (can_be(proposal.tick - self.tick, 0, period) and can_be(proposal.number, self.runtime.now(), 1000)):
+        if not (can_be(proposal.tick - self.tick, 0, period) and can_be(proposal.number, self._dispatcher.time, 1000)):
             self.drop(sample, f"is of tick {proposal.tick} and number {proposal.number}, which cannot be yet")
             return
         if proposal.tick > self.tick + _MOST_TICKS:
@@ -296,7 +296,7 @@ class CentralisedLeader(TeamLayer):
             missing = tuple([agent for agent in self._seeing if agent not in live and agent not in inputs])
         self._on = (inputs, missing, None, "")
         known, before = not self.process.blind, self._last.step
-        self.copy.step(inputs, missing, self.runtime.now())
+        self.copy.step(inputs, missing, self._dispatcher.time)
         if known and self.process.blind:
             self._publish(None)
         elif self._last.step == before:
@@ -338,7 +338,7 @@ class CentralisedLeader(TeamLayer):
             called=self._called,
         )
         # Behind this agent's callback, which does not wait for what is for the others.
-        self.runtime.dispatcher.deliver(self._sending, self._last)
+        self._dispatcher.deliver(self._sending, self._last)
 
     @property
     def _called(self) -> bool:
@@ -350,7 +350,7 @@ class CentralisedLeader(TeamLayer):
         _, _, command, token = self._on
         told = {"step": self._last.step + 1, "inputs": {}, "missing": (), "command": command, "token": token}
         self._last = msgspec.structs.replace(self._last, started=self._started, called=self._called, **told)
-        self.runtime.dispatcher.deliver(self._sending, self._last)
+        self._dispatcher.deliver(self._sending, self._last)
 
     def _send_new(self, decision: Decision) -> None:
         """Send a new decision to all, and tell of it here."""

@@ -79,20 +79,45 @@ class Packer:
         incarnation: Which life of it.
         now: The time in nanoseconds.
         version: The form of the bodies.
+        largest: The largest message in bytes.
+
+    Attributes:
+        sent: By key, the number of its messages, which is that of the last, and their bytes.
     """
 
-    def __init__(self, owner: str, incarnation: int, now: Callable[[], int], *, version: int = VERSION) -> None:
+    def __init__(
+        self,
+        owner: str,
+        incarnation: int,
+        now: Callable[[], int],
+        *,
+        version: int = VERSION,
+        largest: int = LARGEST,
+    ) -> None:
         name = owner.encode()
         self._starts = tuple(
             _START.pack(_MAGIC, version, step, incarnation, len(name)) + name for step in (False, True)
         )
         self._now = now
-        self._numbers: dict[str, int] = {}
+        self._largest = largest
+        self.sent: dict[str, list[int]] = {}
 
     def pack(self, key: str, body: bytes, *, step: bool = False) -> bytes:
-        """Return the next message under a key; one of an agreed step is given up last where there are too many."""
-        number = self._numbers[key] = self._numbers.get(key, 0) + 1
-        return self._starts[step] + _REST.pack(number, self._now()) + body
+        """Return the next message under a key; one of an agreed step is given up last where there are too many.
+
+        Raises:
+            Error: If every receiver would drop it, since it is too large.
+        """
+        counts = self.sent.get(key)
+        if counts is None:
+            counts = self.sent[key] = [0, 0]
+        data = self._starts[step] + _REST.pack(counts[0] + 1, self._now()) + body
+        size = len(data)
+        if size > self._largest:
+            check_size(key, data, self._largest)
+        counts[0] += 1
+        counts[1] += size
+        return data
 
     def size(self, body: bytes) -> int:
         """Return the bytes of a message with its envelope."""

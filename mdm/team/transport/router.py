@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from mdm.errors import Error
@@ -47,6 +48,7 @@ class Router:
         agent: Who receives.
         later: Calls back after so many seconds.
         failed: Called with the error of a handler, until `supervise` names another.
+        sent: By key, how many messages this agent has put, and their bytes.
         largest: The largest message in bytes.
     """
 
@@ -57,8 +59,10 @@ class Router:
         *,
         later: Callable[[float, Callable[[], None]], object],
         failed: Callable[[BaseException], None],
+        sent: Mapping[str, list[int]],
         largest: int = LARGEST,
     ) -> None:
+        self.sent = sent
         self.unpacker = Unpacker(team, agent, self._missing, self._renumbered, largest=largest)
         self.live: dict[str, int] = {}
         self._team = team
@@ -69,7 +73,6 @@ class Router:
         self._subscriptions: list[tuple[str, str, Callable[[Sample], None]]] = []  # carrier, expression, handler
         self._routes: dict[str, _Route] = {}
         self._rest = _Route(None, ())
-        self._sent: dict[str, list[int]] = {}
         self._served: dict[str, Callable[[bytes], bytes]] = {}
         self._watchers: list[Callable[[Mapping[str, int]], None]] = []
         self._dropped: dict[str, int] = {}
@@ -233,18 +236,8 @@ class Router:
         Raises:
             Error: If it is one, or is no key.
         """
-        if key in self._sent and key != _REST:  # it was put before
-            return
-        if owner_of(check_key(key), self._team) != self._agent:
+        if key not in self.sent and owner_of(check_key(key), self._team) != self._agent:
             raise Error(f"agent {self._agent!r} of team {self._team!r} must not use {key}, which is not its own")
-
-    def sent(self, key: str, size: int) -> None:
-        """Count a message that was put."""
-        counts = self._sent.get(key)
-        if counts is None:
-            counts = self._sent.setdefault(key if len(self._sent) < _MOST_KEYS else _REST, [0, 0])
-        counts[0] += 1
-        counts[1] += size
 
     def _missing(self, key: str, count: int) -> None:
         self.drop("missing", f"messages under {key} were lost on the way", count)
@@ -310,10 +303,19 @@ class Router:
         if self._rest.messages:
             received[_REST] = Traffic(self._rest.messages, self._rest.bytes)
         return TransportStatistics(
-            sent={key: Traffic(*counts) for key, counts in self._sent.items()},
+            sent=_traffic(self.sent),
             received=received,
             dropped=dict(self._dropped),
             refused=dict(self._refused),
             lateness=self._lateness.snapshot(),
             round_trips={agent: latencies.snapshot() for agent, latencies in self._round_trips.items()},
         )
+
+
+def _traffic(sent: Mapping[str, list[int]]) -> dict[str, Traffic]:
+    """Return the counts of messages that were put; those of too many keys together."""
+    told = {key: Traffic(*counts) for key, counts in islice(sent.items(), _MOST_KEYS) if counts[0]}
+    if len(sent) > _MOST_KEYS:
+        rest = [*islice(sent.values(), _MOST_KEYS, None)]
+        told[_REST] = Traffic(sum(messages for messages, _ in rest), sum(size for _, size in rest))
+    return told

@@ -137,8 +137,10 @@ class Session:
         _lay_over(self._settings, configuration or {})
         self._clock = WallClock()  # kept, so that it leaps with the runtime's
         self._now = self._clock.reader()
-        self._packer = Packer(agent, self.incarnation, self._now)
-        self._router = Router(team, agent, later=self._call_later, failed=_tell_loop, largest=largest)
+        self._packer = Packer(agent, self.incarnation, self._now, largest=largest)
+        self._router = Router(
+            team, agent, later=self._call_later, failed=_tell_loop, sent=self._packer.sent, largest=largest
+        )
         self._state: Literal["new", "opening", "open", "closed"] = "new"
         self._zenoh: zenoh.Session | None = None
         self._mailbox: Mailbox | None = None
@@ -326,9 +328,6 @@ class Session:
             self._router.drop("held_back", f"messages under {key} were held back: the agent's allowance is spent")
             return False
         data = self._packer.pack(key, body, step=priority == "step")
-        if len(data) > self._largest:
-            check_size(key, data, self._largest)
-        self._router.sent(key, len(data))
         assert self._zenoh is not None
         self._zenoh.put(expression, data, priority=self._priorities[priority], congestion_control=self._drop)
         return True

@@ -39,7 +39,7 @@ def speak(owner, receiver, channel, body):
     transport, clock = receiver.transport, receiver.runtime.clock
     packer = Packer(owner.name, owner.transport.incarnation, clock.now)
     last = transport.router.unpacker._last.get(key)
-    packer._numbers[key] = 0 if last is None else last.number
+    packer.sent[key] = [0 if last is None else last.number, 0]
     transport.arrive(key, packer.pack(key, encode(body), step=True))
 
 

@@ -105,7 +105,7 @@ def test_a_forged_number_far_ahead_silences_nobody_for_long(ahead):
     sender, forger = packer(), packer()
     receiver = reader(lambda key, count: None, told.append)
     receiver.unpack(KEY, sender.pack(KEY, b""))
-    forger._numbers[KEY] = ahead - 1
+    forger.sent[KEY] = [ahead - 1, 0]
     receiver.unpack(KEY, forger.pack(KEY, b"forged"))
     dropped = [kind_of(receiver, KEY, sender.pack(KEY, b"")) for _ in range(7)]
     assert dropped == ["repeated"] * 7
@@ -122,7 +122,7 @@ def test_a_forged_number_silences_nobody_who_speaks_once_a_second(ahead):
     sender, forger = (Packer("robot1", 1, lambda: now) for _ in range(2))
     receiver = reader(lambda key, count: None)
     receiver.unpack(KEY, sender.pack(KEY, b""), now)
-    forger._numbers[KEY] = ahead
+    forger.sent[KEY] = [ahead, 0]
     receiver.unpack(KEY, forger.pack(KEY, b"forged"), now)
     now += 10**9
     assert kind_of(receiver, KEY, sender.pack(KEY, b""), now) == "repeated"
@@ -186,14 +186,14 @@ def test_a_leap_counts_when_a_second_message_confirms_it_and_a_forged_one_never(
     sender, other = (Packer("robot1", 1, lambda: now) for _ in range(2))
     receiver = reader(lambda key, count: told.append(count))
     receiver.unpack(KEY, sender.pack(KEY, b""), now)
-    other._numbers[KEY] = 2**64 - 2
+    other.sent[KEY] = [2**64 - 2, 0]
     receiver.unpack(KEY, other.pack(KEY, b"forged"), now)
     for _ in range(20):
         with contextlib.suppress(Refusal):
             receiver.unpack(KEY, sender.pack(KEY, b""), now)
     assert sum(told) < 10
     told.clear()
-    sender._numbers[KEY] += 5000
+    sender.sent[KEY][0] += 5000
     receiver.unpack(KEY, sender.pack(KEY, b""), now)
     assert told == []
     receiver.unpack(KEY, sender.pack(KEY, b""), now)

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 Indices = Any
 
-__all__ = ["BatchTracker", "grouped", "product"]
-
 _ONE_THREAD = 1 << 18
 """The number of multiplications up to which OpenBLAS uses a single thread."""
 

@@ -32,20 +32,6 @@ if TYPE_CHECKING:
     from mdm.models.mdp import MDP
     from mdm.models.pomdp import POMDP
 
-__all__ = [
-    "DENSE",
-    "FOLDED",
-    "PAIRS",
-    "SMALL",
-    "AdaptiveFilter",
-    "check_memory",
-    "chosen_filter",
-    "compiles",
-    "footprint",
-    "most_folded",
-    "slow_to_build",
-]
-
 FOLDED = 4_000_000
 """The largest total size of dense matrices, one per action and observation."""
 PAIRS = 20_000

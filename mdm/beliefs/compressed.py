@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from mdm.models.dynamics import Dynamics
     from mdm.models.matrices import Matrix, Vector
 
-__all__ = ["CompressedFilter", "GroupedFilter", "WideFilter", "held_numbers", "unsigned"]
-
 _FOLDED = 4_000_000
 
 

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
     from mdm.models.pomdp import POMDP
 
-__all__ = ["LINE", "CompactFilter", "FoldedFilter", "LikelyFilter", "folded"]
-
 _KEPT = 4_000_000
 """The largest total size of the matrices that are kept for sets of observations."""
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-__all__ = ["Filter", "SparseFilter", "Support", "WholeFilter"]
-
 _TINY = 1e-100
 """A belief with a smaller sum is normalised, before small probabilities underflow."""
 

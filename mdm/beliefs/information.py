@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Vector
 
-__all__ = ["Drawn", "DrawnInformation", "Information", "KnownState", "restore", "snapshot"]
-
 
 class Information(Protocol):
     """The input of a policy. Implement this protocol for a belief tracker or information state of your own.

@@ -14,8 +14,6 @@ from mdm.compilation import compiled
 if TYPE_CHECKING:
     from mdm.models.matrices import Vector
 
-__all__ = ["arrange", "move", "move_dense", "move_likely", "move_sparse", "normalise", "pull", "push"]
-
 
 @compiled
 def move(matrix: Vector, before: Vector, after: Vector) -> float:

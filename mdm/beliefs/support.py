@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from mdm.models.factored.two_slice import TwoSliceNetwork
     from mdm.models.matrices import Matrix, Vector
 
-__all__ = ["CompiledSupportFilter", "NetworkFilter", "SupportFilter"]
-
 
 class SupportFilter(SparseFilter):
     """The filter by numpy: gathers the rows of the support.

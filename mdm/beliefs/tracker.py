@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from mdm.models.pomdp import POMDP
     from mdm.models.space import Symbol
 
-__all__ = ["BeliefTracker", "agreeing", "checked_support"]
-
 _MOST_KEPT = 100_000
 """The most joint observations that are kept as agreeing with observations of which components are missing."""
 

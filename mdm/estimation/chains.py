@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from mdm.models.mdp import MDP
 
-__all__ = ["BREAKS", "Chain", "Chains", "Kind", "Stay", "chains_of", "is_next", "joined", "kind_of", "returns_of"]
-
 BREAKS = frozenset({"start", "reset", "resume", "episode", "release", "belief", "team"})
 """The causes of decisions that do not follow from the one before.
 

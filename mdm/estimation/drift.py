@@ -43,8 +43,6 @@ if TYPE_CHECKING:
     from mdm.models.mdp import MDP
     from mdm.models.pomdp import POMDP
 
-__all__ = ["ODDS", "Alarm", "Capital", "DriftTest"]
-
 ODDS = 1000.0
 """The odds at which drift is told, by default."""
 _FRESH = 200

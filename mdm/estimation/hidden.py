@@ -44,23 +44,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.models.pomdp import POMDP
 
-__all__ = [
-    "Evidence",
-    "Fit",
-    "Frequencies",
-    "Intervals",
-    "Matrices",
-    "alike",
-    "evidence_of",
-    "expected",
-    "fit",
-    "frequencies",
-    "joint_odds",
-    "moves",
-    "passes",
-    "sample",
-]
-
 _LARGEST = 8_000_000
 """The most numbers in the matrices of all actions and observed symbols."""
 _MOST = 50_000_000

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.models.mdp import MDP
 
-__all__ = ["Values", "decided_policy", "losses"]
-
 _ROUNDS = 1_000
 
 

@@ -32,19 +32,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
     from mdm.models.mdp import MDP
 
-__all__ = [
-    "MOST_STAGES",
-    "Holding",
-    "Rates",
-    "durations_of",
-    "erlang",
-    "holding",
-    "moran",
-    "rates_of",
-    "staying_of",
-    "transitions_after",
-]
-
 _FEWEST = 5
 """The number of ends from which on stays are tested."""
 _REFUSED = 0.01

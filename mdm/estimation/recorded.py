@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from mdm.models.mdp import MDP
     from mdm.models.space import Space
 
-__all__ = ["chains_of_records", "check_names", "open_records"]
-
 
 class _Told(msgspec.Struct):
     """The decisions of a record.

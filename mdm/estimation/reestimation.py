@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from mdm.models.factored.two_slice import Potential
     from mdm.models.matrices import Matrix
 
-__all__ = ["WEIGHT", "Pool", "blended", "expected_reward", "pool_of", "possible", "reestimated", "replaced"]
-
 WEIGHT = 1.0
 """The visits that a row of the old model weighs as much as."""
 _LARGEST = 200_000

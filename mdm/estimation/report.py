@@ -40,18 +40,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.models.pomdp import POMDP
 
-__all__ = [
-    "Entry",
-    "FitReport",
-    "FrequencyReport",
-    "RateReport",
-    "Report",
-    "RowReport",
-    "as_data",
-    "as_text",
-    "statistics",
-]
-
 _LARGEST_LOSS = 4_000
 """States up to which losses of value are computed."""
 _SHOWN = 20

@@ -38,29 +38,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.models.mdp import MDP
 
-__all__ = [
-    "FALSE_DISCOVERIES",
-    "LEAST",
-    "LEVEL",
-    "PRIOR",
-    "Counts",
-    "Interval",
-    "Row",
-    "Verdict",
-    "check_level",
-    "counted",
-    "discoveries",
-    "g_test",
-    "log_odds",
-    "probability_intervals",
-    "rate_intervals",
-    "row_of",
-    "support",
-    "transition_rows",
-    "verdicts",
-    "without_staying",
-]
-
 LEVEL = 0.95
 """The probability of the intervals, by default."""
 PRIOR = 0.5

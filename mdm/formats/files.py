@@ -39,26 +39,6 @@ if TYPE_CHECKING:
     from mdm.models import POMDP
     from mdm.policies import Policy
 
-__all__ = [
-    "JOINT",
-    "MODEL_SUFFIXES",
-    "PARTS",
-    "PLANES",
-    "SETS",
-    "PolicyKind",
-    "beginning",
-    "check_policy_file",
-    "format_of",
-    "holds_policy",
-    "is_policy",
-    "load_model",
-    "load_policy",
-    "load_rewards",
-    "root",
-    "save_model",
-    "save_policy",
-]
-
 PLANES = re.compile(r"^[^#\n]*\bpolicyType\s*=>", re.MULTILINE)
 """Occurs in ZMDP's policies only."""
 JOINT = re.compile(r"^[ \t]*(JointPolicyPureVector\b|Policy for agent \d)", re.MULTILINE)

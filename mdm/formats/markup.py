@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from mdm.formats.source import Source
 
-__all__ = ["Element", "escape", "quoted", "stream"]
-
 _PIECE = 1 << 16
 _DEPTH = 100
 """Limit on nesting, because the tree readers recurse; real models stay far below."""

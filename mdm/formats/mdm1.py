@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from mdm.formats.files import PolicyKind
     from mdm.models import MDP
 
-__all__ = ["read", "table", "write"]
-
 _HEAD = re.compile(r"\s*\[\s*([^\]\[()]*)\]")
 _BRACKETS = re.compile(r"[()]")
 

@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from mdm.models import MDP
     from mdm.models.factored.two_slice import Role
 
-__all__ = ["Names", "Potentials", "Variable", "names_of", "read", "reference", "write"]
-
 _WHOLE = {"Variable", "Links", "Agents", "Potential", "AdditionalProperties", "Policies", "Comment", "Constraints"}
 _TABLES = {"Table", "ProbTable", "Exact"}
 _TREES = {"Tree/ADD", "Tree-ADD"}

@@ -15,8 +15,6 @@ from typing import NoReturn
 from mdm.errors import FormatError
 from mdm.progress import report_share
 
-__all__ = ["LARGEST", "Inventory", "Source", "Words", "content", "number", "suffixes"]
-
 LARGEST = 10_000_000
 """The most states, actions or observations that a file may have."""
 _COMMENT = re.compile(r"#[^\n]*")

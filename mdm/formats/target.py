@@ -16,8 +16,6 @@ from mdm.errors import FormatError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["check_place", "replacing", "write_text"]
-
 
 def write_text(path: str | Path, text: str) -> None:
     """Write a text atomically, gzipped if the path ends in ``.gz``.

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from mdm.models import TwoSliceNetwork
     from mdm.models.factored.two_slice import Potential
 
-__all__ = ["Speller", "closed", "initial", "unused", "utilities"]
-
 _CLOSE = 1e-14
 """MADP takes a sum within 5e-13, added one number after the other."""
 

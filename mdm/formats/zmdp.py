@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP
 
-__all__ = ["read", "write"]
-
 _KINDS = {'"MaxPlanesLowerBound"': False, '"MaxPlanesLowerBoundWithObservedState"': True}
 _PAIR = re.compile(r"([^\s,]+)\s*,\s*([^\s,]+)")
 _ITEM = re.compile(r"([A-Za-z ]*[A-Za-z])\s*=>\s*(.*)")

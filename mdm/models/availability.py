@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     Available: TypeAlias = npt.ArrayLike | Callable[[str, str], bool]
     Mask: TypeAlias = npt.NDArray[np.bool_]
 
-__all__ = ["HINT", "Available", "Mask", "availability", "check_known", "first_available", "refuse", "standing_in"]
-
 HINT = "an action that is not available in a state is said by available= of mdm.models.MDP and POMDP, and kept in .npz"
 """What to do with a reward of -inf, for the end of an error."""
 

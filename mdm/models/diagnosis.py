@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     Mask = npt.NDArray[np.bool_]
 
-__all__ = ["diagnose", "reachable_states"]
-
 _NAMED = 5
 
 

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from mdm.models.mdp import MDP
     from mdm.models.pomdp import POMDP
 
-__all__ = ["digest", "first_difference", "of_bytes", "of_parts", "parts", "plain", "short"]
-
 _MANY = 32
 """A model of more actions has one part for all of their matrices."""
 _SHORT = 12

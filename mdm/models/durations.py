@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Matrix, Vector
 
-__all__ = ["OVER", "Durations", "discounts_in_time", "in_time", "paid_in_time"]
-
 OVER = "over"
 """The name of the state that takes up what time has discounted."""
 

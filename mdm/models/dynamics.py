@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from mdm.models.mdp import MDP
     from mdm.models.pomdp import POMDP
 
-__all__ = ["Dynamics", "Indices", "Joint", "Rows", "dense", "distinct", "once", "stacked"]
-
 Indices: TypeAlias = npt.NDArray[np.intp]
 
 _DENSE = 0.25

@@ -40,18 +40,6 @@ if TYPE_CHECKING:
     from mdm.models.mdp import MDP
     from mdm.models.space import Space
 
-__all__ = [
-    "DenseEvents",
-    "EventObservations",
-    "Resolvent",
-    "TransitionEvents",
-    "by_entry",
-    "check_no_false_negatives",
-    "event_observations",
-    "is_rounding",
-    "leading_to_detection",
-]
-
 _TOLD = 100
 _CERTAIN = 1e-12
 _ROUNDING = 1e-5

@@ -19,26 +19,6 @@ if TYPE_CHECKING:
 
     from mdm.models.space import Space
 
-__all__ = [
-    "ROUNDING",
-    "TOLERANCE",
-    "Checked",
-    "Matrix",
-    "MatrixSize",
-    "RowError",
-    "Vector",
-    "csr",
-    "csr_identity",
-    "distribution",
-    "held_bytes",
-    "is_compressed",
-    "is_large_and_sparse",
-    "num_entries",
-    "numbers",
-    "read_only",
-    "stochastic_matrices",
-]
-
 Vector: TypeAlias = npt.NDArray[np.float64]
 Matrix: TypeAlias = Any
 """An ndarray or a scipy.sparse.csr_array; scipy ships no types."""

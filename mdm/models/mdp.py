@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from mdm.models.factored.two_slice import TwoSliceNetwork
     from mdm.models.pomdp import POMDP
 
-__all__ = ["MDP", "Keeper"]
-
 _Flat = TypeVar("_Flat", bound="MDP")
 
 

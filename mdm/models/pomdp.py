@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from mdm.models.rewards import OutcomeRewards
     from mdm.models.space import Space, Symbol
 
-__all__ = ["POMDP"]
-
 _INVERSES = 4_000_000
 """The largest total size of the actions' inverses for which resolvents of CSR matrices are dense."""
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from mdm.models.space import Space
 
-__all__ = ["OutcomeRewards", "RewardArray", "check_finite", "expected_rewards", "reward_numbers"]
-
 
 class OutcomeRewards(Protocol):
     """Rewards that depend on the outcome of an action."""

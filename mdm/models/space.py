@@ -13,8 +13,6 @@ from typing import SupportsIndex, overload
 
 from mdm.errors import ModelError
 
-__all__ = ["Factor", "Space", "Symbol"]
-
 Symbol = str | SupportsIndex | Sequence[str | int]
 """A symbol of a space: its index, its name, or a name or index for each factor."""
 

@@ -15,8 +15,6 @@ from mdm.errors import ModelError
 if TYPE_CHECKING:
     from mdm.models.mdp import MDP
 
-__all__ = ["Unit", "check_steps", "checked_unit", "in_words", "ratio", "seconds_in"]
-
 Unit = float | Literal["step", "second"]
 
 

@@ -11,8 +11,6 @@ from mdm.errors import FormatError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-__all__ = ["Problem", "collect_problems", "is_collecting", "placing", "remark", "report"]
-
 _PLACED = 12
 
 

@@ -11,8 +11,6 @@ from mdm.compilation import compiled
 if TYPE_CHECKING:
     from mdm.models.matrices import Vector
 
-__all__ = ["at_belief", "at_support"]
-
 
 @compiled
 def at_belief(by_state: Vector, belief: Vector) -> Vector:

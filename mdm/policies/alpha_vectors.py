@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from mdm.policies.batch import Batch
     from mdm.policies.policy import Arrays, Packed
 
-__all__ = ["AlphaVectors", "MaskedAlphaVectors", "MixedAlphaVectors"]
-
 _LARGE = 20_000
 """The number of entries from which it pays to look for the support."""
 

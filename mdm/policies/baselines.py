@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.policies.batch import Batch
 
-__all__ = ["ConstantPolicy", "RandomPolicy"]
-
 
 class Unknowing(StatePolicy):
     """The base of policies that ignore the state or belief.

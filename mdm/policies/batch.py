@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     Indices = npt.NDArray[np.intp]
 
-__all__ = ["ENDED", "Batch", "BeliefBatch", "ProbabilityBatch", "TableBatch"]
-
 ENDED = -1
 """Stands for the action after the end of a plan."""
 

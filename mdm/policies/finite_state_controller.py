@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from mdm.policies.batch import Batch, Indices
     from mdm.policies.policy import Arrays, Packed
 
-__all__ = ["FiniteStateController", "JointController", "Plan", "Walk"]
-
 
 class Plan(Kind):
     """The base of finite-state controllers: a single one, or one per agent."""

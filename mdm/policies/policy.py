@@ -20,19 +20,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.policies.batch import Batch
 
-__all__ = [
-    "Arrays",
-    "BeliefPolicy",
-    "Deliberating",
-    "Found",
-    "Kind",
-    "Packed",
-    "Policy",
-    "Scores",
-    "StatePolicy",
-    "mismatch",
-]
-
 Arrays: TypeAlias = "Mapping[str, npt.NDArray[Any]]"
 Packed: TypeAlias = "tuple[dict[str, int], dict[str, npt.NDArray[Any]]]"
 """The sizes and arrays of a policy."""

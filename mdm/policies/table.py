@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from mdm.policies.batch import Batch
     from mdm.policies.policy import Arrays, Packed
 
-__all__ = ["DeterministicPolicy", "QTable", "StagedPolicy", "StochasticPolicy"]
-
 _ROUNDING = 1e-12
 """Smaller errors of a sum are not normalised, so that a written policy is read again bit by bit."""
 

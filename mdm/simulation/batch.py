@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from mdm.models import MDP, Durations
     from mdm.policies.batch import Batch
 
-__all__ = ["EpisodeBatch", "EpisodeRunner", "EpisodeStep", "Evaluation", "Limits", "evaluate", "limits", "one_by_one"]
-
 _TOGETHER = 2_000
 """States up to which beliefs are kept as a matrix."""
 _CHUNK = 10_000

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from mdm.options import ControllerOptions
     from mdm.team import CommunicationPolicy, SharedHistory
 
-__all__ = ["CommunicationEvaluation", "evaluate_communication"]
-
 
 class CommunicationEvaluation(Evaluation, frozen=True):
     """The result of simulated episodes of a communicating team.

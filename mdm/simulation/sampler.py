@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Vector
 
-__all__ = ["BatchSampler", "Draws", "Lengths", "Sampler", "ended_states"]
-
 _Row = tuple[list[float], list[int]]
 
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.recording import Recorder
 
-__all__ = ["simulate", "steps_for"]
-
 REST = 1e-4
 
 

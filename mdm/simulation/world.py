@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.runtime.time.clock import Timer
 
-__all__ = ["World"]
-
 _LONGEST = 10_000
 """The number of time steps without an observation that ends an episode."""
 

@@ -46,18 +46,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.solvers.solution import Solution
 
-__all__ = [
-    "InformedBound",
-    "blind_values",
-    "fast_informed_bound",
-    "for_ever",
-    "informed_values",
-    "known_state_values",
-    "known_states",
-    "qmdp",
-    "staged_values",
-]
-
 _BLIND_SWEEPS = 100_000
 _CLOSE = 1e-9
 """How near blind policies and known states come to their limits, as a share of what rewards may add up to."""

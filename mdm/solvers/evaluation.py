@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
     from mdm.policies import FiniteStateController, StatePolicy
 
-__all__ = ["controller_values", "exact_values", "state_values"]
-
 _DENSE = 1_000
 _EXACT = 1e-9
 _SIZE = 500_000

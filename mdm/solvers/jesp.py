@@ -48,23 +48,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.solvers.solution import Solution
 
-__all__ = [
-    "MOST",
-    "JointPlan",
-    "PlanSearch",
-    "Stage",
-    "Team",
-    "Tree",
-    "as_controller",
-    "best_response",
-    "jesp",
-    "merged",
-    "plan_size",
-    "plan_value",
-    "random_plan",
-    "solve_as_one",
-]
-
 _BETTER = 1e-10
 
 

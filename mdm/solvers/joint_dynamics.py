@@ -25,8 +25,6 @@ from mdm.solvers.bounds import InformedBound
 if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
 
-__all__ = ["JointDynamics", "Only", "discounted_resolvent"]
-
 Only: TypeAlias = tuple[int, Indices]
 
 _SMALL = 20_000

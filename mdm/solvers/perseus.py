@@ -66,22 +66,6 @@ if TYPE_CHECKING:
     from mdm.solvers.joint_dynamics import Only
     from mdm.solvers.solution import Solution
 
-__all__ = [
-    "Choice",
-    "Improved",
-    "Vectors",
-    "best",
-    "certified",
-    "choose",
-    "improve",
-    "needed",
-    "perseus",
-    "plan",
-    "sampled",
-    "starts",
-    "upper_bound",
-]
-
 _NAME = "perseus"
 _EVERY = 4
 """Vectors are certified once in so many rounds; it costs about half as much as a round."""

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from types import FrameType, TracebackType
 
-__all__ = ["Limits", "Progress", "Reason", "Solution", "makes"]
-
 _Solver = TypeVar("_Solver", bound="Callable[..., Solution]")
 
 Reason = Literal["gap", "time", "iterations", "memory", "interrupted", "converged", "exact"]

@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from mdm.models import MDP, Durations
     from mdm.solvers.solution import Progress, Solution
 
-__all__ = ["SOLVERS", "dear", "default_solver", "limited", "options_of", "policy_class", "solve"]
-
 SOLVERS: dict[str, tuple[str, str, str]] = {
     "value-iteration": ("mdp.value_iteration", "value_iteration", "MDP"),
     "prioritised-sweeping": ("mdp.value_iteration", "prioritised_sweeping", "MDP"),

@@ -44,8 +44,6 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Matrix
 
-__all__ = ["MOST", "Store", "StoreError", "mapped", "user_folder"]
-
 _FORM = 1
 """The version of what is in a file, and of how it is computed."""
 _LEAST = 1_000_000

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
     from mdm.models import Space
 
-__all__ = ["Network", "load_durations", "pack_network", "read", "save_durations", "unpack_network", "write"]
-
 _LARGEST = 50_000_000
 
 

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import BinaryIO
 
-__all__ = ["MAGIC", "Names", "is_archive", "kind", "names_of", "read", "space_of", "what_else", "write"]
-
 MAGIC = b"PK\x03\x04"
 _DAMAGE = (
     ValueError,

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from mdm.models import MDP, Space
     from mdm.policies import Policy
 
-__all__ = ["read", "write"]
-
 
 class _Header(msgspec.Struct):
     kind: str

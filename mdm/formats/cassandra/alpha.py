@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from mdm.models import Space
 
-__all__ = ["action_index", "blocks", "lines", "numbers", "read", "read_in_order", "write"]
-
 
 def read(path: str | Path, *, actions: Space | None = None) -> AlphaVectors:
     """Read alpha vectors.

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Matrix, Vector
 
-__all__ = ["StatementWriter", "Symbols", "build", "read", "write"]
-
 _KEYS = frozenset({"discount", "values", "states", "actions", "observations", "start"})
 _SIGNS = {"reward": 1.0, "rewards": 1.0, "cost": -1.0, "costs": -1.0}
 _FOREIGN = re.compile(r"[^A-Za-z0-9_-]")

@@ -21,8 +21,6 @@ from mdm.models.matrices import csr, is_compressed
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Indices", "Places", "Probabilities", "Rewards"]
-
 Indices = npt.NDArray[np.int64]
 Places = int | Indices | None
 """An index, several indices, or None for all."""

@@ -23,8 +23,6 @@ from mdm.policies import FiniteStateController
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["read", "write"]
-
 _IMPOSSIBLE = frozenset("Xx-")
 
 

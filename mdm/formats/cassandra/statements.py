@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from mdm.models import Space
     from mdm.models.matrices import RowError
 
-__all__ = ["Entries", "Field", "Statements", "begins_foreign", "check_commas", "foreign", "unknown"]
-
 Field = int | list[int] | None
 """An index, several indices, or None for all."""
 

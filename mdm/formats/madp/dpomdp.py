@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP
 
-__all__ = ["read", "write"]
-
 _KEY = re.compile(r"(agents|discount|values|states|start(?:\s+(?:include|exclude))?|actions|observations)\s*:(.*)")
 _SECTIONS = ("agents", "discount", "values", "states", "start", "actions", "observations")
 _STATEMENT = re.compile(r"[TOR]\s*:")

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP, Factor
 
-__all__ = ["read", "write"]
-
 _INDICES = 1 << 64
 """MADP numbers policies, the action after the first history being the most significant digit, in 64 bits."""
 _AGENT = re.compile(r"Policy for agent (\d{1,9}) \(index .*\):")

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from mdm.policies import QTable
 
-__all__ = ["are_vectors", "read", "write"]
-
 
 def read(path: str | Path) -> npt.NDArray[np.float64]:
     """Read a table of states x actions.

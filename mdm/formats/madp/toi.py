@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Matrix, Vector
 
-__all__ = ["read"]
-
 _MOST_AGENTS = 20
 _LARGEST = 100_000_000
 

@@ -16,8 +16,6 @@ from mdm.policies import AlphaVectors
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["read", "write"]
-
 _NO_ACTION = "2147483647"
 """MADP's index for a vector without an action, which can never be chosen."""
 

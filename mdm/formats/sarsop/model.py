@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP
 
-__all__ = ["Variable", "function", "read", "write"]
-
 _WHOLE = {"Description", "Discount", "Variable", "CondProb", "Func"}
 _ROLES: dict[str, Role] = {
     "InitialStateBelief": "state",

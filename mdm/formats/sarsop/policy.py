@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP
 
-__all__ = ["layout", "read", "write"]
-
 _VECTORS = frozenset({"Vector", "SparseVector"})
 
 

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from mdm.models.mdp import MDP
     from mdm.models.pomdp import POMDP
 
-__all__ = ["as_network", "joined", "unlinked"]
-
 _LARGEST = 20_000_000
 _SAME = 1e-13
 _PARTS: dict[Role, str] = {"state": "initial", "next_state": "transitions", "observation": "observation"}

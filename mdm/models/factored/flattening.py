@@ -25,20 +25,6 @@ if TYPE_CHECKING:
 
     Indices = npt.NDArray[np.intp]
 
-__all__ = [
-    "RewardRow",
-    "RewardRows",
-    "expected_rewards",
-    "first_distribution",
-    "first_states",
-    "following",
-    "observation_matrices",
-    "observed_chances",
-    "rewards_at",
-    "transition_events",
-    "transition_matrices",
-]
-
 _BLOCK = 1 << 20
 
 

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Matrix
 
-__all__ = ["marginalize"]
-
 _SAME = 1e-9
 
 

@@ -44,8 +44,6 @@ if TYPE_CHECKING:
 
     from mdm.models.factored.two_slice import Role
 
-__all__ = ["FactoredMDP", "FactoredPOMDP", "MixedPOMDP"]
-
 _ROWS = 10_000_000
 """The largest number of rows of T for which a model is flattened to track beliefs."""
 _SMALL = 16_000_000

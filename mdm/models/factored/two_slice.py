@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
     Indices = npt.NDArray[np.intp]
 
-__all__ = ["Digits", "Node", "Potential", "PotentialError", "Role", "Table", "Tree", "TwoSliceNetwork", "tabulated"]
-
 Role = Literal["state", "action", "next_state", "observation"]
 _BLOCK = 1 << 16
 _LARGEST = 50_000_000

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     Cell = tuple[int, int]
 
-__all__ = ["Body", "Guest", "Whereabouts", "walls"]
-
 
 class Body(ABC):
     """A robot, as others see it: where it is, and where it drives.

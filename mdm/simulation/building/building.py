@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from mdm.runtime import Channel
     from mdm.simulation.building.body import Body
 
-__all__ = ["Building"]
-
 _RATE = 10.0
 """Steps a second; robots tell their poses as often."""
 _SPACE = 0.4

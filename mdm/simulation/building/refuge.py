@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     Cell = tuple[int, int]
     Point = tuple[float, float]
 
-__all__ = ["GAP", "Brakes", "refuge", "way_out"]
-
 _REACH = 8.0
 """Metres around a robot where a refuge is looked for."""
 _BESIDE = 0.4

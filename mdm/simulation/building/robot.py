@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     Cell = tuple[int, int]
 
-__all__ = ["DriveError", "Robot"]
-
 _NEAR, _TURNED = 0.15, 0.2
 """Metres and radians that a goal may be missed by."""
 _PATIENCE = 30.0

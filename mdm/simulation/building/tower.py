@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from mdm.simulation.building.robot import Robot
     from mdm.simulation.building.visits import Visits
 
-__all__ = ["Rider", "Tower"]
-
 _RATE = 10.0
 """Times a second at which robots tell their poses."""
 _BOARDS = 1.0

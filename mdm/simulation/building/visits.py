@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from mdm.maps.paths import Paths
 
-__all__ = ["Bystander", "Visit", "VisitChange", "Visits"]
-
 _AWAY = -1e5
 """Metres east and north of the map, and of each other: where bodies are for which there is no visit."""
 

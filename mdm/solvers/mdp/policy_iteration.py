@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     Actions = npt.NDArray[np.intp]
     Mask = npt.NDArray[np.bool_]
 
-__all__ = ["evaluate", "first_policy", "improve_policies", "policy_iteration", "remedy", "resting", "steps"]
-
 _BETTER = 1e-11
 """An action replaces another if it is better by this share of what is added up for both: more than rounding."""
 _OPEN = 1e-14

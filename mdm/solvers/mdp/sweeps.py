@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     Indices = npt.NDArray[np.integer]
 
-__all__ = ["Scratch", "backup", "informed_sweep", "prioritised_sweeps", "scratch", "sweep"]
-
 
 @compiled
 def backup(

@@ -62,20 +62,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
     from mdm.solvers.solution import Solution
 
-__all__ = [
-    "Round",
-    "backup",
-    "kernels",
-    "modified_policy_iteration",
-    "prioritised_sweeping",
-    "rounding",
-    "rounds",
-    "sweep",
-    "sweeping",
-    "sweeps_of",
-    "value_iteration",
-]
-
 _PASS = 200_000
 """The sweeps of a round read at least so many entries, so that a report costs little beside them."""
 _SWEEPS = 3, 64

@@ -18,8 +18,6 @@ from mdm.compilation import compiled
 if TYPE_CHECKING:
     from mdm.solvers.online.tables import SearchTables
 
-__all__ = ["SearchTree", "grow", "plant", "search_tree"]
-
 Whole = npt.NDArray[np.int64]
 Real = npt.NDArray[np.float64]
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP
 
-__all__ = ["SearchTables", "SentTables", "received", "search_tables", "sent"]
-
 Whole = npt.NDArray[np.int64]
 Real = npt.NDArray[np.float64]
 

@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from mdm.policies.table import QTable
     from mdm.solvers.online.kernel import SearchTree
 
-__all__ = ["Search", "SearchResult", "TreeSearch"]
-
 _ROUND = 0.001
 """Seconds between readings of the clock."""
 _STEPS = "mdm.solvers.online.kernel"

@@ -20,8 +20,6 @@ from mdm.runtime.process.frames import HEADER, frame, unframed
 from mdm.solvers.online.tables import received
 from mdm.solvers.online.tree_search import Search
 
-__all__ = ["main"]
-
 _NICE = 10
 
 

@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     Part = Callable[[float], Callable[[], bool]]
     Indices = npt.NDArray[np.intp]
 
-__all__ = ["CHOICE", "EVALUATION", "Condensed", "Controller", "Kernels", "Vectors", "condensed", "solved"]
-
 CHOICE, EVALUATION = 5, 14
 """Arrays as large as a plan's vectors that are held while nodes are chosen among, and while they are evaluated."""
 _ROUNDS, _UNDAMPED = 60, 16

@@ -25,27 +25,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Matrix
     from mdm.solvers.joint_dynamics import JointDynamics
 
-__all__ = [
-    "EDGES",
-    "LINKS",
-    "NODES",
-    "OUTCOMES",
-    "POINTS",
-    "VALUES",
-    "VECTORS",
-    "WEIGHTS",
-    "Graph",
-    "Layout",
-    "Scratch",
-    "bytes_of",
-    "bytes_of_arrivals",
-    "grown",
-    "layout_of",
-    "new_graph",
-    "rows_of",
-    "without_beliefs",
-]
-
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int32]
 Long = npt.NDArray[np.int64]

@@ -30,15 +30,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.solvers.sarsop.graph import Layout
 
-__all__ = [
-    "bytes_to_forget_nodes",
-    "bytes_to_need_vectors",
-    "forget_nodes",
-    "needed_vectors",
-    "prune_points",
-    "prune_vectors",
-]
-
 Indices = npt.NDArray[np.intp]
 
 _CHUNK = 1_000_000

@@ -18,8 +18,6 @@ from mdm.solvers.sarsop.graph import EDGES, LINKS, NODES, OUTCOMES, POINTS, VALU
 if TYPE_CHECKING:
     from mdm.solvers.sarsop.graph import Layout
 
-__all__ = ["add_node", "add_vector", "arrive", "backup", "explore", "follow", "refresh"]
-
 _GRID = 1e12
 """Beliefs that agree to one part in so many are one, and have one upper bound: a coarser grid shows in it."""
 _NEGLIGIBLE = 1e-10

@@ -67,8 +67,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.solvers.solution import Solution
 
-__all__ = ["sarsop"]
-
 _STEPS = "mdm.solvers.sarsop.search"
 _BINS = 50
 _BLIND_TIME = 0.1

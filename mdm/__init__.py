@@ -61,6 +61,8 @@ if TYPE_CHECKING:
         Channel,
         Clock,
         DeadlockError,
+        Extension,
+        Observer,
         Restart,
         Runtime,
         VirtualClock,
@@ -92,6 +94,7 @@ __all__ = [
     "Ensemble",
     "Error",
     "EventSource",
+    "Extension",
     "FixedRate",
     "FormatError",
     "Formula",
@@ -101,6 +104,7 @@ __all__ = [
     "ModelWarning",
     "ObservationFactor",
     "ObservationLayer",
+    "Observer",
     "OnEvent",
     "P",
     "PredicateManager",
@@ -166,7 +170,7 @@ _HOMES = {
     "formats": ("load_model", "load_policy", "load_rewards", "save_model", "save_policy"),
     "logic": ("Formula", "P", "parse"),
     "runtime": (
-        *("Actor", "ActorFailure", "Channel", "Clock", "DeadlockError", "Restart", "Runtime"),
+        *("Actor", "ActorFailure", "Channel", "Clock", "DeadlockError", "Extension", "Observer", "Restart", "Runtime"),
         *("VirtualClock", "VirtualEventLoop", "WallClock", "run"),
     ),
     "simulation": ("World", "evaluate", "simulate"),
@@ -174,6 +178,8 @@ _HOMES = {
     "team": ("Team",),
     "version": ("__version__",),
 }
+OFFERS = {"record": "mdm.recording.recorder:recorder_of", "page": "mdm.views.web.page:page_of"}
+"""The function that makes the extension of an option of the runtime, which knows no package above it."""
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 

@@ -26,7 +26,7 @@ from mdm.config.recorded import lay_out
 from mdm.maps import load_map
 from mdm.messages import Journey, PoseUpdate
 from mdm.recording import Record
-from mdm.recording.stimuli import Said
+from mdm.stimuli import Said
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -420,9 +420,8 @@ class Ensemble(Layer):
 
     def _note(self, command: Literal["start", "resume", "stop"]) -> None:
         """Note a command that is kept for later as input of the run, as those are that are published."""
-        tape, now = self.runtime.dispatcher.tape, self.runtime.now()
-        if tape is not None:
-            tape.said(self.channel("control", Control), Control(now, command), now)
+        now = self.runtime.now()
+        self.runtime.observers.message(self.channel("control", Control), Control(now, command), now)
 
     def stop(self) -> None:
         """Decide no more and end the running action; ensembles below stop first. `when_idle` tells when it is done."""

@@ -13,7 +13,7 @@ import msgspec
 from mdm.config.builder import load_system, load_team
 from mdm.errors import ConfigError, Error
 from mdm.models.digest import first_difference
-from mdm.recording.stimuli import Joined, Received
+from mdm.stimuli import Joined, Received
 from mdm.texts import texts_in
 
 if TYPE_CHECKING:

@@ -106,8 +106,7 @@ class System(Actor):
 
     @property
     def _is_repeated(self) -> bool:
-        tape = self.runtime.dispatcher.tape
-        return tape is not None and tape.repeats
+        return self.runtime.dispatcher.choices.repeats
 
     async def _run_task(self, task: Callable[[System], Any]) -> None:
         try:

@@ -21,8 +21,8 @@ from mdm.estimation.chains import chains_of, joined
 from mdm.messages import Decision, Mode
 from mdm.recording.names import Names, names_of
 from mdm.recording.reader import Record
-from mdm.recording.stimuli import TRUE_STATE, Joined
 from mdm.recording.table import rows
+from mdm.stimuli import TRUE_STATE, Joined
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence

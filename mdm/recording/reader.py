@@ -16,7 +16,7 @@ from mdm import messages
 from mdm.errors import Error, FormatError
 from mdm.recording import schemas
 from mdm.recording.part import PART, Attachment, Gap, Part, Topic, number_in
-from mdm.recording.stimuli import Said, Stimulus
+from mdm.stimuli import Said, Stimulus
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence

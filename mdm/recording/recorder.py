@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -24,38 +24,18 @@ from mdm.checks import check_flag, is_whole
 from mdm.errors import ConfigError, Error
 from mdm.messages import ActionLife, Decision, Fault
 from mdm.recording import schemas
-from mdm.recording.stimuli import (
-    TRUE_REWARD,
-    TRUE_STATE,
-    Began,
-    Behind,
-    Cut,
-    Delays,
-    Ended,
-    Failed,
-    Finished,
-    GoesOn,
-    Kept,
-    Lasts,
-    Late,
-    Over,
-    Raised,
-    Resumed,
-    Said,
-    Stimulus,
-    Ticked,
-    count_messages,
-)
 from mdm.recording.writer import SILENT, RecordWriter
+from mdm.runtime.extension import Extension
+from mdm.runtime.time.virtual import VirtualClock
+from mdm.stimuli import TRUE_REWARD, TRUE_STATE, Began, Finished, Said, Stimulus
 from mdm.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from mdm.messages import Tick
     from mdm.recording.writer import RecordStatistics
+    from mdm.runtime import Channel, Dispatcher, Runtime
+    from mdm.runtime.observing import Deciding, Guard
 
-__all__ = ["FORMAT", "Recorder"]
+__all__ = ["FORMAT", "Recorder", "recorder_of"]
 
 FORMAT = 1
 
@@ -65,13 +45,14 @@ _SLICE = 100_000
 """Nanoseconds that encoding takes before the event loop has its turn."""
 _LOOK = 1.0
 """Seconds after which the process that writes is listened to."""
+_CLOSING = 5.0
+"""Seconds within which what waits is written at the end."""
 _BOUND = 100_000
 _LATEST = 1 << 63
-_Kept = tuple[dict[str, "bool | None"], dict[str, int]]
 _HEARD, _SAID, _CALLED, _LIVED, _DECIDED, _SENT = range(6)
 
 
-class Recorder:
+class Recorder(Extension):
     """Records a run: every stimulus, decision, life of an action, mode and fault, and channels that are asked for.
 
     Hand it to one `Runtime`, or a path alone where the defaults will do. A runtime that ends completes the file.
@@ -91,7 +72,7 @@ class Recorder:
         ConfigError: If one of these is of another kind.
     """
 
-    repeats = False
+    name = "the record"
 
     def __init__(
         self,
@@ -124,18 +105,16 @@ class Recorder:
         self._items: list[tuple[Any, ...]] = []
         self._topics: dict[str, int] = {}
         self._encode = msgspec.json.Encoder(enc_hook=_plain).encode
-        self._layers: dict[str, _Acting] = {}
-        self._tasks: dict[asyncio.Task[Any] | None, tuple[str, int]] = {}
         self._controlled: set[str] = set()
-        self._delays = Delays()
         self._waits = False
         self._virtual = False
         self._failed = self._silent = False
         self._told_lost = self._skipped = 0
-        self._guard: Any = None
+        self._guard: Guard
         self._looks: asyncio.TimerHandle | None = None
-        self._runtime: _Runtime | None = None
-        self._dispatcher: Any = None
+        self._runtime: Runtime | None = None
+        self._dispatcher: Dispatcher
+        self._tasks: dict[asyncio.Task[Any] | None, tuple[str, int]] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def head(self, **facts: str) -> None:
@@ -148,7 +127,7 @@ class Recorder:
 
     # -- Life ----------------------------------------------------------------------------------------------------
 
-    def open(self, runtime: _Runtime, *, virtual: bool) -> None:
+    async def open(self, runtime: Runtime) -> None:
         """Begin the record of a runtime.
 
         Raises:
@@ -156,47 +135,38 @@ class Recorder:
         """
         if self._runtime is not None:
             raise Error(f"{self.path}: a Recorder is for one run: make a new one for each runtime")
-        self._guard = runtime.guard("the record")
         self._writer.open()
         self.path = self._writer.path
-        self._runtime, self._virtual = runtime, virtual
+        self._runtime, self._virtual = runtime, isinstance(runtime.clock, VirtualClock)
         self._loop = asyncio.get_running_loop()
         clock = {
-            "clock": "virtual" if virtual else "wall",
+            "clock": "virtual" if self._virtual else "wall",
             "epoch": str(runtime.clock.now()),
             "wall": str(times.time_ns()),
         }
         self._writer.metadata("mdm", {**environment(), **self._head, **clock})
         for name, media_type, data in self._attached:
             self._writer.attach(name, media_type, data)
-        self._dispatcher = runtime.dispatcher
-        runtime.dispatcher.tape = self._guard.tape(self)
         for topic, kind in (("stimuli", Stimulus), ("decisions", Decision), ("lives", ActionLife)):
             self._topics[topic] = self._writer.topic(topic, schemas.name(kind), schemas.schema(kind))
+        self._dispatcher, self._tasks = runtime.dispatcher, runtime.observers.tasks
+        self._guard = runtime.observe(self)
         for channel in (runtime.modes, runtime.faults, runtime.lives, runtime.idles):
-            topic = "actors" if channel is runtime.lives else channel.name
-            self._hear(topic, channel)
-        if not virtual:
+            self._hear("actors" if channel is runtime.lives else channel.name, channel)
+        if self.kept_files:
+            runtime.say("record", file=str(self.path), detail=f"{self.kept_files[-1]} is kept as it is")
+        if not self._virtual:
             self._looks = self._loop.call_later(_LOOK, self._look)
 
-    def _hear(self, topic: str, channel: Any) -> None:
-        if topic not in self._topics:
-            kind = channel.type
-            self._topics[topic] = self._writer.topic(topic, schemas.name(kind), schemas.schema(kind))
-        number = self._topics[topic]
-        channel.subscribe(self._guard(lambda message: self._put((_SENT, number, message))))
-
-    def close(self, seconds: float = 5.0) -> None:
-        """Complete the file; what has not been written after so many seconds is lost."""
+    def on_end(self) -> None:
+        """Complete the file; what has not been written after some seconds is lost."""
         if self._looks is not None:
             self._looks.cancel()
         try:
             self._write(slice_=None)
             self._write(slice_=None)  # the faults that this has made
-            self._writer.close(seconds)
+            self._writer.close(_CLOSING)
         finally:
-            if self._runtime is not None:
-                self._runtime.dispatcher.tape = None
             self._loop = None
 
     @property
@@ -216,9 +186,9 @@ class Recorder:
 
     @property
     def _lost(self) -> int:
-        return self.lost + (0 if self._guard is None else self._guard.lost)
+        return self.lost + (0 if self._runtime is None else self._guard.lost)
 
-    # -- From the tape to the file ---------------------------------------------------------------------------------
+    # -- From what is heard to the file ------------------------------------------------------------------------------
 
     def _put(self, item: tuple[Any, ...]) -> None:
         items = self._items
@@ -232,6 +202,14 @@ class Recorder:
                 self._loop.call_soon(self._write, None)
             else:
                 self._loop.call_later(_AFTER, self._write)
+
+    def _hear(self, topic: str, channel: Channel[Any]) -> None:
+        """Keep each message of a channel."""
+        if topic not in self._topics:
+            kind = channel.type
+            self._topics[topic] = self._writer.topic(topic, schemas.name(kind), schemas.schema(kind))
+        number = self._topics[topic]
+        channel.subscribe(self._guard(lambda message: self._put((_SENT, number, message))))
 
     def _write(self, slice_: int | None = _SLICE) -> None:
         """Encode what was noted, for so many nanoseconds, or all of it; what fails is lost, and the rest goes on."""
@@ -306,15 +284,14 @@ class Recorder:
             decision = Decision(time, of, epoch, cause, state, observation, belief, action, name, reward)
             self._add("decisions", decision)
         elif kind == _SAID:
-            _, time, name, message, *source = item
+            _, time, name, message, source = item
             self._add("stimuli", Said(time, name, type(message).__name__, message, *source))
         elif kind == _CALLED:
             _, ensemble, life, action, time = item
             self._add("lives", ActionLife(time, ensemble, life, action, "running"))
             self._add("lives", ActionLife(time, ensemble, life, action, "succeeded"))
         elif kind == _LIVED:
-            _, ensemble, life, action, status, detail, time = item
-            self._add("lives", ActionLife(time, ensemble, life, action, status, detail))
+            self._add("lives", item[1])
         else:
             _, topic, message = item
             time = getattr(message, "time", None)
@@ -328,83 +305,33 @@ class Recorder:
     def _add(self, topic: str, message: Any) -> None:
         self._writer.write(self._topics[topic], max(message.time, 0), self._encode(message))
 
-    # -- Notes of the runtime and its actors -------------------------------------------------------------------------
+    # -- What is heard -------------------------------------------------------------------------------------------
 
-    def said(self, channel: Any, message: Any, time: int) -> None:
-        """Note a message on a channel of input, and whose code has said it."""
-        dispatcher = self._dispatcher
-        if not dispatcher.active and not self._tasks:
-            # Hot path, as `decided` is: appended here where `_put` would do no more than that.
-            if self._waits and len(self._items) < self._bound:
-                self._items.append((_HEARD, time, channel, message))
-            else:
-                self._put((_HEARD, time, channel, message))
-            return
-        runtime = self._runtime
-        assert runtime is not None
-        if dispatcher.active and dispatcher.time >= 0:
-            for ensemble, layer in self._layers.items():
-                if life := layer.calls:
-                    self._put((_SAID, time, channel.name, message, "call", ensemble, life, 0))
-                    return
-            self._put((_SAID, time, channel.name, message, "turn", "", 0, count_messages(runtime.channels)))
-        elif self._tasks and (source := self._tasks.get(asyncio.current_task())) is not None:
-            self._put((_SAID, time, channel.name, message, "task", *source, 0))
+    def on_message(self, channel: Channel[Any], message: Any, time: int) -> None:
+        """Keep a message on a channel of input, and whose code has said it."""
+        item: tuple[Any, ...] = (_HEARD, time, channel, message)
+        if self._dispatcher.active or self._tasks:
+            item = (_SAID, time, channel.name, message, self._dispatcher.observers.source())
+        # Hot path, as `on_step` is: appended here where `_put` would do no more than that.
+        if self._waits and len(self._items) < self._bound:
+            self._items.append(item)
         else:
-            self._put((_SAID, time, channel.name, message, "outside", "", 0, 0))
+            self._put(item)
 
-    async def comes(self, actor: str, step: str) -> None:
-        """Let an actor come to a step of its life."""
-
-    def came(self, actor: str, step: Any, time: int) -> None:
-        """Note that an actor has come to a step of its life; hear the channels that there are by then."""
-        self._put((Began(time, actor, step),))
-        assert self._runtime is not None
-        if step == "run":
+    def on_stimulus(self, stimulus: Stimulus) -> None:
+        """Keep a stimulus as it is; when an actor runs, hear the channels that there are by then."""
+        self._put((stimulus,))
+        if isinstance(stimulus, Finished):
+            self._look_for_missing(stimulus.time)
+        elif isinstance(stimulus, Began) and stimulus.step == "run":
+            assert self._runtime is not None
             for channel in self._runtime.channels:
                 wanted = channel.name in self.channels or channel.name.rpartition("/")[2] in {TRUE_REWARD, TRUE_STATE}
                 if wanted and channel.name not in self._topics:
                     self._hear(channel.name, channel)
 
-    def failed(self, actor: str, error: str, time: int) -> None:
-        """Note that an actor has failed."""
-        self._put((Failed(time, actor, error),))
-
-    def kept(self, actor: str, values: dict[str, bool | None], times: dict[str, int], time: int) -> _Kept:
-        """Note the values that sensors have told a predicate manager before it starts."""
-        if values:
-            self._put((Kept(time, actor, dict(values), dict(times)),))
-        return values, times
-
-    def counts_from(self, actor: str, time: int, begin: int) -> int:
-        """Note when a delay begins, where that is not the time of its turn."""
-        number = self._delays.count(actor, time)
-        if begin != time:
-            self._put((Behind(time, actor, number, begin),))
-        return begin
-
-    def place(self) -> int:
-        """Return how many messages were published that lead to decisions."""
-        return 0 if self._runtime is None else count_messages(self._runtime.channels)
-
-    def cut(self, time: int) -> None:
-        """Note that a turn was cut short, and where."""
-        self._put((Cut(time, self.place()),))
-
-    def resumed(self, time: int, *, starved: bool) -> None:
-        """Note that a turn that was cut short goes on."""
-        self._put((Resumed(time, starved),))
-
-    def rates(self, actor: str, rate: float, ticker: Any) -> None:
-        """Let an actor tick."""
-
-    def ticked(self, actor: str, rate: float, tick: Tick) -> None:
-        """Note a tick."""
-        self._put((Ticked(tick.time, actor, tick.number, tick.missed, rate),))
-
-    def finishes(self, time: int) -> None:
-        """Note that the runtime begins to end; make a fault of a channel that was asked for and never there."""
-        self._put((Finished(time, self._dispatcher.time >= 0 and bool(self._dispatcher.queue)),))
+    def _look_for_missing(self, time: int) -> None:
+        """Make a fault of channels that were asked for and never there."""
         missing = [name for name in self.channels if name not in self._topics]
         if missing and self._runtime is not None:
             there = [channel.name for channel in self._runtime.channels if channel.name not in self._topics]
@@ -414,50 +341,23 @@ class Recorder:
             )
             self._runtime.faults.publish(Fault(time, "runtime", "record", text))
 
-    def note(self, stimulus: Stimulus) -> None:
-        """Note a stimulus as it is."""
-        self._put((stimulus,))
+    def on_life(self, life: ActionLife) -> None:
+        """Keep that an action has begun or ended."""
+        self._put((_LIVED, life))
 
-    def acts(self, ensemble: str, layer: _Acting) -> None:
-        """Know an action layer."""
-        self._layers[ensemble] = layer
-
-    def lasts(self, ensemble: str, life: int, work: Any) -> None:
-        """Know the task of a life."""
-        self._tasks[work.task] = (ensemble, life)
-        self._put((Lasts(self._now(), ensemble, life),))
-
-    def ended(self, ensemble: str, life: int, work: Any, time: int) -> None:
-        """Note that the work of a life has ended, and how."""
-        self._tasks.pop(work.task, None)
-        self._put((Ended(time, ensemble, life, work.interrupted, work.cancelled, work.failure, work.abandoned),))
-
-    def raised(self, ensemble: str, life: int, error: str, time: int, *, unrun: bool) -> None:
-        """Note that the function of a life has raised, or has not run."""
-        self._put((Raised(time, ensemble, life, error, unrun),))
-
-    def goes_on(self, ensemble: str, epoch: int, time: int, ask: Callable[[], bool]) -> bool:
-        """Ask whether a running action that is chosen again goes on, and note the answer."""
-        answer = bool(ask())
-        self._put((GoesOn(time, ensemble, epoch, answer),))
-        return answer
-
-    def over(self, ensemble: str, epoch: int, time: int, over: bool) -> bool:
-        """Note that the task that a decision finds live is over, where it is."""
-        if over:
-            self._put((Over(time, ensemble, epoch),))
-        return over
-
-    def lived(self, ensemble: str, life: int, action: str, status: str, detail: str, time: int) -> None:
-        """Note that a life has begun or ended."""
-        self._put((_LIVED, ensemble, life, action, status, detail, time))
-
-    def called(self, ensemble: str, life: int, action: str, time: int) -> None:
-        """Note a plain function's whole life."""
+    def on_call(self, ensemble: str, life: int, action: str, time: int) -> None:
+        """Keep the whole life of a plain function."""
         self._put((_CALLED, ensemble, life, action, time))
 
-    def controls(self, output: _Deciding) -> None:
-        """Note what an ensemble decides by."""
+    def on_step(self, output: Deciding, *decision: Any) -> None:
+        """Keep a decision."""
+        if self._waits and len(self._items) < self._bound:
+            self._items.append((_DECIDED, output, decision))
+        else:
+            self._put((_DECIDED, output, decision))
+
+    def on_control(self, output: Deciding) -> None:
+        """Keep what an ensemble decides by, in the record's head."""
         if output.ensemble not in self._controlled:
             self._controlled.add(output.ensemble)
             facts = {"configuration": output.configuration, **output.digests()}
@@ -477,75 +377,11 @@ class Recorder:
                     facts[f"{key}_factors"] = msgspec.json.encode(factors).decode()
             self._writer.metadata(f"ensemble {output.ensemble}", facts)
 
-    def latency(self, ensemble: str, epoch: int, time: int, latency: int, limit: int) -> int:
-        """Return how late a decision is; note one past its limit."""
-        if latency > limit:
-            self._put((Late(time, ensemble, epoch, latency),))
-        return latency
-
-    def decided(self, output: _Deciding, *decision: Any) -> None:
-        """Note a decision."""
-        if self._waits and len(self._items) < self._bound:
-            self._items.append((_DECIDED, output, decision))
-        else:
-            self._put((_DECIDED, output, decision))
-
 
 _TOLD = 20
 """Channels that are named, of those that there are."""
 _NAMED = 10_000
 """Spaces with more symbols than this have no names in a record's head."""
-
-
-class _Acting(Protocol):
-    @property
-    def calls(self) -> int: ...
-
-
-class _Deciding(Protocol):
-    @property
-    def ensemble(self) -> str: ...
-
-    @property
-    def configuration(self) -> str: ...
-
-    def digests(self) -> dict[str, str]: ...
-
-    def parts(self) -> dict[str, str]: ...
-
-    @property
-    def symbols(self) -> Any: ...
-
-    @property
-    def factor_names(self) -> dict[str, dict[str, tuple[str, ...]]]: ...
-
-    @property
-    def seed(self) -> int | None: ...
-
-    @property
-    def draws(self) -> str: ...
-
-    def name_of(self, action: int) -> str: ...
-
-    def belief_of(self, current: Any) -> Any: ...
-
-
-class _Runtime(Protocol):
-    """A runtime, as its recorder knows it."""
-
-    dispatcher: Any
-    clock: Any
-    modes: Any
-    faults: Any
-    lives: Any
-    idles: Any
-
-    @property
-    def channels(self) -> tuple[Any, ...]: ...
-
-    def now(self) -> int: ...
-
-    def guard(self, observer: str) -> Any: ...
 
 
 def _plain(value: object) -> object:
@@ -598,3 +434,12 @@ def _blas() -> str:
     return ", ".join(
         sorted({f"{each.get('internal_api')} {each.get('version')} {each.get('architecture')}" for each in found})
     )
+
+
+def recorder_of(given: object) -> Recorder:
+    """Return the recorder that is given as itself or by the path of its file."""
+    if isinstance(given, Recorder):
+        return given
+    if isinstance(given, str | os.PathLike):
+        return Recorder(os.fspath(given))
+    raise Error(f"a record is the path of a file, such as 'run.mcap', or a Recorder, not {given!r}")

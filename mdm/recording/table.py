@@ -8,7 +8,7 @@ import msgspec
 
 from mdm.messages import ActionLife, Decision, Reward, State
 from mdm.recording.names import Names, names_of
-from mdm.recording.stimuli import TRUE_REWARD, TRUE_STATE
+from mdm.stimuli import TRUE_REWARD, TRUE_STATE
 
 if TYPE_CHECKING:
     from mdm.recording.reader import Record

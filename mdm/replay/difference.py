@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from mdm.messages import Decision
-from mdm.recording.stimuli import Stimulus
+from mdm.stimuli import Stimulus
 
 __all__ = ["Difference", "unlike"]
 

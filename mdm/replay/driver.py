@@ -9,7 +9,15 @@ import msgspec
 
 from mdm import messages
 from mdm.messages import Tick
-from mdm.recording.stimuli import (
+from mdm.replay.exchange import PartedError
+from mdm.replay.input import give
+from mdm.replay.player import AsRecordedError
+from mdm.runtime.actor import descendants
+from mdm.runtime.channel import Subscription
+from mdm.runtime.observing import Choices
+from mdm.runtime.time.clock import Timer
+from mdm.runtime.time.virtual import VirtualClock
+from mdm.stimuli import (
     Acknowledged,
     Answered,
     Asked,
@@ -28,13 +36,6 @@ from mdm.recording.stimuli import (
     Ticked,
     count_messages,
 )
-from mdm.replay.exchange import PartedError
-from mdm.replay.input import give
-from mdm.replay.player import AsRecordedError
-from mdm.runtime.actor import descendants
-from mdm.runtime.channel import Subscription
-from mdm.runtime.time.clock import Timer
-from mdm.runtime.time.virtual import VirtualClock
 from mdm.team.layer import TeamLayer
 from mdm.team.replicated import ReplicatedLayer
 from mdm.team.sharing.predicates import PredicateSubscriber
@@ -43,10 +44,10 @@ from mdm.team.storage import Stored
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from mdm.recording.stimuli import Stimulus
     from mdm.replay.player import Player
     from mdm.replay.transport import ReplayTransport
     from mdm.runtime import Actor, Runtime
+    from mdm.stimuli import Stimulus
 
 __all__ = ["Driver"]
 
@@ -61,7 +62,7 @@ class Driver:
 
     Args:
         runtime: The runtime, not entered yet: its own start is in the record, too.
-        player: The tape of the runtime.
+        player: Who answers in the place of the world, and compares.
         clock: The clock of the runtime.
         tops: The actors at the top.
         transports: Those of agents of a team, by agent.
@@ -94,7 +95,8 @@ class Driver:
                 for task in program:
                     task.cancel()
                 await asyncio.gather(*program, return_exceptions=True)
-                self._runtime.dispatcher.tape = None
+                self._runtime.dispatcher.choices = Choices()
+                self._runtime.observers.add(self._player).cancel()
 
     async def _drive(self, stimuli: Sequence[Stimulus], most: int) -> None:
         """Give the stimuli, each at its time."""
@@ -245,7 +247,7 @@ class Teammates:
 
     Args:
         runtime: The agent's.
-        player: Its tape.
+        player: Who answers there in the place of the world.
         transports: Those of the agents that are played, by agent.
     """
 
@@ -281,10 +283,10 @@ class Teammates:
             await self._open(transport)
 
     async def _open(self, transport: ReplayTransport) -> None:
-        before = self._player.noted
+        before = self._player.opened
         transport.release()
         for _ in range(_ROUNDS):
-            if self._player.noted > before:
+            if self._player.opened > before:
                 break
             await asyncio.sleep(0)
 

@@ -13,15 +13,15 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from mdm.errors import Error
-from mdm.recording.stimuli import Finished
 from mdm.replay.traffic import Sent, Side, Traffic, life_of
+from mdm.stimuli import Finished
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from mdm.recording.stimuli import Received, Stimulus
     from mdm.replay.traffic import Life
     from mdm.replay.transport import ReplayTransport
+    from mdm.stimuli import Received, Stimulus
 
 __all__ = ["Exchange", "PartedError"]
 

@@ -20,9 +20,9 @@ from mdm.team.link import FAREWELL
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from mdm.recording.stimuli import Received, Stimulus
     from mdm.replay.traffic import Life, Traffic
     from mdm.replay.transport import ReplayTransport
+    from mdm.stimuli import Received, Stimulus
 
 __all__ = ["Otherwise"]
 

@@ -1,4 +1,4 @@
-"""The player: the tape of a replay. It answers what the record says, and compares what is decided."""
+"""The player of a replay: it answers what the record says, and compares what is decided."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from mdm.errors import Error
 from mdm.messages import Decision
-from mdm.recording.stimuli import (
+from mdm.replay.difference import Difference, unlike
+from mdm.runtime.observing import Choices, Observer
+from mdm.stimuli import (
     Began,
     Behind,
     Cut,
@@ -20,22 +22,21 @@ from mdm.recording.stimuli import (
     Kept,
     Lasts,
     Late,
+    Opened,
     Over,
     Raised,
     Said,
     Ticked,
 )
-from mdm.replay.difference import Difference, unlike
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Sequence
 
     from mdm.actors.actions.action_layer import ActionLayer
-    from mdm.messages import Tick
-    from mdm.recording.stimuli import Stimulus
-    from mdm.runtime.tape import Deciding
+    from mdm.runtime.observing import Deciding
     from mdm.runtime.time.scheduler import Ticker
     from mdm.runtime.work import Work
+    from mdm.stimuli import Stimulus
 
 __all__ = ["Player"]
 
@@ -46,7 +47,7 @@ _EVENTS = ("state", "observation")
 """Causes of decisions by events, and not at ticks."""
 
 
-class Player:
+class Player(Choices, Observer):
     """Answers as the record does, and compares decisions with its.
 
     Args:
@@ -68,6 +69,7 @@ class Player:
         stopped: Whether the replay stopped before the end of the record.
     """
 
+    name = "the replay"
     repeats = True
 
     def __init__(
@@ -88,7 +90,7 @@ class Player:
         self.missed_by: list[int] = []
         self.stopped = False
         self._now = now
-        self.noted = 0
+        self.opened = 0
         self.stand_ins: dict[tuple[str, int], tuple[StandIn, Work]] = {}
         self.tickers: dict[tuple[str, float], Ticker] = {}
         # The rates of each actor that ticked, and the ensembles that decided when something happened.
@@ -214,12 +216,12 @@ class Player:
         self._steps.discard(key)
         return arrived
 
-    def came(self, actor: str, step: str, time: int) -> None:
-        """Take it that an actor comes to a step."""
-        self._steps.add((actor, step))
-
-    def failed(self, actor: str, error: str, time: int) -> None:
-        """Take a failure."""
+    def on_stimulus(self, stimulus: Stimulus) -> None:
+        """Note that an actor has come to a step, or that a link is open."""
+        if isinstance(stimulus, Began):
+            self._steps.add((stimulus.actor, stimulus.step))
+        elif isinstance(stimulus, Opened):
+            self.opened += 1
 
     def kept(
         self, actor: str, values: dict[str, bool | None], times: dict[str, int], time: int
@@ -229,22 +231,9 @@ class Player:
 
     # -- Input -----------------------------------------------------------------------------------------------------
 
-    def said(self, channel: Any, message: Any, time: int) -> None:
-        """Take it that something is said again."""
-
     def counts_from(self, actor: str, time: int, begin: int) -> int:
         """Return when a delay began."""
         return self._behind.get((actor, time, self._delays.count(actor, time)), time)
-
-    def place(self) -> int:
-        """Return how far the run has come, which nobody asks."""
-        return 0
-
-    def cut(self, time: int) -> None:
-        """Take it that a turn is cut short."""
-
-    def resumed(self, time: int, *, starved: bool) -> None:
-        """Take it that a turn goes on."""
 
     def rates(self, actor: str, rate: float, ticker: Ticker) -> None:
         """Keep a ticker, which ticks when the record does."""
@@ -260,16 +249,6 @@ class Player:
             if not had and actor.rpartition("/")[0] in self._eventful:
                 return f"{actor!r} ticks {rate:g} times a second, and never in the record"
         return ""
-
-    def ticked(self, actor: str, rate: float, tick: Tick) -> None:
-        """Take a tick."""
-
-    def finishes(self, time: int) -> None:
-        """Take the end."""
-
-    def note(self, stimulus: Stimulus) -> None:
-        """Take it that a stimulus has come again."""
-        self.noted += 1
 
     # -- Actions -----------------------------------------------------------------------------------------------------
 
@@ -310,12 +289,6 @@ class Player:
             if self._over or (ensemble, life) not in self._lasting:
                 stand_in.release()
 
-    def ended(self, ensemble: str, life: int, work: Work, time: int) -> None:
-        """Take the end of a life."""
-
-    def raised(self, ensemble: str, life: int, error: str, time: int, *, unrun: bool) -> None:
-        """Take the failure of a function."""
-
     def goes_on(self, ensemble: str, epoch: int, time: int, ask: Callable[[], bool]) -> bool:
         """Return what the action's function answered."""
         return self._goes_on.get((ensemble, epoch, time), False)
@@ -323,12 +296,6 @@ class Player:
     def over(self, ensemble: str, epoch: int, time: int, over: bool) -> bool:
         """Return whether the task was over."""
         return (ensemble, epoch, time) in self._overs
-
-    def lived(self, ensemble: str, life: int, action: str, status: str, detail: str, time: int) -> None:
-        """Take a life's beginning or end."""
-
-    def called(self, ensemble: str, life: int, action: str, time: int) -> None:
-        """Take a plain function's life."""
 
     # -- Decisions ---------------------------------------------------------------------------------------------------
 
@@ -342,11 +309,11 @@ class Player:
         if draws:
             output.draw_from(draws)
 
-    def latency(self, ensemble: str, epoch: int, time: int, latency: int, limit: int) -> int:
+    def latency(self, ensemble: str, epoch: int, time: int, latency: int) -> int:
         """Return how late the decision was."""
         return self._late.get((ensemble, epoch, time), 0)
 
-    def decided(
+    def on_step(
         self,
         output: Deciding,
         time: int,

@@ -18,7 +18,6 @@ from mdm.errors import Error
 from mdm.recording import Record
 from mdm.recording.part import Gap
 from mdm.recording.recorder import environment
-from mdm.recording.stimuli import Began, Finished, Joined, Received, Unsent
 from mdm.replay.difference import Difference
 from mdm.replay.driver import Driver, ReplayClock
 from mdm.replay.exchange import Exchange
@@ -27,6 +26,7 @@ from mdm.replay.player import Player
 from mdm.replay.traffic import Limit, Traffic
 from mdm.replay.transport import ReplayTransport
 from mdm.runtime import Actor, Runtime, run
+from mdm.stimuli import Began, Finished, Joined, Received, Unsent
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -34,8 +34,7 @@ if TYPE_CHECKING:
 
     from mdm.messages import Decision
     from mdm.recording.reader import Recorded
-    from mdm.recording.stimuli import Stimulus
-    from mdm.runtime.tape import Tape
+    from mdm.stimuli import Stimulus
 
 __all__ = ["Replayed", "Together", "check_beginning", "replay", "replay_together", "transports_of"]
 
@@ -258,11 +257,13 @@ class _Again:
     async def play(self, listen: Callable[[Runtime], object] = lambda _: None) -> None:
         """Run it."""
         runtime = Runtime(clock=self.clock, log=False, watchdog=None, signals=False)
-        tape: Tape = self._player
-        runtime.dispatcher.tape = tape
+        runtime.dispatcher.choices = self._player
+        watching = runtime.observe(self._player)
         listen(runtime)
         driver = Driver(runtime, self._player, self.clock, self._tops, self._transports)
         await driver.play(self.stimuli, self._most)
+        if watching.error is not None:
+            raise watching.error
 
     def check_ticks(self) -> None:
         """Refuse actors whose ticks the record does not have.

@@ -12,12 +12,12 @@ from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from typing import TYPE_CHECKING, NamedTuple
 
-from mdm.recording.stimuli import Received
+from mdm.stimuli import Received
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from mdm.recording.stimuli import Stimulus
+    from mdm.stimuli import Stimulus
 
 __all__ = ["Life", "Limit", "Sent", "Side", "Traffic", "life_of"]
 

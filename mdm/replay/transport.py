@@ -11,10 +11,10 @@ from mdm.team.transport.transport import Sample, TransportStatistics
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from mdm.recording.stimuli import Asked, Received
     from mdm.replay.exchange import Exchange
     from mdm.replay.otherwise import Otherwise
     from mdm.replay.traffic import Life
+    from mdm.stimuli import Asked, Received
     from mdm.team.transport.transport import Priority
 
 __all__ = ["ReplayTransport"]

@@ -3,6 +3,8 @@
 from mdm.runtime.actor import Actor
 from mdm.runtime.channel import Channel, Subscription
 from mdm.runtime.dispatcher import Dispatcher
+from mdm.runtime.extension import Extension
+from mdm.runtime.observing import Observer
 from mdm.runtime.process.log import Log
 from mdm.runtime.process.runner import run
 from mdm.runtime.runtime import Runtime, RuntimeStatistics
@@ -32,11 +34,13 @@ __all__ = [
     "DeadlockError",
     "Dispatcher",
     "DispatcherStatistics",
+    "Extension",
     "Histogram",
     "Latencies",
     "Log",
     "LogStatistics",
     "LoopStatistics",
+    "Observer",
     "Overflow",
     "Restart",
     "Runtime",

@@ -30,6 +30,7 @@ from mdm.runtime.supervision import (
 from mdm.runtime.time.clock import check_seconds
 from mdm.runtime.time.scheduler import Ticker
 from mdm.runtime.work import Workload, hide
+from mdm.stimuli import Began, Failed, Ticked
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Coroutine, Iterable
@@ -341,14 +342,13 @@ class Actor:
 
         def deliver(tick: Tick) -> None:
             dispatcher = runtime.dispatcher
-            if dispatcher.tape is not None:
-                dispatcher.tape.ticked(self.path, rate, tick)
+            if dispatcher.observed:
+                dispatcher.observers.stimulus(Ticked(tick.time, self.path, tick.number, tick.missed, rate))
             dispatcher.deliver_due(turn, tick, tick.time)
 
         ticker = Ticker(runtime.clock, rate, deliver, overrun=overrun, since=runtime.now())
         self.__timers.add(ticker)
-        if runtime.dispatcher.tape is not None:
-            runtime.dispatcher.tape.rates(self.path, rate, ticker)
+        runtime.dispatcher.choices.rates(self.path, rate, ticker)
         return ticker
 
     def spawn(
@@ -401,8 +401,8 @@ class Actor:
             if self.__runtime is not None:
                 self.report("exception", describe(error))
             return
-        if dispatcher is not None and dispatcher.tape is not None:
-            dispatcher.tape.failed(self.path, describe(error), dispatcher.now())
+        if dispatcher is not None:
+            dispatcher.observers.tell(Failed, dispatcher.now(), self.path, describe(error))
         self.__failures += 1
         if self.path or not getattr(error, "escalated", False):  # the root and a system have no name of their own
             self.report("exception", describe(error))
@@ -590,16 +590,12 @@ class Actor:
             raise errors[0]
 
     async def come_to(self, step: Literal["start", "run", "stop", "end"], handler: Callable[[None], None]) -> None:
-        """Come to a step of its life, in a turn of its own; a tape may have it wait for its time."""
+        """Come to a step of its life, in a turn of its own; where a run is repeated, at its time."""
         dispatcher = self.runtime.dispatcher
-        tape = dispatcher.tape
-        if tape is None:
-            dispatcher.deliver(Subscription(None, self, handler), None)
-            return
-        await tape.comes(self.path, step)
+        await dispatcher.choices.comes(self.path, step)
 
         def handle(_: None) -> None:
-            tape.came(self.path, step, dispatcher.time)
+            dispatcher.observers.tell(Began, dispatcher.time, self.path, step)
             handler(None)
 
         dispatcher.deliver(Subscription(None, self, handle), None)

@@ -176,13 +176,13 @@ class Channel(Generic[T]):
                     time = dispatcher.clock.firing
                     message = replace(message, time=time)  # type: ignore[type-var]
             if dispatcher.active:  # though none runs: one was cut short
-                if dispatcher.tape is not None and self.input:
-                    dispatcher.tape.said(self, message, time)
+                if dispatcher.observed and self.input:
+                    dispatcher.observers.message(self, message, time)
                 self._wait(message)
                 return
             dispatcher.time = dispatcher.last = time
-            if dispatcher.tape is not None and self.input:
-                dispatcher.tape.said(self, message, time)
+            if dispatcher.observed and self.input:
+                dispatcher.observers.message(self, message, time)
             self.published += 1
             self.last = message
             sole = self._sole
@@ -197,8 +197,8 @@ class Channel(Generic[T]):
             return
         if self.stamped and message.time != dispatcher.time:  # type: ignore[attr-defined]
             message = replace(message, time=dispatcher.time)  # type: ignore[type-var]
-        if dispatcher.tape is not None and self.input:
-            dispatcher.tape.said(self, message, dispatcher.time)
+        if dispatcher.observed and self.input:
+            dispatcher.observers.message(self, message, dispatcher.time)
         self.published += 1
         self.last = message
         self._queue(message)

@@ -21,15 +21,16 @@ from msgspec.structs import replace
 from mdm.errors import Error
 from mdm.messages import Belief, Control, Observation, SensorUpdate, State
 from mdm.runtime.channel import Subscription
+from mdm.runtime.observing import Choices, Observers
 from mdm.runtime.statistics import DispatcherStatistics
 from mdm.runtime.time.clock import Timer
+from mdm.stimuli import Resumed
 
 if TYPE_CHECKING:
     import asyncio
     from collections.abc import Callable, Hashable
 
     from mdm.runtime.channel import Channel
-    from mdm.runtime.tape import Tape
     from mdm.runtime.time.clock import Clock
 
 __all__ = ["LOOK_EVERY", "Alarm", "Dispatcher", "Inbox"]
@@ -178,10 +179,13 @@ class Dispatcher:
         "_woken",
         "active",
         "blamed",
+        "choices",
         "clock",
         "last",
         "loop",
         "now",
+        "observed",
+        "observers",
         "on_endless",
         "on_overflow",
         "on_standstill",
@@ -189,7 +193,6 @@ class Dispatcher:
         "queue",
         "starved_after",
         "straight",
-        "tape",
         "thread",
         "time",
         "told",
@@ -211,8 +214,10 @@ class Dispatcher:
         # The running turn's time, -1 between turns and while one is cut short; and that of the last one.
         self.time = -1
         self.last = 0
-        # What a run is recorded on, where it is.
-        self.tape: Tape | None = None
+        # Who hears what happens, and whether anybody hears stimuli; and who answers what only the world knows.
+        self.observers = Observers()
+        self.observed = False
+        self.choices = Choices()
         # Called before each message of a turn is delivered, and once more behind the last one, where a run is repeated
         # or a circle is looked for; returns whether the turn is cut there.
         self.watch: Callable[[], bool] | None = None
@@ -312,8 +317,10 @@ class Dispatcher:
         further in the past, and nothing that is due later would ever come.
         """
         time, shown = self.now(), self.clock.now()
-        begin = shown if shown - time > _BEHIND else time
-        return begin if self.tape is None else self.tape.counts_from(actor, time, begin)
+        begin = self.choices.counts_from(actor, time, shown if shown - time > _BEHIND else time)
+        if self.observed:
+            self.observers.delayed(actor, time, begin)
+        return begin
 
     def stamp(self, message: Any) -> int:
         """Return the time of a stimulus: that which its maker has just stamped it with, else now."""
@@ -534,7 +541,7 @@ class Dispatcher:
 
     def _cut_short(self, now: int) -> bool:
         """Cut a turn, so that the event loop turns before it goes on; return False where it ends by itself first."""
-        if self.tape is not None and not self._come_to_a_place(self.tape):
+        if self.observed and not self._come_to_a_place():
             return False
         self._interrupted += 1
         if not self._cuts:
@@ -566,7 +573,7 @@ class Dispatcher:
 
     def look_at_time(self) -> None:
         """See whether time stands still, once in so many rounds of an event loop whose time is virtual."""
-        if self.tape is not None and self.tape.repeats:
+        if self.choices.repeats:
             return  # its time is that of the record
         now, turns = self.clock.now(), self._turns + self._turns_behind
         if now != self._instant or turns == self._seen:
@@ -587,13 +594,14 @@ class Dispatcher:
             self._circle = _Circle(self)
             self.watch = self._circle.look
 
-    def _come_to_a_place(self, tape: Tape) -> bool:
+    def _come_to_a_place(self) -> bool:
         """Deliver messages until a handler has published something by which a record can say where the turn was cut.
 
         What comes then stands behind that when the run is repeated, too. Where handlers of the program alone publish to
         each other, which nothing repeats, any place will do.
         """
-        before, queue = tape.place(), self.queue
+        place, queue = self.observers.place, self.queue
+        before = place()
         for _ in range(_SLICE):
             if not queue:
                 return bool(self._behind)
@@ -602,15 +610,14 @@ class Dispatcher:
                 subscription.handler(message)
             except BaseException as error:
                 subscription.fail(error)
-            if tape.place() != before:
+            if place() != before:
                 break
         return True
 
     def _resume_later(self, resume: Callable[[], object] | None = None) -> None:
         # `active` stays true: whatever is published meanwhile waits behind what the turn still has to deliver.
         if self.time >= 0:
-            if self.tape is not None:
-                self.tape.cut(self.time)
+            self.observers.cut(self.time)
             self.time = -1
             self._cuts += 1
         if self.loop is not None and not self.loop.is_closed():
@@ -640,8 +647,7 @@ class Dispatcher:
             starved: Whether other input has waited for too long by then.
         """
         self.time = self.last = time
-        if self.tape is not None:
-            self.tape.resumed(time, starved=starved)
+        self.observers.tell(Resumed, time, starved)
         if self._cuts > 1:  # what is to come behind a turn without end comes behind what that has published by now
             while self._behind:
                 self.queue.extend(self._behind.popleft()[1])

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import builtins
-import importlib
-import os
 import threading
-from contextlib import AsyncExitStack, ExitStack, suppress
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
+from contextlib import AsyncExitStack, suppress
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
 
 import anyio
@@ -21,7 +19,8 @@ from mdm.runtime.actor import Actor, descendants
 from mdm.runtime.channel import Channel, Subscription
 from mdm.runtime.dispatcher import Dispatcher
 from mdm.runtime.executors import unwatch, watch
-from mdm.runtime.guard import Guard
+from mdm.runtime.extension import Extension, extension_of
+from mdm.runtime.observing import Guard, Observer, Observers, name_of
 from mdm.runtime.process.emergency import Emergency, check_emergency
 from mdm.runtime.process.log import FirstFailures, Log
 from mdm.runtime.process.signals import Signals
@@ -38,14 +37,14 @@ from mdm.runtime.supervision import LEAVING, ActorFailure, describe, text_of
 from mdm.runtime.time.clock import Clock, WallClock, check_seconds
 from mdm.runtime.time.virtual import VirtualClock, VirtualEventLoop
 from mdm.runtime.work import hide
+from mdm.stimuli import Finished
 
 if TYPE_CHECKING:
+    import os
     from collections.abc import Callable, Iterable
     from types import TracebackType
     from typing import Self
 
-    from mdm.recording.recorder import Recorder
-    from mdm.runtime.tape import Tape
     from mdm.runtime.work import Work
 
 __all__ = ["Runtime", "RuntimeStatistics", "end_all"]
@@ -53,16 +52,6 @@ __all__ = ["Runtime", "RuntimeStatistics", "end_all"]
 T = TypeVar("T")
 
 _OPEN: WeakKeyDictionary[asyncio.AbstractEventLoop, WeakSet[Runtime]] = WeakKeyDictionary()
-
-
-class Showing(Protocol):
-    """What shows a runtime, as `mdm.views.web.Page` does."""
-
-    async def open(self, runtime: Runtime) -> None:
-        """Show a runtime, which begins."""
-
-    async def close(self) -> None:
-        """Show nothing more."""
 
 
 class RuntimeStatistics(msgspec.Struct, frozen=True):
@@ -131,15 +120,19 @@ class Runtime:
             It needs the extra ``record``. What cannot be recorded is told by a fault, and lets the run go on.
         page: The port of a page for browsers of this machine, which shows the run live, or a `mdm.views.web.Page` with
             options of its own. It needs the extra ``page``, and real time.
+        extensions: What else lives as long as the runtime, see `Extension`: they open in this order, behind the record
+            and before the page, and close in reverse.
 
     Raises:
-        Error: If ``emergency`` cannot be called so, or the times contradict each other.
+        Error: If ``emergency`` cannot be called so, the times contradict each other, or one of ``extensions`` is none.
         ActorFailure: On leaving the block, if an actor failed and nobody above it could help.
 
     Attributes:
         ending: Whether it ends: no decided action starts any more.
         starved: Why other input has waited for too long for a turn that goes on; empty where none has.
-        recorder: What the run is recorded by; None where it is not.
+        observers: All who hear what happens.
+        extensions: What lives as long as the runtime, in the order of opening.
+        recorder: The one that records the run; None where none does.
         page: The page that shows it; None where there is none.
     """
 
@@ -154,8 +147,9 @@ class Runtime:
         emergency_after: float | None = None,
         starved_after: float | None = None,
         signals: bool | None = None,
-        record: str | os.PathLike[str] | Recorder | None = None,
-        page: int | Showing | None = None,
+        record: str | os.PathLike[str] | Extension | None = None,
+        page: int | Extension | None = None,
+        extensions: Iterable[Extension] = (),
     ) -> None:
         check_watch(watchdog, emergency, emergency_after)
         check_flag(debug, "debug")
@@ -168,6 +162,8 @@ class Runtime:
         self.clock = _clock_of_the_loop() if clock is None else clock
         self.clock.resumed = lambda seconds: self._alarm("suspended", f"the machine was suspended for {seconds:.1f} s")
         self.dispatcher = Dispatcher(self.clock)
+        self.observers = self.dispatcher.observers = Observers(self)
+        self.observers.watch(self._count_observers)
         self.dispatcher.on_overflow = lambda detail: self._alarm("overflow", detail)
         self.dispatcher.on_endless = lambda detail: self._alarm("endless_turn", detail)
         self.dispatcher.on_starved = self._starve
@@ -196,8 +192,11 @@ class Runtime:
             after = None if emergency is None else watchdog if emergency_after is None else emergency_after
             self._watchdog = Watchdog(watchdog, self._alarm, self.emergency, after)
         self._signals = Signals(self._leave, self._break_off)
-        self.recorder = recorder_of(record)
-        self.page = page_of(page)
+        self.recorder: Any = None if record is None else extension_of("record", record)
+        self.page: Any = None if page is None else extension_of("page", page)
+        self._named = _named(self.recorder, extensions, self.page)
+        self.extensions = tuple([extension for _, extension in self._named])
+        self._opened: list[tuple[Extension, Guard]] = []
         self._hears = isinstance(self.clock, WallClock) if signals is None else signals
         self._must_hear = signals is True
         self._host: asyncio.Task[Any] | None = None
@@ -243,11 +242,6 @@ class Runtime:
             self._deserted[channel.name] = channel
             channel.forget()
 
-    @property
-    def tape(self) -> Tape | None:
-        """Where the run is noted, if it is recorded or repeated from a record."""
-        return self.dispatcher.tape
-
     def now(self) -> int:
         """Return the time of the running turn, that of its stimulus, in nanoseconds; outside of turns the clock's.
 
@@ -260,9 +254,17 @@ class Runtime:
         """All channels, in the order of their making."""
         return tuple(self._channels.values())
 
-    def guard(self, observer: str) -> Guard:
-        """Return a guard around what only watches, such as ``the page``: nothing that it raises reaches a turn."""
-        return Guard(self, observer)
+    def observe(self, observer: Observer) -> Guard:
+        """Let an observer hear what happens from now on; return what counts its losses, and cancels it."""
+        return self.observers.add(observer)
+
+    def _count_observers(self) -> None:
+        self.dispatcher.observed = self.observers.heard
+
+    def say(self, event: str, **facts: object) -> None:
+        """Write a line to the log, where there is one."""
+        if self._log is not None:
+            self._log.write(event, lambda: facts)
 
     # -- Actors --------------------------------------------------------------------------------------------------
 
@@ -304,8 +306,8 @@ class Runtime:
         if self.ending:  # what a timer brought about that was due before has ended it
             return
         self.ending = True
-        if self.dispatcher.tape is not None:
-            self.dispatcher.tape.finishes(self.now())
+        within = self.dispatcher.time >= 0 and bool(self.dispatcher.queue)
+        self.observers.tell(Finished, self.now(), within)
         self._tell_all(lambda actor: actor.on_ending())
 
     def _starve(self, detail: str) -> None:
@@ -407,15 +409,11 @@ class Runtime:
             )
         self.clock.open(loop)
         self.dispatcher.open(loop)
-        await self._open_record_and_page()
+        await self._open_extensions()
         watch(loop)
-        if self._log is not None:
-            self._log.open(self)
-            if self.recorder is not None and self.recorder.kept_files:
-                kept, path = self.recorder.kept_files[-1], self.recorder.path
-                self._log.write("record", lambda: {"file": str(path), "detail": f"{kept} is kept as it is"})
-        if self._first_failures is not None:
-            self._first_failures.open(self)
+        for log in (self._log, self._first_failures):
+            if log is not None:
+                log.open(self)
         if self._watchdog is not None:
             self._watchdog.open(loop)
         # The tree has a task of its own, so that a cancelled program still stops it in order.
@@ -435,16 +433,32 @@ class Runtime:
             self._signals.open(loop)
         return self
 
-    async def _open_record_and_page(self) -> None:
-        with ExitStack() as opened:
+    async def _open_extensions(self) -> None:
+        async with AsyncExitStack() as opened:
             opened.callback(self.clock.close)
             opened.callback(self.dispatcher.close)
-            if self.recorder is not None:
-                self.recorder.open(self, virtual=isinstance(self.clock, VirtualClock))
-                opened.callback(self.recorder.close)
-            if self.page is not None:
-                await self.page.open(self)
+            opened.callback(self.observers.end)
+            opened.push_async_callback(self._close_extensions)
+            for name, extension in self._named:
+                try:
+                    await extension.open(self)
+                except Error:
+                    raise
+                except Exception as error:
+                    raise Error(f"{name} cannot be opened: {describe(error)}") from error
+                observes = isinstance(extension, Observer)  # which a page of the program's own need not
+                self._opened.append((extension, self.observe(extension) if observes else Guard(self, name)))
             opened.pop_all()
+
+    async def _close_extensions(self) -> None:
+        """Close the extensions that are open, the last one first; tell of those that cannot be closed."""
+        while self._opened:
+            extension, guard = self._opened.pop()
+            with anyio.CancelScope(shield=True):
+                try:
+                    await extension.close()
+                except Exception as error:
+                    guard.lose(error)
 
     async def _grow(self, began: asyncio.Event) -> None:
         async with anyio.create_task_group() as group:
@@ -486,15 +500,12 @@ class Runtime:
         async with AsyncExitStack() as closing:
             later = closing.callback
             later(self._signals.close)
-            for name, told in (("record", self.recorder), ("log", self._first_failures), ("log", self._log)):
-                if told is not None:
-                    later(self.guard(f"the {name}")(told.close))
+            later(self.observers.end)
             later(unwatch, tree.get_loop())
             later(self.clock.close)
             later(self.dispatcher.close)
             later(self._close_channels)
-            if self.page is not None:
-                closing.push_async_callback(self._close_page, self.page)
+            closing.push_async_callback(self._close_extensions)
             later(self._emergency.close)
             if self._watchdog is not None:
                 later(self._watchdog.close)
@@ -503,13 +514,6 @@ class Runtime:
     def _close_channels(self) -> None:
         for channel in self._channels.values():
             channel.close()
-
-    async def _close_page(self, page: Showing) -> None:
-        with anyio.CancelScope(shield=True):
-            try:
-                await page.close()
-            except Exception as error:
-                self.guard("the page").lose(error)
 
     async def _end(self, tree: asyncio.Task[None], *, pressed: bool = False) -> None:
         """Stop the actors in order; a cancellation waits until they have stopped, or are past their limits.
@@ -570,29 +574,18 @@ async def end_all() -> None:
     await asyncio.gather(*map(end, tuple(_OPEN.get(asyncio.get_running_loop(), ()))), return_exceptions=True)
 
 
-def recorder_of(given: object) -> Recorder | None:
-    """Return the recorder that is given as itself or by the path of its file."""
-    if given is None:
-        return None
-    from mdm.recording.recorder import Recorder  # noqa: PLC0415 - only where a run is recorded
+def _named(record: Extension | None, given: Iterable[Extension], page: Extension | None) -> list[tuple[str, Extension]]:
+    """Return all extensions by name, in the order of opening: the record hears all others, and the page shows them.
 
-    if isinstance(given, Recorder):
-        return given
-    if isinstance(given, str | os.PathLike):
-        return Recorder(os.fspath(given))
-    raise Error(f"a record is the path of a file, such as 'run.mcap', or a Recorder, not {given!r}")
-
-
-def page_of(given: object) -> Showing | None:
-    """Return the page that is given as itself or by its port."""
-    if given is None:
-        return None
-    if hasattr(given, "open") and hasattr(given, "close"):
-        own: Any = given
-        return own  # type: ignore[no-any-return]
-    # By its name, for it lies above: what runs a robot knows no pictures, and loads them only where it is asked to.
-    web: Any = importlib.import_module("mdm.views.web")
-    return web.Page(given)  # type: ignore[no-any-return]
+    Raises:
+        Error: If one of those that are given is none.
+    """
+    named = [] if record is None else [("the record", record)]
+    for each in given:
+        if not isinstance(each, Extension):
+            raise Error(f"extensions are objects of a class derived from mdm.Extension, not {each!r}")
+        named.append((name_of(each), each))
+    return named if page is None else [*named, ("the page", page)]
 
 
 def _running_loop() -> asyncio.AbstractEventLoop:

@@ -11,9 +11,9 @@ from mdm.actors import Ensemble, FixedRate
 from mdm.errors import ConfigError
 from mdm.messages import Action, Belief, Fault, Observation, Reward, State
 from mdm.models.units import seconds_in
-from mdm.recording.stimuli import TRUE_REWARD, TRUE_STATE
 from mdm.runtime import Actor
 from mdm.simulation.sampler import Lengths, Sampler
+from mdm.stimuli import TRUE_REWARD, TRUE_STATE
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -18,6 +18,7 @@ from mdm.errors import Error
 from mdm.maps.places import Places
 from mdm.messages import Action, ActionLife, Decision, Idle, Mode, Observation, Progress, Reward, State
 from mdm.runtime.actor import descendants
+from mdm.runtime.observing import Observer
 from mdm.snapshots.events import Ring, event_of, predicate_event, spell_event
 from mdm.snapshots.frame import Detail, EnsembleFrame, Frame, LifeFrame, PredicateScene, Scene, Spread, StatisticsFrame
 from mdm.snapshots.reducer import EnsembleReducer, known_of
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
     from mdm.messages import Fault
     from mdm.runtime import Histogram, Runtime
-    from mdm.runtime.channel import Subscription
+    from mdm.runtime.observing import Guard
     from mdm.snapshots.spells import Told
 
 __all__ = ["LiveRun"]
@@ -184,7 +185,7 @@ class _Ensemble:
         return before[1]
 
 
-class LiveRun:
+class LiveRun(Observer):
     """A running system, for those who look at it.
 
     Args:
@@ -197,9 +198,11 @@ class LiveRun:
         generation: Counts the scenes: it grows when ensembles, predicates or floors come or go.
     """
 
+    name = "the page"
+
     def __init__(self, runtime: Runtime, *, title: str = "", control: bool = False) -> None:
         self._runtime = runtime
-        self._guard = runtime.guard("the page")
+        self._guard: Guard | None = None
         self._title = title
         self._control = control
         self._epoch = runtime.now()
@@ -224,26 +227,21 @@ class LiveRun:
         self._summed: tuple[int, int] | None = None
         self._team: dict[str, dict[str, str]] = {}
         self._scene: Scene | None = None
-        self._subscriptions: list[Subscription[Any]] = []
         self.ring = Ring()
         self.generation = 0
 
     def open(self) -> None:
         """Hear what is rare."""
-        runtime = self._runtime
-        self._subscriptions = [
-            runtime.modes.subscribe(self._guard(self._on_mode)),
-            runtime.faults.subscribe(self._guard(self._on_fault)),
-            runtime.idles.subscribe(self._guard(self._on_idle)),
-        ]
+        self._guard = self._runtime.observe(self)
 
     def close(self) -> None:
         """Hear nothing more."""
-        for subscription in self._subscriptions:
-            subscription.cancel()
-        self._subscriptions.clear()
-        for each in self._ensembles:
-            each.ensemble.action.observer = None
+        if self._guard is not None:
+            self._guard.cancel()
+
+    @property
+    def _lost_now(self) -> int:
+        return 0 if self._guard is None else self._guard.lost
 
     def _seconds(self, time: int) -> float:
         return (time - self._epoch) / 1e9
@@ -268,16 +266,21 @@ class LiveRun:
             found.stale = True
             found.urgent = found.urgent or urgent
 
-    def _on_mode(self, mode: Mode) -> None:
+    def on_mode(self, mode: Mode) -> None:
+        """Show another mode of an ensemble."""
         self._take(mode, urgent=True)
 
-    def _on_idle(self, idle: Idle) -> None:
+    def on_idle(self, idle: Idle) -> None:
+        """Show that an ensemble is idle, or no longer."""
         self._take(idle, urgent=True)
 
-    def _on_life(self, life: ActionLife) -> None:
-        self._take(life, urgent=False)
+    def on_life(self, life: ActionLife) -> None:
+        """Show that an action has begun or ended, where its ensemble is known; else it is caught up with."""
+        if life.ensemble in self._by_path:
+            self._take(life, urgent=False)
 
-    def _on_fault(self, fault: Fault) -> None:
+    def on_fault(self, fault: Fault) -> None:
+        """Show a fault."""
         self.ring.keep(event_of(fault, self._seconds))
 
     def _on_odd(self, path: str, told: Told) -> None:
@@ -326,7 +329,6 @@ class LiveRun:
             self._counted = -_SECOND  # who has just come, such as a team, is counted with the next frame
 
     def _met(self, ensemble: Ensemble) -> _Ensemble:
-        ensemble.action.observer = self._guard(self._on_life)
         return _Ensemble(ensemble, self._reducer(ensemble.path))
 
     def _made_scene(self) -> Scene:
@@ -364,8 +366,8 @@ class LiveRun:
         """
         self._look_around()
         now = self._runtime.now()
-        if self._lost != self._guard.lost:
-            self._lost = self._guard.lost
+        if self._lost != self._lost_now:
+            self._lost = self._lost_now
             self._catch_up(self._ensembles, now, lost=True)
         for place in self._due(now, close):
             each = self._ensembles[place]
@@ -470,7 +472,7 @@ class LiveRun:
         }
         if runtime.recorder is not None:
             counts["lost of the record"] = runtime.recorder.statistics().dropped
-        counts["lost of the page"] = self._guard.lost
+        counts["lost of the page"] = self._lost_now
         near = [self._by_path[path] for path in close if path in self._by_path]
         for each in near:
             statistics = each.ensemble.layer_statistics()["control"]

@@ -17,7 +17,6 @@ from mdm.errors import Error
 from mdm.messages import ActionLife, Decision, Fault, Idle, Journey, Mode, PoseUpdate, PredicateUpdate, StateChange
 from mdm.models import Space
 from mdm.recording.names import Names, names_of
-from mdm.recording.stimuli import Said
 from mdm.replay import replay
 from mdm.snapshots.course import Course, course_of, sampled
 from mdm.snapshots.events import event_of, predicate_event, spell_event
@@ -25,6 +24,7 @@ from mdm.snapshots.frame import Detail, Frame, PredicateScene, Scene, Statistics
 from mdm.snapshots.reducer import EnsembleReducer, Known, Track, expected_return, known_of
 from mdm.snapshots.scenes import ensembles_of, floors_of, robot_at
 from mdm.snapshots.why import Why, is_as_recorded, why_recorded
+from mdm.stimuli import Said
 from mdm.version import __version__
 
 if TYPE_CHECKING:

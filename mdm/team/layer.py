@@ -11,9 +11,9 @@ from mdm.actors.layer import Layer
 from mdm.actors.safety.modes import WAYS_BACK
 from mdm.errors import ConfigError
 from mdm.messages import Mode, Observation, State
-from mdm.recording.stimuli import Recalled
 from mdm.runtime import Subscription
 from mdm.runtime.time.scheduler import next_tick
+from mdm.stimuli import Recalled
 from mdm.team.copy import Copy
 from mdm.team.decisions import Committed
 from mdm.team.ownership import Ownership, acting
@@ -377,9 +377,8 @@ class TeamLayer(Layer):
             return
 
         def note(stored: Stored) -> None:
-            if self.runtime.tape is not None:
-                name, told = self.ensemble.name, msgspec.json.encode(stored)
-                self.runtime.tape.note(Recalled(self.runtime.now(), name, told))
+            told = msgspec.json.encode(stored)
+            self.runtime.observers.tell(Recalled, self.runtime.now(), self.ensemble.name, told)
             self.recall(stored)
 
         self.runtime.dispatcher.deliver(Subscription(None, self, note), stored)

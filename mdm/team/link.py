@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 
 from mdm.errors import Error
-from mdm.recording.stimuli import Joined, Opened, Received, Seen, Unsent
 from mdm.runtime import Actor, Subscription
+from mdm.stimuli import Joined, Opened, Received, Seen, Unsent
 from mdm.team.configuration import Configuration
 from mdm.team.transport.bounds import UNREADABLE, Life, Name, Number, Text
 from mdm.team.transport.keys import join
@@ -140,9 +140,8 @@ class Link(Actor):
 
     def on_start(self) -> None:
         """Have failures of the transport's handlers be this actor's, and dropped messages reported."""
-        if self.runtime.tape is not None:
-            facts = dict(self.configuration.facts)
-            self.runtime.tape.note(Joined(self.runtime.now(), self.agent, self.transport.incarnation, facts))
+        facts = dict(self.configuration.facts)
+        self.runtime.observers.tell(Joined, self.runtime.now(), self.agent, self.transport.incarnation, facts)
         self.transport.supervise(self.fail, self.report)
         turn: Subscription[Any] = Subscription(None, self, self._on_seen)
         self.transport.watch(lambda message: self.runtime.dispatcher.deliver(turn, message))
@@ -160,8 +159,7 @@ class Link(Actor):
 
     def _on_open(self, _: None) -> None:
         self.opened = True
-        if self.runtime.tape is not None:
-            self.runtime.tape.note(Opened(self.runtime.now(), self.agent))
+        self.runtime.observers.tell(Opened, self.runtime.now(), self.agent)
         self._since = self.runtime.now()
         self._beat()
         self._notify()
@@ -219,8 +217,8 @@ class Link(Actor):
             if key not in self._refused:
                 self._refused.add(key)
                 self.report("oversize", str(error))
-        if not sent and self.runtime.tape is not None:
-            self.runtime.tape.note(Unsent(self.runtime.now(), self.agent, self._puts))
+        if not sent:
+            self.runtime.observers.tell(Unsent, self.runtime.now(), self.agent, self._puts)
         return sent
 
     def refuse_sample(self, sample: Sample, reason: str) -> None:
@@ -244,9 +242,9 @@ class Link(Actor):
 
         def take(sample: Sample) -> None:
             time = dispatcher.time
-            if dispatcher.tape is not None:
+            if dispatcher.observed:
                 life, sent, body = sample.incarnation, sample.time, sample.body
-                dispatcher.tape.note(
+                dispatcher.observers.stimulus(
                     Received(time, self.agent, expression, sample.key, sample.owner, life, sent, bytes(body))
                 )
             heard_at[sample.owner] = time
@@ -258,7 +256,7 @@ class Link(Actor):
         def receive(sample: Sample) -> None:
             # Each message of a step comes here. It begins a turn as `Dispatcher.deliver` does, whose first handler is
             # already the listener's: that takes a third less than a turn of the link's from which others are called.
-            if dispatcher.time >= 0 or dispatcher.active or dispatcher.tape is not None:
+            if dispatcher.time >= 0 or dispatcher.active or dispatcher.observed:
                 dispatcher.deliver(turn, sample)
                 return
             time = dispatcher.now()
@@ -309,8 +307,7 @@ class Link(Actor):
         return subscription
 
     def _on_seen(self, seen: Mapping[str, int]) -> None:
-        if self.runtime.tape is not None:
-            self.runtime.tape.note(Seen(self.runtime.now(), self.agent, dict(seen)))
+        self.runtime.observers.tell(Seen, self.runtime.now(), self.agent, dict(seen))
         self._seen = seen
         self.left = {agent: life for agent, life in self.left.items() if seen.get(agent, life) == life}
         if self.opened:

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Literal
 import msgspec
 
 from mdm.errors import ConfigError, Error
-from mdm.recording.stimuli import Acknowledged
 from mdm.runtime import ActorStatistics, Subscription
 from mdm.runtime.supervision import describe
+from mdm.stimuli import Acknowledged
 from mdm.team.agreement import Agreement, decode, encode
 from mdm.team.agreement.messages import Applied, Command, Component, Entries, Snapshot, is_possible
 from mdm.team.agreement.proposals import HOLD, Standstill
@@ -258,8 +258,8 @@ class ReplicatedLayer(TeamLayer):
 
     def _acknowledge(self, _: None) -> None:
         """Acknowledge the last step, unless a proposal has done so meanwhile."""
-        if self._dispatcher.tape is not None:
-            self._dispatcher.tape.note(Acknowledged(self._now(), self.path))
+        if self._dispatcher.observed:
+            self._dispatcher.observers.stimulus(Acknowledged(self._now(), self.path))
         if self.stage is Stage.ACKNOWLEDGING:
             self.stage = Stage.IDLE
         elif self.stage is Stage.OVERLAPPING:
@@ -279,8 +279,7 @@ class ReplicatedLayer(TeamLayer):
         if self._acknowledgement is not None and (stage is Stage.IDLE or stage is Stage.ENDING):
             # Who observes something as soon as it was called offers it to the next step, and says the same by that.
             self.stage = Stage.ACKNOWLEDGING if stage is Stage.IDLE else Stage.OVERLAPPING
-            tape = self._dispatcher.tape
-            if tape is None or not tape.repeats:
+            if not self._dispatcher.choices.repeats:
                 get_running_loop().call_soon(self._dispatcher.deliver, self._acknowledging, None)
 
     # -- Receiving -----------------------------------------------------------------------------------------------

@@ -210,8 +210,7 @@ class Storage(Actor):
 
     def on_start(self) -> None:
         """Read the file, and report one that cannot be: then nobody knows that this agent was not stopped."""
-        tape = self.runtime.tape
-        self._repeats = tape is not None and tape.repeats
+        self._repeats = self.runtime.dispatcher.choices.repeats
         if self._repeats:
             return
         try:

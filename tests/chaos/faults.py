@@ -11,7 +11,7 @@ from mdm.recording.recorder import Recorder
 from mdm.recording.writer import RecordWriter
 from mdm.runtime import runtime, supervision
 from mdm.runtime.dispatcher import Dispatcher
-from mdm.runtime.guard import Guard
+from mdm.runtime.observing import Guard
 from mdm.runtime.runtime import Runtime
 from mdm.runtime.time.virtual import VirtualEventLoop
 from mdm.team.layer import TeamLayer
@@ -88,8 +88,8 @@ def lose_the_pause_with_a_safe_action_that_is_tried_again(patch):
 def _unguarded(patch, name):
     call = Guard.__call__
 
-    def guarded(self, hear, answer=None):
-        return hear if self._name == name else call(self, hear, answer)
+    def guarded(self, hear):
+        return hear if self._name == name else call(self, hear)
 
     patch.setattr(Guard, "__call__", guarded)
 
@@ -103,7 +103,7 @@ def let_the_log_raise(patch):
 
 
 def let_the_record_raise(patch):
-    patch.setattr(Guard, "tape", lambda self, tape: tape)
+    _unguarded(patch, "the record")
 
 
 def leave_texts_as_they_are(patch):

@@ -15,12 +15,12 @@ import msgspec
 from mdm.messages import ActionLife
 from mdm.recording import Record, Recorder, process
 from mdm.recording.writer import RecordWriter
+from mdm.runtime.observing import Observer
 from mdm.runtime.process import log
-from mdm.runtime.tape import Tape
 from mdm.snapshots import LiveRun
 
-NOTES = [name for name in vars(Tape) if not name.startswith("_") and name != "comes"]
-HANDLERS = ("_on_mode", "_on_fault", "_on_idle", "_on_life")
+NOTES = [name for name in vars(Observer) if name.startswith("on_") and name in vars(Recorder) and name != "on_end"]
+HANDLERS = ("on_mode", "on_fault", "on_idle", "on_life")
 ERRORS = (Exception, MemoryError, RecursionError)
 MEMORY = Path("/dev/shm")
 TOPICS = {"decisions": "decisions", "modes": "modes", "faults": "faults", "idles": "idles", "actors": "lives"}

@@ -15,7 +15,7 @@ import mdm
 from mdm import ModelError
 from mdm.estimation import chains_of_records, open_records, statistics
 from mdm.recording import Recorder
-from mdm.recording.stimuli import Joined, Stimulus
+from mdm.stimuli import Joined, Stimulus
 from mdm.team import Network, OnChange, Team
 
 TIGER = mdm.problems.dec_tiger(discount=0.9)

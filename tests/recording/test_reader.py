@@ -23,7 +23,7 @@ from mdm.messages import ActionLife, Control, Decision, Message, State
 from mdm.recording.process import File
 from mdm.recording.reader import Record, records_of
 from mdm.recording.schemas import schema
-from mdm.recording.stimuli import Said, Stimulus
+from mdm.stimuli import Said, Stimulus
 
 SOUND, MESSAGES = damage.sound()
 FLAGS = (

@@ -8,7 +8,7 @@ from records import encoded
 
 from mdm.messages import Belief, Fault, ParticleUpdate, PoseUpdate, Reward
 from mdm.recording.reader import Decoding
-from mdm.recording.stimuli import Said
+from mdm.stimuli import Said
 
 DECODE = Decoding({}).decode
 

@@ -20,8 +20,8 @@ from mdm.errors import ConfigError, Error
 from mdm.messages import ActionLife, Control, SensorUpdate, State
 from mdm.models import Factor, Space
 from mdm.recording import Record, Recorder
-from mdm.recording.stimuli import Began, Ended, Finished, Lasts, Raised, Said, Ticked
 from mdm.recording.table import rows
+from mdm.stimuli import Began, Ended, Finished, Lasts, Raised, Said, Ticked
 from mdm.testing import probe, run_virtual
 
 

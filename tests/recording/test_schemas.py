@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from records import encoded
 
-from mdm import messages
-from mdm.recording import schemas, stimuli
+from mdm import messages, stimuli
+from mdm.recording import schemas
 from mdm.recording.reader import Decoding
 from mdm.team import Committed
 

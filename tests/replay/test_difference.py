@@ -9,8 +9,8 @@ import pytest
 from records import decision
 
 from mdm.messages import SensorUpdate
-from mdm.recording.stimuli import Said, Ticked
 from mdm.replay.difference import Difference, unlike
+from mdm.stimuli import Said, Ticked
 
 BELIEF = np.array([0.25, 0.75])
 

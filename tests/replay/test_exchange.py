@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 
-from mdm.recording.stimuli import Finished, Received
 from mdm.replay.exchange import Exchange
 from mdm.replay.transport import ReplayTransport
+from mdm.stimuli import Finished, Received
 
 
 def received(time, agent, owner, body, *, life=1, sent=None, channel="votes"):

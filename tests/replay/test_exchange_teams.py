@@ -8,7 +8,7 @@ from team_records import recorded, repeated
 from team_robots import three
 
 from mdm.recording import Record
-from mdm.recording.stimuli import Said, Stimulus
+from mdm.stimuli import Said, Stimulus
 from mdm.team import Team
 
 pytestmark = pytest.mark.usefixtures("recorded_here")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from records import decision
 
-from mdm.recording.stimuli import Began, GoesOn, Kept, Lasts, Late, Raised, Said, Ticked
 from mdm.replay.player import AsRecordedError, Player, StandIn
+from mdm.stimuli import Began, GoesOn, Kept, Lasts, Late, Raised, Said, Ticked
 
 
 def player(*stimuli, decisions=(), most=10):
@@ -38,45 +38,45 @@ class Output:
         return np.array(current)
 
 
-def decide(tape, number, **fields):
+def decide(played, number, **fields):
     """Decide what `records.decision` does."""
     told = decision(number)
     given = {
         name: getattr(told, name) for name in ("time", "epoch", "cause", "state", "observation", "action")
     } | fields
     current, reward = given.pop("current", None), 0.5
-    tape.decided(
+    played.on_step(
         *(Output(), given["time"], given["epoch"], given["cause"], given["state"], given["observation"], current),
         *(given["action"], reward),
     )
 
 
 def test_questions_are_answered_as_they_were():
-    tape = player(
+    played = player(
         GoesOn(5, "patrol", 3, True),
         Late(6, "patrol", 4, 700),
         Kept(0, "predicates", {"Near": True}, {"Near": -5}),
     )
-    assert tape.goes_on("patrol", 3, 5, lambda: pytest.fail("it is asked"))
-    assert not tape.goes_on("patrol", 3, 6, lambda: pytest.fail("it is asked"))
-    assert tape.latency("patrol", 4, 6, 3, 500) == 700
-    assert tape.latency("patrol", 5, 6, 800, 500) == 0
-    assert tape.kept("predicates", {"Near": False}, {}, 0) == ({"Near": True}, {"Near": -5})
-    assert tape.kept("predicates", {"Near": False}, {}, 9) == ({}, {})
+    assert played.goes_on("patrol", 3, 5, lambda: pytest.fail("it is asked"))
+    assert not played.goes_on("patrol", 3, 6, lambda: pytest.fail("it is asked"))
+    assert played.latency("patrol", 4, 6, 3) == 700
+    assert played.latency("patrol", 5, 6, 800) == 0
+    assert played.kept("predicates", {"Near": False}, {}, 0) == ({"Near": True}, {"Near": -5})
+    assert played.kept("predicates", {"Near": False}, {}, 9) == ({}, {})
 
 
 def test_calls_say_raise_and_last_as_they_did():
     said = Said(1, "sensed", "SensorUpdate", None, "call", "patrol", 1)
-    tape = player(
+    played = player(
         said,
         Lasts(1, "patrol", 1),
         Raised(2, "patrol", 2, "ValueError: as it was"),
         Raised(3, "patrol", 3, "a generator", unrun=True),
     )
     found = []
-    tape.say = found.append
+    played.say = found.append
     layer = Layer()
-    tape.acts("patrol", layer)
+    played.acts("patrol", layer)
     layer.started = 1
     assert isinstance(layer.call(None), StandIn)
     assert found == [said]
@@ -91,99 +91,99 @@ def test_calls_say_raise_and_last_as_they_did():
 
 
 def test_the_same_decisions_are_no_difference():
-    tape = player(decisions=[decision(0), decision(1)])
+    played = player(decisions=[decision(0), decision(1)])
     for number in range(2):
-        decide(tape, number)
-    tape.missed(10_000_000)
-    assert (tape.differences, tape.count, len(tape.made)) == ([], 2, 2)
+        decide(played, number)
+    played.missed(10_000_000)
+    assert (played.differences, played.count, len(played.made)) == ([], 2, 2)
 
 
 def test_it_is_known_by_when_a_difference_was_there():
-    tape = player(decisions=[decision(0), decision(1), decision(2)])
-    decide(tape, 0)
-    decide(tape, 1, action=0)
-    tape.missed(10_000_000)
-    assert (tape.made, tape.paired) == ([7, 7], [7, 7])
-    assert tape.found == [7, decision(2).time + 1]
-    assert tape.missed_by == [decision(2).time + 1]
+    played = player(decisions=[decision(0), decision(1), decision(2)])
+    decide(played, 0)
+    decide(played, 1, action=0)
+    played.missed(10_000_000)
+    assert (played.made, played.paired) == ([7, 7], [7, 7])
+    assert played.found == [7, decision(2).time + 1]
+    assert played.missed_by == [decision(2).time + 1]
 
 
 def test_one_that_is_never_made_comes_before_those_that_differ_later():
     stimuli = [Began(number, "robot", "start") for number in range(4)]
-    tape = player(decisions=[decision(0), decision(1), decision(2, ensemble="other")], most=1)
-    tape.since.append(stimuli[0])
-    tape.comes_to(0)
-    tape.since.append(stimuli[1])
-    decide(tape, 0)  # late, and no difference
-    tape.comes_to(1)
-    tape.comes_to(2)
-    tape.since.append(stimuli[2])
+    played = player(decisions=[decision(0), decision(1), decision(2, ensemble="other")], most=1)
+    played.since.append(stimuli[0])
+    played.comes_to(0)
+    played.since.append(stimuli[1])
+    decide(played, 0)  # late, and no difference
+    played.comes_to(1)
+    played.comes_to(2)
+    played.since.append(stimuli[2])
     other = Output()
     other.ensemble = "other"
-    tape.decided(other, 2_000_000, 2, "state", 2, None, None, 0, 0.5)
-    assert [each.number for each in tape.differences] == [2]
-    tape.missed(10_000_000, overdue=True)
-    (first,) = tape.differences
+    played.on_step(other, 2_000_000, 2, "state", 2, None, None, 0, 0.5)
+    assert [each.number for each in played.differences] == [2]
+    played.missed(10_000_000, overdue=True)
+    (first,) = played.differences
     assert (first.number, first.replayed, first.since) == (1, None, (stimuli[0], stimuli[1]))
 
 
 def test_differences_tell_the_number_and_what_came_before():
-    tape = player(decisions=[decision(0), decision(1), decision(2)])
-    tape.since.append(Ticked(0, "patrol/control", 0, 0, 10.0))
-    decide(tape, 0)
-    decide(tape, 1, action=2)
-    tape.missed(10_000_000)
-    wrong, missing = tape.differences
+    played = player(decisions=[decision(0), decision(1), decision(2)])
+    played.since.append(Ticked(0, "patrol/control", 0, 0, 10.0))
+    decide(played, 0)
+    decide(played, 1, action=2)
+    played.missed(10_000_000)
+    wrong, missing = played.differences
     assert (wrong.number, wrong.fields, wrong.since) == (1, ("action",), (Ticked(0, "patrol/control", 0, 0, 10.0),))
     assert (missing.number, missing.recorded, missing.replayed) == (2, decision(2), None)
 
 
 def test_a_decision_more_has_the_number_of_the_next():
-    tape = player(decisions=[decision(0)])
-    decide(tape, 0)
-    decide(tape, 1)
-    (more,) = tape.differences
+    played = player(decisions=[decision(0)])
+    decide(played, 0)
+    decide(played, 1)
+    (more,) = played.differences
     assert (more.number, more.recorded, more.replayed.time) == (1, None, 1_000_000)
 
 
 def test_decisions_behind_the_end_are_not_missed():
-    tape = player(decisions=[decision(0), decision(5)])
-    decide(tape, 0)
-    tape.missed(4_999_999)
-    decide(tape, 6)  # of the end of the replay itself
-    assert tape.differences == []
+    played = player(decisions=[decision(0), decision(5)])
+    decide(played, 0)
+    played.missed(4_999_999)
+    decide(played, 6)  # of the end of the replay itself
+    assert played.differences == []
 
 
 def test_so_many_differences_are_kept():
-    tape = player(decisions=[decision(number) for number in range(5)], most=2)
+    played = player(decisions=[decision(number) for number in range(5)], most=2)
     for number in range(5):
-        decide(tape, number, action=0)
-    assert [difference.number for difference in tape.differences] == [0, 1]
+        decide(played, number, action=0)
+    assert [difference.number for difference in played.differences] == [0, 1]
 
 
 def test_actors_come_to_their_steps_when_the_record_does():
     async def main():
-        tape = player(Began(3, "robot", "start"))
-        coming = asyncio.ensure_future(tape.comes("robot", "start"))
+        played = player(Began(3, "robot", "start"))
+        coming = asyncio.ensure_future(played.comes("robot", "start"))
         await asyncio.sleep(0)
         assert not coming.done()
-        admitting = asyncio.ensure_future(tape.admit(Began(3, "robot", "start"), 1.0))
+        admitting = asyncio.ensure_future(played.admit(Began(3, "robot", "start"), 1.0))
         await coming
-        tape.came("robot", "start", 3)
+        played.on_stimulus(Began(3, "robot", "start"))
         assert await admitting
-        await tape.comes("robot", "start")  # once more than it did: nobody holds it
-        assert not await tape.admit(Began(3, "robot", "run"), 0.001)  # and for what never comes nobody waits for ever
+        await played.comes("robot", "start")  # once more than it did: nobody holds it
+        assert not await played.admit(Began(3, "robot", "run"), 0.001)  # and for what never comes nobody waits for ever
 
     asyncio.run(main())
 
 
 def test_at_the_end_nobody_is_held():
     async def main():
-        tape = player(Began(3, "robot", "start"), Began(4, "robot", "run"))
-        coming = asyncio.ensure_future(tape.comes("robot", "start"))
+        played = player(Began(3, "robot", "start"), Began(4, "robot", "run"))
+        coming = asyncio.ensure_future(played.comes("robot", "start"))
         await asyncio.sleep(0)
-        tape.release()
+        played.release()
         await coming
-        await tape.comes("robot", "run")
+        await played.comes("robot", "run")
 
     asyncio.run(main())

@@ -15,7 +15,7 @@ from records import wait_until_written
 
 from mdm.messages import Answer
 from mdm.recording import Record
-from mdm.recording.stimuli import Finished, Said
+from mdm.stimuli import Finished, Said
 from mdm.testing import replay
 
 CODE = """

@@ -15,8 +15,8 @@ import mdm
 from mdm.errors import Error
 from mdm.messages import Decision, SensorUpdate
 from mdm.recording import Record
-from mdm.recording.stimuli import Said, Stimulus
 from mdm.replay import replay
+from mdm.stimuli import Said, Stimulus
 from mdm.testing import capture_decisions, crash, run_virtual
 
 pytestmark = pytest.mark.usefixtures("recorded_here")

@@ -19,6 +19,7 @@ from mdm.replay import replay
 from mdm.runtime.dispatcher import Dispatcher
 from mdm.runtime.time.clock import Clock
 from mdm.runtime.time.scheduler import Ticker
+from mdm.stimuli import Cut, Ended, Over, Resumed
 
 pytestmark = pytest.mark.usefixtures("recorded_here")
 
@@ -339,18 +340,31 @@ def run_in_a_circle(path, seed=1):
     return decisions, cuts[0]
 
 
+def note(patch, change):
+    """Have a recorder keep stimuli as a function changes them; it keeps none in place of None."""
+    keep = Recorder.on_stimulus
+
+    def on_stimulus(self, stimulus):
+        changed = change(stimulus)
+        if changed is not None:
+            keep(self, changed)
+
+    patch.setattr(Recorder, "on_stimulus", on_stimulus)
+
+
 def note_no_cuts(patch):
-    patch.setattr(Recorder, "cut", lambda self, time: None)
+    note(patch, lambda stimulus: None if isinstance(stimulus, Cut) else stimulus)
 
 
 def note_cuts_elsewhere(patch):
-    cut = Recorder.place
-    patch.setattr(Recorder, "place", lambda self: cut(self) - 2)
+    note(
+        patch,
+        lambda stimulus: Cut(stimulus.time, stimulus.after - 2) if isinstance(stimulus, Cut) else stimulus,
+    )
 
 
 def note_nothing_of_hunger(patch):
-    resumed = Recorder.resumed
-    patch.setattr(Recorder, "resumed", lambda self, time, *, starved: resumed(self, time, starved=False))
+    note(patch, lambda stimulus: Resumed(stimulus.time, False) if isinstance(stimulus, Resumed) else stimulus)
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 41))])
@@ -477,17 +491,11 @@ def run_stubborn(path):
 
 
 def note_no_task_that_is_over(patch):
-    patch.setattr(Recorder, "over", lambda self, ensemble, epoch, time, over: over)
+    note(patch, lambda stimulus: None if isinstance(stimulus, Over) else stimulus)
 
 
 def note_no_end_of_what_was_abandoned(patch):
-    ended = Recorder.ended
-
-    def note(self, ensemble, life, work, time):
-        if not work.abandoned:
-            ended(self, ensemble, life, work, time)
-
-    patch.setattr(Recorder, "ended", note)
+    note(patch, lambda stimulus: None if isinstance(stimulus, Ended) and stimulus.abandoned else stimulus)
 
 
 def test_what_is_over_or_abandoned_when_its_action_is_decided_again_is_repeated(tmp_path):

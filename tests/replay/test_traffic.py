@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from mdm.recording.stimuli import Began, Finished, Received
 from mdm.replay.traffic import Limit, Sent, Side, Traffic
+from mdm.stimuli import Began, Finished, Received
 
 
 def received(time, agent, owner, body, sent):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 
-from mdm.recording.stimuli import Received
 from mdm.replay.transport import ReplayTransport
+from mdm.stimuli import Received
 
 
 def test_recorded_messages_come_to_those_who_listen():

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from mdm.runtime.observing import Choices
 from mdm.team.agreement import Send, Term
 from mdm.team.agreement.messages import Applied, Commit, Component
 from mdm.team.replicated import ReplicatedLayer, Stage
@@ -66,7 +67,7 @@ class Flags:
 class Dispatcher:
     """Turns that are due: the next ones, and those behind them."""
 
-    tape, time = None, 0
+    observed, choices, time = False, Choices(), 0
 
     def __init__(self):
         self.next, self.behind = [], []

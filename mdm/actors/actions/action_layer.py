@@ -27,6 +27,7 @@ from mdm.runtime.executors import OWNER, Jobs
 from mdm.runtime.handler import has_not_run
 from mdm.runtime.statistics import FULL
 from mdm.runtime.supervision import LEAVING, describe
+from mdm.stimuli import GoesOn, Over, Raised
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -109,19 +110,19 @@ class ActionLayer(Layer):
         ends: Told how an action has ended, by its name, binding, status and in words, whether it took time, and whether
             a later decision had asked it to; says whether it is given up.
         clears: Notified when a replaced life has ended, too; its end as ``preempted`` was reported before.
-        observer: Notified of lives that begin and end, but for plain functions that succeed, which costs decisions
-            nothing; None where nobody observes.
     """
 
     # The attributes that each decision reads or writes, close together: many ensembles do not all fit the cache.
     __slots__ = (
         "_briefs",
+        "_called",
+        "_choices",
         "_component",
         "_now",
+        "_observers",
         "_others",
         "_recent",
         "_swift",
-        "_tape",
         "_told",
         "bindings",
         "lives",
@@ -146,7 +147,6 @@ class ActionLayer(Layer):
         self.begins: Callable[[str], None] = lambda _: None
         self.ends: Callable[[str, Binding, ActionStatus, str, bool, bool], bool] = lambda *_: False
         self.clears: Callable[[], None] = lambda: None
-        self.observer: Callable[[ActionLife], None] | None = None
         self.lives: Lives[_Run] = Lives()
         self.names = names
         self.predicates = predicates
@@ -290,11 +290,15 @@ class ActionLayer(Layer):
         self._told = self.owner.channel("lives", ActionLife)
         self._now = self.runtime.clock.reader()
         self._path = self.owner.path
-        self._tape = self.runtime.dispatcher.tape
-        if self._tape is not None:
-            self._tape.acts(self._path, self)
+        self._observers, self._choices = self.runtime.observers, self.runtime.dispatcher.choices
+        self._observers.acts(self._path, self)
+        self._choices.acts(self._path, self)
+        self._observers.watch(self._count_observers)
         self.lives.restart()
         self.subscribe(self.owner.channel("action", Action), self._on_action)
+
+    def _count_observers(self) -> None:
+        self._called = self._observers.hears_calls
 
     def admit(self) -> None:
         """Run actions from now on."""
@@ -413,8 +417,8 @@ class ActionLayer(Layer):
             self._returned(self._begun(index, action), result, Jobs.of(action))
             return
         self._swift += 1
-        if self._tape is not None:
-            self._tape.called(self._path, self.started, self.names[index], action.time)
+        if self._called:
+            self._observers.call(self._path, self.started, self.names[index], action.time)
         if self.predicates is not None and self.predicates.action_ends:
             self._raise_end(self.names[index], "succeeded")
 
@@ -422,10 +426,8 @@ class ActionLayer(Layer):
         """Return the life of a plain function that was called without one."""
         life = _Run(self.names[index], self.bindings[index], action)
         life.number = self.started
-        if self._tape is not None:
-            self._tape.lived(self._path, life.number, life.name, "running", "", action.time)
-        if self.observer is not None:
-            self.observer(ActionLife(action.time, self._path, life.number, life.name, "running"))
+        if self._observers.hears_lives:
+            self._observers.life(ActionLife(action.time, self._path, life.number, life.name, "running"))
         return life
 
     def _returned(self, life: _Run, result: object, jobs: Jobs) -> None:
@@ -437,11 +439,10 @@ class ActionLayer(Layer):
             except Error as error:  # the layer has ended already
                 self._finish(life, "failed", describe(error))
             else:
-                if self._tape is not None:
-                    self._tape.lasts(self._path, life.number, life.work)
+                self._choices.lasts(self._path, life.number, life.work)
+                self._observers.lasts(self._path, life.number, life.work, self.runtime.now())
         elif has_not_run(result):
-            if self._tape is not None:
-                self._tape.raised(self._path, life.number, repr(result), self.runtime.now(), unrun=True)
+            self._observers.tell(Raised, self.runtime.now(), self._path, life.number, repr(result), True)
             self._end_life(life, "failed", f"returned {result!r}, of which nothing has run")
         else:
             self._end_life(life, "succeeded")
@@ -450,9 +451,9 @@ class ActionLayer(Layer):
     def _raised(self, life: _Run, error: BaseException) -> None:
         """A function has raised."""
         self.lives.calling = False
-        if self._tape is not None:
-            self._tape.raised(self._path, life.number, describe(error), self.runtime.now(), unrun=False)
-        self._end_life(life, "failed", describe(error))
+        text = describe(error)
+        self._observers.tell(Raised, self.runtime.now(), self._path, life.number, text)
+        self._end_life(life, "failed", text)
         if isinstance(error, LEAVING):
             self.fail(error)  # which ends the runtime; the code that decided this action goes on
         self._call_over(life)
@@ -475,14 +476,19 @@ class ActionLayer(Layer):
 
     def _is_over(self, work: Work, action: Action) -> bool:
         """Whether a task is over when an action is chosen, and its end on the way."""
-        return work.done if self._tape is None else self._tape.over(self._path, action.epoch, action.time, work.done)
+        over = self._choices.over(self._path, action.epoch, action.time, work.done)
+        if over:
+            self._observers.tell(Over, action.time, self._path, action.epoch)
+        return over
 
     def _continues(self, life: _Run) -> bool:
         """Whether a running task goes on when its action is chosen again."""
         binding, action = life.binding, life.action
-        if self._tape is None or binding.goes_on is None:
+        if binding.goes_on is None:
             return binding.continues(action)
-        return self._tape.goes_on(self._path, action.epoch, action.time, lambda: binding.continues(action))
+        goes_on = self._choices.goes_on(self._path, action.epoch, action.time, lambda: bool(binding.continues(action)))
+        self._observers.tell(GoesOn, action.time, self._path, action.epoch, goes_on)
+        return goes_on
 
     def _replace(self, life: _Run) -> None:
         """Report the end of a life that another of its group replaces, so that the device they drive need not stop."""
@@ -516,7 +522,7 @@ class ActionLayer(Layer):
         if not life.secures:
             self.begins(life.name)
         itself = self._beside_left(life) if self.lives.left else None
-        if self._told.heard or self._tape is not None or self.observer is not None:
+        if self._told.heard or self._observers.hears_lives:
             self._tell(life, "running")
         if itself is not None:
             seconds = (self.runtime.now() - itself.began) / 1e9
@@ -580,8 +586,8 @@ class ActionLayer(Layer):
     def _left_ended(self, life: _Run, work: Work) -> None:
         """An abandoned task has ended at last."""
         self._forget(life)
-        if self._tape is not None and self.life == "running":
-            self._tape.ended(self._path, life.number, work, self.runtime.now())
+        if self.life == "running":
+            self._observers.ended(self._path, life.number, work, self.runtime.now())
 
     def _forget(self, life: _Run) -> None:
         self.lives.forget(life)
@@ -599,8 +605,7 @@ class ActionLayer(Layer):
         return itself
 
     def _work_ended(self, life: _Run, work: Work) -> None:
-        if self._tape is not None:
-            self._tape.ended(self._path, life.number, work, self.runtime.now())
+        self._observers.ended(self._path, life.number, work, self.runtime.now())
         if work.error is not None:
             self._finish(life, "failed", describe(work.error))
         elif work.interrupted:  # even where it swallowed the cancellation, and returned
@@ -648,7 +653,7 @@ class ActionLayer(Layer):
         lasted = life.work is not None or life.binding.ensemble is not None
         asked = life.ending == "preempted"
         gave_up = not life.secures and self.ends(life.name, life.binding, status, text, lasted, asked)
-        if self._told.heard or self._tape is not None or self.observer is not None:
+        if self._told.heard or self._observers.hears_lives:
             self._tell(life, status, detail)
         if self.predicates is not None and self.predicates.action_ends:
             self._raise_end(life.name, status)
@@ -669,10 +674,7 @@ class ActionLayer(Layer):
             self.predicates.derive((), (event,))
 
     def _tell(self, life: _Run, status: ActionStatus, detail: str = "") -> None:
-        time = self.runtime.now()
-        if self._tape is not None:
-            self._tape.lived(self._path, life.number, life.name, status, detail, time)
-        if self.observer is not None:
-            self.observer(ActionLife(time, self._path, life.number, life.name, status, detail))
+        told = ActionLife(self.runtime.now(), self._path, life.number, life.name, status, detail)
+        self._observers.life(told)
         if self._told.heard:
-            self._told.publish(ActionLife(time, self._path, life.number, life.name, status, detail))
+            self._told.publish(told)

@@ -11,6 +11,7 @@ from mdm.beliefs.information import DrawnInformation
 from mdm.messages import Action, Belief, Decision, Reward
 from mdm.runtime import Latencies
 from mdm.runtime.statistics import FULL
+from mdm.stimuli import Late
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from mdm.controller import Controller, Step
     from mdm.models.matrices import Vector
     from mdm.runtime import Channel, Histogram
-    from mdm.runtime.tape import Tape
+    from mdm.runtime.observing import Choices, Observers
     from mdm.symbols import Symbols
 
 __all__ = ["Observed", "Output"]
@@ -85,9 +86,11 @@ class Output:
 
     # The attributes that each decision reads or writes, close together: many ensembles do not all fit the cache.
     __slots__ = (
+        "__weakref__",
         "_actions",
         "_alone",
         "_beliefs",
+        "_choices",
         "_controller",
         "_deadline",
         "_decisions",
@@ -95,12 +98,13 @@ class Output:
         "_has_belief",
         "_latencies",
         "_now",
+        "_observed",
+        "_observers",
         "_outlet",
         "_path",
         "_pending",
         "_refuses",
         "_rewards",
-        "_tape",
         "_wait_of",
         "acted",
         "action_names",
@@ -134,7 +138,7 @@ class Output:
         self._actions: Channel[Action] | None = None
         self._outlet: Outlet = _Muted()
         self._path = ""
-        self._tape: Tape | None = None
+        self._observed = False
 
     def open(self, layer: Layer) -> None:
         """Publish under the name of a layer's ensemble."""
@@ -147,9 +151,14 @@ class Output:
         self._decisions = layer.runtime.decisions
         self._path = layer.owner.path
         self._wait_of = layer.runtime.dispatcher.waited
-        self._tape = layer.runtime.dispatcher.tape
-        if self._tape is not None:
-            self._tape.controls(self)
+        self._choices: Choices = layer.runtime.dispatcher.choices
+        self._choices.controls(self)
+        self._observers: Observers = layer.runtime.observers
+        self._observers.control(self)
+        self._observers.watch(self._count_observers)
+
+    def _count_observers(self) -> None:
+        self._observed = self._observers.hears_steps
 
     @property
     def seed(self) -> int | None:
@@ -187,8 +196,8 @@ class Output:
             self._fold()
         if self._deadline is not None and self._is_refused(step, latency, time):
             return
-        if self._tape is not None:
-            self._note(step, time, cause, observation, state)
+        if self._observed:
+            self._tell(step, time, cause, observation, state)
         action = step.action
         self._outlet.emit(Action(time, step.epoch, action, state))
         self.acted = action
@@ -221,8 +230,8 @@ class Output:
         self._pending.append(self._now() - time)
         if not len(self._pending) % _EACH:
             self._fold()
-        if self._tape is not None:
-            self._note(step, time, cause, observation, state)
+        if self._observed:
+            self._tell(step, time, cause, observation, state)
         self.acted = action = step.action
         self.cause = cause
         if reward is not None:
@@ -248,8 +257,8 @@ class Output:
         self._pending.append(self._now() - time)
         if not len(self._pending) % _EACH:
             self._fold()
-        if self._tape is not None:
-            self._tape.decided(self, time, epoch, "state", state, None, None, action, None)
+        if self._observed:
+            self._observers.step(self, time, epoch, "state", state, None, None, action, None)
         self.acted = action
         self.cause = "state"
         assert self._actions is not None
@@ -268,18 +277,17 @@ class Output:
         """Whether a decision comes past its deadline, and is not published."""
         assert self._deadline is not None
         latency += self.waited or self._wait_of(time)
-        if self._tape is not None:
-            limit = self._deadline - self.overdue
-            latency = self._tape.latency(self._path, step.epoch, time, latency, limit)
+        latency = self._choices.latency(self._path, step.epoch, time, latency)
+        if latency > self._deadline - self.overdue:
+            self._observers.tell(Late, time, self._path, step.epoch, latency)
         latency += self.overdue
         return latency > self._deadline and self._refuses(step, latency, time)
 
-    # -- For a record ----------------------------------------------------------------------------------------------
+    # -- For observers ---------------------------------------------------------------------------------------------
 
-    def _note(self, step: Step, time: int, cause: str, observation: Observed, state: int | None) -> None:
-        assert self._tape is not None
+    def _tell(self, step: Step, time: int, cause: str, observation: Observed, state: int | None) -> None:
         current = self._controller.decided_by if self._has_belief else None
-        self._tape.decided(self, time, step.epoch, cause, state, observation, current, step.action, step.reward)
+        self._observers.step(self, time, step.epoch, cause, state, observation, current, step.action, step.reward)
 
     @property
     def ensemble(self) -> str:
@@ -334,8 +342,7 @@ class Output:
 
     def publish_foreign(self, action: Action, belief: Vector | None) -> None:
         """Publish an action decided elsewhere, on a belief where one is known."""
-        if self._tape is not None:
-            self._tape.decided(self, action.time, action.epoch, "team", None, None, belief, action.index, None)
+        self._observers.step(self, action.time, action.epoch, "team", None, None, belief, action.index, None)
         self.acted = action.index
         self.cause = "team"
         self._channel.emit(action)

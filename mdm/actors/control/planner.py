@@ -122,8 +122,7 @@ class Planner(Layer):
     def on_start(self) -> None:
         """Listen, and start the process."""
         assert isinstance(self.parent, Layer)
-        tape = self.runtime.dispatcher.tape
-        if tape is not None and tape.repeats:
+        if self.runtime.dispatcher.choices.repeats:
             return  # its answers are in the record
         channel = self.parent.owner.channel
         self._process, self._open, self._timer = None, None, None

@@ -18,6 +18,7 @@ from mdm.runtime.channel import Topics
 from mdm.runtime.handler import check_plain
 from mdm.runtime.supervision import text_of
 from mdm.runtime.time.clock import check_seconds
+from mdm.stimuli import Kept
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -362,9 +363,10 @@ class PredicateManager(Actor):
         if not self._begun:
             self._forget_numbers()
         self._home = self.runtime
-        if (tape := self.runtime.dispatcher.tape) is not None:
-            backlog = self._backlog
-            backlog.values, backlog.times = tape.kept(self.path, backlog.values, backlog.times, now)
+        choices, backlog = self.runtime.dispatcher.choices, self._backlog
+        backlog.values, backlog.times = choices.kept(self.path, backlog.values, backlog.times, now)
+        if backlog.values:
+            self.runtime.observers.tell(Kept, now, self.path, dict(backlog.values), dict(backlog.times))
         if self._begun:
             self._backlog.expire(now, self._max_age)
         self._network = self.network()
@@ -394,9 +396,8 @@ class PredicateManager(Actor):
         self._counter = 1
         self.updates.publish(PredicateUpdate(now, 1, first.rising, first.falling, unknown))
         self.subscribe(self.sensed, self._sensed)
-        tape = self.runtime.tape
         # Where a run is repeated, its record has what these functions said.
-        for name, place, when in () if tape is not None and tape.repeats else self._groundings:
+        for name, place, when in () if choices.repeats else self._groundings:
             channel = self.runtime.channel(*place) if isinstance(place, tuple) else place
             self.subscribe(channel, self._grounding(name, when))
         for agent, updates, full in self._followed:

@@ -18,7 +18,7 @@ from mdm.errors import Error
 from mdm.messages import ActionLife, Belief, Control, Observation, SensorUpdate, State
 from mdm.recording.names import Names, names_of
 from mdm.recording.reader import Record
-from mdm.recording.stimuli import Ended, Said, Ticked
+from mdm.stimuli import Ended, Said, Ticked
 
 if TYPE_CHECKING:
     import argparse

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 
 from mdm.errors import Error
 from mdm.faults import KINDS
+from mdm.runtime.observing import Observer
 from mdm.runtime.process.writer import StandardError, Writer
 from mdm.runtime.time.virtual import VirtualClock
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from mdm.messages import Decision, Fault, Mode, StateChange
-    from mdm.runtime.guard import Guard
+    from mdm.runtime.observing import Guard
     from mdm.runtime.process.rendering import Rendering
     from mdm.runtime.runtime import Runtime
     from mdm.runtime.statistics import LogStatistics
@@ -31,8 +32,10 @@ _RECENT = 64
 """How many details are remembered, so that a mode does not repeat those of the faults before it."""
 
 
-class FirstFailures:
+class FirstFailures(Observer):
     """Prints the first failure of each action on standard error; a slow reader delays nothing."""
+
+    name = "the log"
 
     def __init__(self) -> None:
         self._writer: Writer | None = None
@@ -43,16 +46,15 @@ class FirstFailures:
     def open(self, runtime: Runtime) -> None:
         """Listen to a runtime."""
         self._virtual = isinstance(runtime.clock, VirtualClock)
-        guard = runtime.guard("the log")
-        self._tell = guard.tell
-        runtime.faults.subscribe(guard(self._take))
+        self._tell = runtime.observe(self).tell
 
-    def close(self) -> None:
+    def on_end(self) -> None:
         """Write out what waits, within a bound."""
         if self._writer is not None:
             self._writer.close()
 
-    def _take(self, fault: Fault) -> None:
+    def on_fault(self, fault: Fault) -> None:
+        """Print a failure of an action, where it is the first."""
         action = fault.source, fault.detail.partition("' ")[0]
         if fault.kind != "action" or action in self._told:
             return
@@ -72,7 +74,7 @@ class FirstFailures:
         StandardError(lambda: writer.given_up).write(f"{line} (told once, since the runtime has no log)")
 
 
-class Log:
+class Log(Observer):
     """Renders the events of a runtime through structlog: faults, modes, the lives of the actors at the top.
 
     In virtual time lines are written at once: none is lost, and a slow reader slows the run down.
@@ -83,6 +85,8 @@ class Log:
         decisions: Render decisions, each with the words that this function returns, such as the names of its input.
     """
 
+    name = "the log"
+
     def __init__(
         self,
         target: Literal["console", "json"] | Any = "console",
@@ -92,10 +96,13 @@ class Log:
     ) -> None:
         self._debug = debug
         self._words = decisions or (_indices if debug else None)
+        if self._words is not None:
+            self.on_decision = self._decided  # type: ignore[method-assign]
         self._asked = decisions is not None
         self._writer = Writer()
         self._guard: Guard | None = None
         self._told: list[Fault] = []
+        self._early: list[tuple[str, Callable[[], Mapping[str, object]]]] = []
         self._helped: set[str] = set()
         self._details: deque[str] = deque(maxlen=_RECENT)
         self._safe: set[str] = set()
@@ -106,19 +113,15 @@ class Log:
 
     def open(self, runtime: Runtime) -> None:
         """Listen to a runtime."""
-        put = self._writer.put
-        guard = self._guard = runtime.guard("the log")
-        self._writer.on_loss = guard.tell
         virtual = isinstance(runtime.clock, VirtualClock)
         if not virtual:
             self._writer.open()
         if self._rendering is not None:
             self._rendering.virtual = virtual
-        runtime.faults.subscribe(guard(self._published))
-        runtime.modes.subscribe(guard(self._changed))
-        runtime.lives.subscribe(guard(lambda change: put(self._life, change) if self._tells(change.actor) else None))
-        if self._words is not None:
-            runtime.decisions.subscribe(guard(lambda decision: put(self._decision, decision)))
+        self._guard = runtime.observe(self)
+        self._writer.on_loss = self._guard.tell
+        for event, facts in self._early:
+            self.write(event, facts)
 
     def tell(self, fault: Fault) -> None:
         """Write a fault at once, from any thread; when it is published, it is not written again."""
@@ -127,9 +130,12 @@ class Log:
 
     def write(self, event: str, facts: Callable[[], Mapping[str, object]]) -> None:
         """Write a line behind those of what was published before, with facts that are made on the log's thread."""
+        if self._guard is None:
+            self._early.append((event, facts))
+            return
         self._writer.put(lambda make: self._logger.info(event, **make()), facts)
 
-    def close(self) -> None:
+    def on_end(self) -> None:
         """Write out what waits, within a bound."""
         self._writer.close()
 
@@ -156,7 +162,8 @@ class Log:
         """Whether the life of an actor is logged: the root's never, and those of an actor's own parts seldom."""
         return bool(actor) and (self._debug or "/" not in actor)
 
-    def _published(self, fault: Fault) -> None:
+    def on_fault(self, fault: Fault) -> None:
+        """Write a fault that was not told before it was published."""
         if fault in self._told:
             self._told.remove(fault)
         else:
@@ -172,7 +179,15 @@ class Log:
             "fault", time=fault.time / 1e9, source=fault.source, kind=fault.kind, detail=fault.detail, **help_
         )
 
-    def _changed(self, mode: Mode) -> None:
+    def on_change(self, change: StateChange) -> None:
+        """Write that an actor has come to another state, where that is logged."""
+        if self._tells(change.actor):
+            self._writer.put(self._life, change)
+
+    def _decided(self, decision: Decision) -> None:
+        self._writer.put(self._decision, decision)
+
+    def on_mode(self, mode: Mode) -> None:
         """Handle a mode: safe ones are logged, and the next after them; the others come and go with decisions."""
         was_safe = mode.ensemble in self._safe
         (self._safe.add if mode.mode == "safe" else self._safe.discard)(mode.ensemble)

@@ -12,10 +12,10 @@ import msgspec
 import numpy as np
 
 from mdm.errors import Error
-from mdm.recording.stimuli import Commanded
 from mdm.runtime import Actor, Subscription
 from mdm.runtime.statistics import Histogram
 from mdm.runtime.supervision import describe
+from mdm.stimuli import Commanded
 from mdm.team.transport.bounds import UNREADABLE
 from mdm.team.transport.keys import join
 
@@ -100,8 +100,7 @@ class Answers(Actor):
             order = cast('Literal["start", "stop", "reset"]', call)
 
             def carry_out(token: str | None) -> None:
-                if self.runtime.tape is not None:
-                    self.runtime.tape.note(Commanded(self.runtime.now(), name, order, token))
+                self.runtime.observers.tell(Commanded, self.runtime.now(), name, order, token)
                 layer.command(order, token)
 
             self.runtime.dispatcher.deliver(Subscription(None, layer, carry_out), token)

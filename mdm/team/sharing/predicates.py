@@ -13,8 +13,8 @@ import msgspec
 
 from mdm.logic import similar
 from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate
-from mdm.recording.stimuli import Answered, Asked
 from mdm.runtime import Actor, Subscription
+from mdm.stimuli import Answered, Asked
 from mdm.team.transport.bounds import UNREADABLE, Name, Number, Text
 from mdm.team.transport.keys import join
 
@@ -122,9 +122,8 @@ class PredicatePublisher(Actor):
         answers: list[bytes] = []
 
         def take(body: bytes) -> None:
-            if self.runtime.tape is not None:
-                key = self._link.key(PREDICATES, "follow")
-                self.runtime.tape.note(Asked(self.runtime.now(), self._link.agent, key, bytes(body)))
+            key = self._link.key(PREDICATES, "follow")
+            self.runtime.observers.tell(Asked, self.runtime.now(), self._link.agent, key, bytes(body))
             answers.append(self._answer(body))
 
         self.runtime.dispatcher.deliver(Subscription(None, self, take), body)
@@ -289,8 +288,7 @@ class PredicateSubscriber(Actor):
 
     def _take_answer(self, reply: Reply) -> None:
         """Take the answer of the other agent, in a turn of its own."""
-        if self.runtime.tape is not None:
-            self.runtime.tape.note(Answered(self.runtime.now(), self.path, _encode(reply)))
+        self.runtime.observers.tell(Answered, self.runtime.now(), self.path, _encode(reply))
         self._receive_reply(reply)
 
     def repeat_answer(self, body: bytes) -> None:

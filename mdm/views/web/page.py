@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from mdm.checks import is_whole
 from mdm.errors import Error
-from mdm.runtime import VirtualClock
+from mdm.runtime import Extension, VirtualClock
 from mdm.snapshots import LiveRun
 from mdm.views.web.encryption import encryption
 from mdm.views.web.listening import LOOPBACK
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from mdm.runtime import Runtime
     from mdm.team.transport.access import Access
 
-__all__ = ["Page", "check_port"]
+__all__ = ["Page", "check_port", "page_of"]
 
 
 def check_port(port: Any) -> int:
@@ -37,7 +37,7 @@ def _print(address: str) -> None:
     print(f"page: {address}", file=sys.stderr, flush=True)  # noqa: T201 - else nobody could open it
 
 
-class Page:
+class Page(Extension):
     """A live page of a running system, for browsers of this machine, or with a certificate for those of others.
 
     Hand it to a `Runtime`, or a port alone where the defaults will do. It listens at the loopback address, or with TLS
@@ -58,6 +58,8 @@ class Page:
         Error: If ``websockets`` is not installed, which the extra ``page`` brings, the port is none, or a host that is
             not loopback has no certificate, or one that browsers would not trust.
     """
+
+    name = "the page"
 
     def __init__(
         self,
@@ -121,3 +123,8 @@ class Page:
         if self._server is None:
             raise Error("a page that is not open has no address")
         return self._server.address
+
+
+def page_of(given: Any) -> Any:
+    """Return the page that is given as itself, or by its port."""
+    return given if hasattr(given, "open") and hasattr(given, "close") else Page(given)

@@ -10,8 +10,8 @@ from records import Writing, decision, official, tiger, written
 
 from mdm import load_system, messages
 from mdm.recording import Record, schemas
-from mdm.recording.stimuli import Ended, Said, Stimulus
 from mdm.runtime import Runtime, VirtualClock, run as run_program
+from mdm.stimuli import Ended, Said, Stimulus
 
 
 def lines(mdm, *arguments):

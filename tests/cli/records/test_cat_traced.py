@@ -8,7 +8,7 @@ from mdm.cli.records.cat import traced
 from mdm.errors import Error
 from mdm.messages import Control
 from mdm.recording.reader import Record
-from mdm.recording.stimuli import Began, Finished, Said, Stimulus, Ticked
+from mdm.stimuli import Began, Finished, Said, Stimulus, Ticked
 
 
 def test_what_trace_does_by_itself_is_left_out_in_silence(tmp_path):

@@ -18,7 +18,7 @@ from mdm import Ensemble, run as run_program
 from mdm.messages import Decision
 from mdm.policies import DeterministicPolicy
 from mdm.recording import Record
-from mdm.recording.stimuli import Stimulus
+from mdm.stimuli import Stimulus
 from mdm.testing import replay, run_virtual
 
 CODE = """

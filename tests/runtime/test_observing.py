@@ -5,23 +5,26 @@ from __future__ import annotations
 import asyncio
 import functools
 import threading
+from collections import Counter
 from typing import Any
 
 import msgspec
 import pytest
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 import mdm
 from mdm import Actor, Runtime
-from mdm.messages import ActionLife, SensorUpdate
+from mdm.messages import ActionLife, Idle, SensorUpdate
 from mdm.recording import Record, Recorder
+from mdm.runtime.observing import Choices, Guard, Observer
 from mdm.runtime.process import log as log_module
-from mdm.runtime.tape import Tape
 from mdm.snapshots import LiveRun
+from mdm.stimuli import Said
 from mdm.testing import probe, run_virtual
 
 ERRORS = [Exception, MemoryError, RecursionError]
 TEXTS = ["caf\udce9.yaml", "\0 and \x1b[2J", "10 MB: " + 10_000_000 * "x", "<script>alert('&')</script>", ""]
-NOTES = [name for name in vars(Tape) if not name.startswith("_") and name != "comes"]
+NOTES = [name for name in vars(Observer) if name.startswith("on_") and name in vars(Recorder) and name != "on_end"]
 
 
 class Sabotage:
@@ -125,10 +128,17 @@ def a_failing_robot():
     return mdm.Ensemble("robot", policy=policy, actions={"fails": fails}, safe_action=lambda: None)
 
 
+def a_lamp():
+    """Return what calls functions that succeed, of whose lives nobody asks."""
+    policy = mdm.policies.DeterministicPolicy([0, 1], 2)
+    return mdm.Ensemble("lamp", policy=policy, actions={"shines": lambda: None, "rests": lambda: None})
+
+
 def lived(**options):
     """Run the robot in virtual time, and return its decisions, modes, lives, own failures, and observers' faults."""
     look = options.pop("look", None)
     ensemble, near, far = a_robot()
+    lamp = a_lamp()
     told = {}
 
     async def main():
@@ -144,7 +154,9 @@ def lived(**options):
         near.set(False)
         await runtime.start(ensemble)
         await runtime.start(Fragile())
+        await runtime.start(lamp)
         for number in range(8):
+            lamp.publish_state(number % 2)
             far.set(number % 3 == 0)
             await asyncio.sleep(0.3)
             if live is not None:
@@ -154,6 +166,7 @@ def lived(**options):
             if number == 4:
                 ensemble.start()
         ensemble.report("own", TEXTS[number % 2])
+        runtime.idles.publish(Idle(runtime.now(), "lamp", True, 0, "shines", False))
         await asyncio.sleep(1)
         if live is not None:
             live.close()
@@ -185,7 +198,7 @@ def of_recorders(tmp_path, sabotage, patch):
 
 
 def of_pages(tmp_path, sabotage, patch):
-    for name in ("_on_mode", "_on_fault", "_on_idle", "_on_life"):
+    for name in ("on_mode", "on_fault", "on_idle", "on_life"):
         patch.setattr(LiveRun, name, sabotage(vars(LiveRun)[name]))
 
     def look(runtime):
@@ -201,7 +214,7 @@ def of_logs(tmp_path, sabotage, patch):
 
 
 def of_log_handlers(tmp_path, sabotage, patch):
-    for name in ("_published", "_changed", "_tells"):
+    for name in ("on_fault", "on_mode", "_tells"):
         patch.setattr(mdm.runtime.Log, name, sabotage(vars(log_module.Log)[name]))
     return {"log": Logger(Sabotage())}
 
@@ -223,42 +236,30 @@ def test_an_observer_that_raises_at_any_call_changes_nothing(make, error, alone,
 
 
 def test_each_note_of_a_recorder_may_fail():
-    assert set(NOTES) >= {"said", "decided", "finishes", "goes_on", "kept", "counts_from", "latency", "raised"}
-    assert all(name in vars(Recorder) for name in NOTES)
+    assert set(NOTES) == {"on_message", "on_step", "on_stimulus", "on_life", "on_call", "on_control"}
 
 
-def test_a_question_is_answered_as_without_the_observer_and_asked_once():
-    async def main(runtime):
-        guard = runtime.guard("the tape")
-        asked = []
-
-        class Broken:
-            def __getattr__(self, name):
-                def note(*_, **__):
-                    raise MemoryError
-
-                return note
-
-        tape = guard.tape(Broken())
+def test_the_world_answers_where_no_run_is_repeated():
+    async def main():
+        asked, choices = [], Choices()
         for answer in (True, False):
-            assert tape.goes_on("robot", 1, 2, lambda answer=answer: asked.append(answer) or answer) is answer
+            assert choices.goes_on("robot", 1, 2, lambda answer=answer: asked.append(answer) or answer) is answer
         assert asked == [True, False]
-        assert tape.kept("robot", {"Near": True}, {"Near": 3}, 4) == ({"Near": True}, {"Near": 3})
-        assert tape.counts_from("robot", 4, 5) == 5
-        assert tape.latency("robot", 1, 2, 3, 4) == 3
-        assert tape.raised("robot", 1, "", 2, unrun=True) is None
-        await tape.comes("robot", "start")
-        assert not tape.repeats
-        return guard.lost
+        assert choices.kept("robot", {"Near": True}, {"Near": 3}, 4) == ({"Near": True}, {"Near": 3})
+        assert choices.counts_from("robot", 4, 5) == 5
+        assert choices.latency("robot", 1, 2, 3) == 3
+        assert [choices.over("robot", 1, 2, over) for over in (True, False)] == [True, False]
+        await choices.comes("robot", "start")
+        assert not choices.repeats
 
-    assert run_virtual(main) == 6
+    asyncio.run(main())
 
 
 def test_an_observer_at_the_end_of_the_stack_is_counted():
     """Where there is no room for one more call, nothing can be told: the next failure is."""
 
     async def main(runtime):
-        guard, faults = runtime.guard("the page"), probe(runtime.faults)
+        guard, faults = Guard(runtime, "the page"), probe(runtime.faults)
         depths = []
 
         def endless():
@@ -287,7 +288,7 @@ def test_what_ends_a_program_passes():
             raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):
-            runtime.guard("the page")(ends)()
+            Guard(runtime, "the page")(ends)()
 
     run_virtual(main)
 
@@ -366,8 +367,8 @@ def test_what_raises_at_the_end_leaves_nothing_open(tmp_path):
             raise OSError("the page cannot be closed")
 
     class Closing(mdm.runtime.Log):
-        def close(self):
-            super().close()
+        def on_end(self):
+            super().on_end()
             raise OSError("the log cannot be closed")
 
     path = tmp_path / "run.mcap"
@@ -403,12 +404,12 @@ def test_the_first_fault_of_a_log_that_fails_is_told_from_its_thread():
     assert found.written == 0 < found.lost
 
 
-def test_sensors_set_while_a_tape_fails_are_taken_in_their_order():
+def test_sensors_set_while_an_observer_fails_are_taken_in_their_order():
     """A fault that is told in the middle of a stimulus comes behind it."""
 
     async def main(runtime):
         order = []
-        runtime.dispatcher.tape = runtime.guard("the tape").tape(Failing())
+        runtime.observe(Failing())
         channel = runtime.channel("in", SensorUpdate)
         channel.input = True
         runtime.faults.subscribe(lambda fault: order.append(fault.kind))
@@ -418,12 +419,141 @@ def test_sensors_set_while_a_tape_fails_are_taken_in_their_order():
         await asyncio.sleep(0)
         return order
 
-    class Failing:
-        def __getattr__(self, name):
-            def note(*_):
-                if name == "said":
-                    raise ValueError
-
-            return note
+    class Failing(Observer):
+        def on_message(self, channel, message, time):
+            raise ValueError
 
     assert run_virtual(main) == ["update", "observer"]
+
+
+# -- Observers of the program's own ------------------------------------------------------------------------------------
+
+HOOKS = [name for name in vars(Observer) if name.startswith("on_")]
+
+
+def observing(heard, fails=lambda name: None):
+    """Return an observer that notes what it hears, by the methods that it overrides, and raises then where it should.
+
+    Args:
+        heard: Lists of what was heard, by the names of methods: those that are overridden.
+        fails: Returns what a call raises; None for nothing.
+    """
+
+    def overriding(name):
+        def hear(self, *arguments):
+            heard[name].append(arguments)
+            error = fails(name)
+            if error is not None:
+                raise error
+
+        return hear
+
+    return type("Own", (mdm.Extension,), {name: overriding(name) for name in heard})()
+
+
+def test_one_that_observes_hears_everything(alone):
+    heard = {name: [] for name in HOOKS}
+    told, observers = lived(extensions=[observing(heard)])
+    assert (told, observers) == (alone, [])
+    assert not [name for name in HOOKS if not heard[name]]
+    assert [each for (each,) in heard["on_decision"]] == alone["decisions"]
+    assert [each for (each,) in heard["on_mode"]] == alone["modes"]
+    assert [each for (each,) in heard["on_change"]] == alone["lives"]
+    assert [each for (each,) in heard["on_fault"]] == alone["faults"]
+    assert [each for (each,) in heard["on_life"]] == alone["robot"]
+    assert [(ensemble, life) for ensemble, life, *_ in heard["on_call"]] == [("lamp", life) for life in range(1, 9)]
+    assert len(heard["on_step"]) == len(alone["decisions"])
+    assert len(heard["on_end"]) == 1
+
+
+def test_one_that_hears_no_messages_hears_them_as_stimuli(tmp_path):
+    heard = {"on_stimulus": []}
+    path = tmp_path / "run.mcap"
+    lived(extensions=[observing(heard)], record=path)
+    recorded = [each.message for each in Record(path).messages(["stimuli"])]
+    told = [each for (each,) in heard["on_stimulus"]]
+    assert [type(each) for each in told] == [type(each) for each in recorded]
+    assert {type(each).__name__ for each in told} >= {"Said", "Began", "Ticked", "Lasts", "Ended", "Raised", "Finished"}
+    assert [each for each in told if not isinstance(each, Said)] == [
+        each for each in recorded if not isinstance(each, Said)
+    ]
+    assert {each.where for each in told if isinstance(each, Said)} >= {"outside", "task"}
+
+
+def test_one_that_is_cancelled_hears_nothing_more_and_nothing_is_made_for_it():
+    async def main(runtime):
+        heard = {"on_stimulus": [], "on_fault": []}
+        hearing = runtime.observe(observer := observing(heard))
+        assert runtime.observe(observer) is hearing
+        runtime.root.report("one", "")
+        assert runtime.observers.heard
+        assert runtime.dispatcher.observed
+        hearing.cancel()
+        assert not runtime.observers.heard
+        assert not runtime.dispatcher.observed
+        runtime.root.report("two", "")
+        assert [fault.kind for (fault,) in heard["on_fault"]] == ["one"]
+        assert runtime.observers.hears_steps is runtime.observers.hears_lives is runtime.observers.hears_calls is False
+
+    run_virtual(main)
+
+
+def test_one_that_begins_while_robots_run_hears_them(alone):
+    heard = {"on_step": [], "on_call": [], "on_life": []}
+
+    class Late:
+        def __init__(self, runtime):
+            self.runtime, self.frames = runtime, 0
+
+        def frame(self):
+            self.frames += 1
+            if self.frames == 3:
+                self.hearing = self.runtime.observe(observing(heard))
+
+        def close(self):
+            self.hearing.cancel()
+
+    told, observers = lived(look=Late)
+    assert (told, observers) == (alone, [])
+    assert 0 < len(heard["on_step"]) < len(alone["decisions"])
+    assert heard["on_call"]
+    assert heard["on_life"]
+
+
+@given(
+    raising=st.lists(
+        st.dictionaries(st.sampled_from(HOOKS), st.sampled_from(ERRORS) | st.none(), min_size=1), min_size=1, max_size=3
+    ),
+    now_and_then=st.booleans(),
+)
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+def test_observers_that_raise_at_every_call_change_nothing(raising, now_and_then, alone):
+    given_ = []
+    for hooks in raising:
+        calls = Counter()
+
+        def fails(name, hooks=hooks, calls=calls):
+            calls[name] += 1
+            error = hooks[name]
+            return (
+                None if error is None or (now_and_then and calls[name] % 2) else error("as it was meant to be \udce9")
+            )
+
+        given_.append(observing({name: [] for name in hooks}, fails))
+    told, observers = lived(extensions=given_)
+    assert told == alone
+    failing = sum(any(hooks.values()) for hooks in raising)
+    assert len(observers) <= failing if now_and_then else len(observers) == failing  # each once
+    assert all("Own has failed: " in detail for detail in observers)
+
+
+def test_what_an_observer_loses_is_counted():
+    async def main(runtime):
+        hearing = runtime.observe(observing({"on_fault": []}, lambda _: ValueError()))
+        for number in range(5):
+            runtime.root.report("own", str(number))
+        await asyncio.sleep(0)
+        return hearing.lost, str(hearing.error)
+
+    lost, _ = run_virtual(main)
+    assert lost == 6  # the fault that tells of it, too

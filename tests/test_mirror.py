@@ -20,7 +20,6 @@ UNTESTED_ALONE = {
     "stimuli.py": "declares messages: test_schemas",
     "recording/part.py": "one file of a record: test_reader",
     "team/layer.py": "a base: the layers of each mode are tested",
-    "actors/options.py": "declares types alone",
     "actors/layer.py": "a base: its layers are tested",
     "team/centralised/messages.py": "declares messages: the leader and its followers are tested",
     "cli/records/shown.py": "with the verbs that show a record: test_page, test_watch",

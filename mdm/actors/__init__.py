@@ -6,10 +6,9 @@ from mdm.actors.actions.action_layer import ActionLayer, ActionStatistics
 from mdm.actors.actions.binding import Binding, bind
 from mdm.actors.actions.subprocesses import run_subprocess
 from mdm.actors.control.control_layer import ControlLayer, ControlStatistics
-from mdm.actors.control.drive import Drive, FixedRate, OnEvent
 from mdm.actors.control.planner import Planner, PlannerStatistics
 from mdm.actors.ensemble import Ensemble, EnsembleStatistics, EnsembleStatus
-from mdm.actors.options import BindingOptions, ControlOptions, DriveOptions, SafetyOptions
+from mdm.actors.options import BindingOptions, ControlOptions, Drive, DriveOptions, FixedRate, OnEvent, SafetyOptions
 from mdm.actors.predicates.predicate_manager import PredicateManager
 from mdm.actors.predicates.sources import EventSource, Sensor
 

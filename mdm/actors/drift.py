@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from mdm.actors.control.drive import FixedRate
+from mdm.actors.options import FixedRate
 from mdm.errors import ConfigError, ModelError
 from mdm.estimation.drift import ODDS, DriftTest
 from mdm.runtime import Actor

@@ -14,10 +14,9 @@ from mdm.actors.abstraction.factors import ObservationFactor, StateFactor
 from mdm.actors.abstraction.layers import ObservationLayer, StateLayer
 from mdm.actors.actions.action_layer import ActionLayer
 from mdm.actors.control.control_layer import ControlLayer
-from mdm.actors.control.drive import Drive, FixedRate
 from mdm.actors.control.source import JointProcess
 from mdm.actors.layer import Layer
-from mdm.actors.options import ControlSettings, SafetyOptions, SafetySettings
+from mdm.actors.options import ControlSettings, Drive, FixedRate, SafetyOptions, SafetySettings
 from mdm.actors.predicates.predicate_manager import PredicateManager
 from mdm.actors.safety.liveness import Liveness
 from mdm.actors.safety.notes import notes

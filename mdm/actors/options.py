@@ -1,16 +1,16 @@
-"""The options of control layers, of ensembles and of actions, for Python, files and commands."""
+"""The options of control layers, of ensembles and of actions, for Python, files and commands; and drives."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
+from typing import Annotated, Any, Literal, TypedDict
 
+import msgspec
 from msgspec import Meta
 
-from mdm.actors.actions.sequel import Sequel, Then
-from mdm.options import ControllerOptions, ControllerSettings, Seconds
-
-if TYPE_CHECKING:
-    from mdm.actors.control.drive import Drive
+from mdm.checks import is_number
+from mdm.errors import ConfigError
+from mdm.options import ControllerOptions, ControllerSettings, Options, Seconds
+from mdm.runtime.time.scheduler import check_rate
 
 __all__ = [
     "SAFE_TIMEOUT",
@@ -18,11 +18,16 @@ __all__ = [
     "BindingSettings",
     "ControlOptions",
     "ControlSettings",
+    "Drive",
     "DriveOptions",
     "DriveSettings",
+    "FixedRate",
     "LostTeammate",
+    "OnEvent",
     "SafetyOptions",
     "SafetySettings",
+    "Sequel",
+    "drive_of",
 ]
 
 AfterSafe = Literal["reset", "keep"]
@@ -31,6 +36,42 @@ SAFE_TIMEOUT = 10.0
 LostTeammate = Literal["continue", "hold", "safe_action"]
 OnRepeat = Literal["continue", "restart"]
 Reaction = Literal["safe", "continue"]
+Then = Literal["wait", "decide"]
+
+
+class OnEvent(msgspec.Struct, frozen=True):
+    """Decide on each state or observation, as it comes."""
+
+
+class FixedRate(msgspec.Struct, frozen=True):
+    """Decide ``rate`` times a second, at times aligned to whole periods, on the latest state or observation."""
+
+    rate: float
+
+    def __post_init__(self) -> None:
+        check_rate(self.rate, key="drive")
+        msgspec.structs.force_setattr(self, "rate", float(self.rate))
+
+
+Drive = OnEvent | FixedRate
+
+
+def drive_of(given: Drive | float | str | None) -> Drive:
+    """Return the drive that is given as itself, as ``"event"`` (the default), or as a rate in decisions a second.
+
+    Raises:
+        ConfigError: If it is nothing of these.
+    """
+    if given is None or (isinstance(given, str) and given == "event"):
+        return OnEvent()
+    if isinstance(given, OnEvent | FixedRate):
+        return given
+    if is_number(given):
+        return FixedRate(float(given))
+    raise ConfigError(
+        f"a drive is 'event', a number of decisions per second, OnEvent() or FixedRate(rate), not {given!r}",
+        key="drive",
+    )
 
 
 class ControlSettings(ControllerSettings, frozen=True, kw_only=True):
@@ -99,6 +140,27 @@ class SafetyOptions(ControlOptions, total=False):
     on_lost_teammate: LostTeammate | None
     after_safe: AfterSafe
     idle_after: float | None
+
+
+class Sequel(Options, frozen=True):
+    """A binding's declaration of how its action's end is followed.
+
+    Attributes:
+        then: ``decide``: where nothing else is decided within the pause, decide again on the same state or belief.
+            ``wait``: wait for the next input, on purpose. By default it waits, too, and is told as idle.
+        pause: Seconds before it is decided again, doubled with each failure in a row up to a minute.
+        attempts: Failures in a row after which it is not decided again: ``Go.gave_up`` occurs, and where nothing
+            depends on that, the ensemble goes safe. None by default: there are always more.
+    """
+
+    then: Then | None = None
+    pause: Seconds = 1.0
+    attempts: Annotated[int, Meta(ge=1)] | None = None
+
+    @property
+    def counts(self) -> bool:
+        """Whether each end counts, a success of a plain function, too."""
+        return self.then == "decide" or self.attempts is not None
 
 
 class DriveSettings(Sequel, frozen=True, kw_only=True):

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 import msgspec
 
 from mdm.actors import Binding, Ensemble, ObservationFactor, StateFactor
-from mdm.actors.control.drive import drive_of
 from mdm.actors.ensemble import MOST_LEVELS
-from mdm.actors.options import BindingSettings, DriveSettings, SafetySettings
+from mdm.actors.options import BindingSettings, DriveSettings, SafetySettings, drive_of
 from mdm.beliefs.choice import check_memory
 from mdm.compilation import sparing
 from mdm.config.functions import Lasting, Unseen, is_reference, nothing, unseen_policy

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
-from mdm.actors.control.drive import OnEvent
 from mdm.actors.layer import Layer
+from mdm.actors.options import OnEvent
 from mdm.actors.safety.modes import WAYS_BACK
 from mdm.errors import ConfigError
 from mdm.messages import Mode, Observation, State

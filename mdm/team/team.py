@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from mdm.actors import FixedRate, OnEvent
-from mdm.actors.control.drive import drive_of
+from mdm.actors.options import drive_of
 from mdm.errors import ConfigError
 from mdm.logic import similar
 from mdm.options import Megabytes, Options, Seconds

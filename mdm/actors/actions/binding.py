@@ -13,8 +13,8 @@ from mdm.logic import similar
 from mdm.runtime.handler import kind_of
 
 if TYPE_CHECKING:
-    from mdm.actors.actions.sequel import Sequel
     from mdm.actors.ensemble import Ensemble
+    from mdm.actors.options import Sequel
     from mdm.messages import Action
 
 __all__ = ["Binding", "Callback", "bind", "bindings_of", "safe_binding"]

@@ -13,15 +13,14 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack, cast
 
 import msgspec
 
-from mdm.actors.control.drive import FixedRate, OnEvent, drive_of, unobserved
 from mdm.actors.control.output import Output
 from mdm.actors.control.planner import PATIENCE, Planner
 from mdm.actors.control.source import OwnChannels
 from mdm.actors.layer import Layer
-from mdm.actors.options import ControlOptions, ControlSettings
+from mdm.actors.options import ControlOptions, ControlSettings, FixedRate, OnEvent, drive_of
 from mdm.actors.safety.modes import AT_INPUT, AT_KNOWN
 from mdm.controller import Controller
-from mdm.errors import Error, ModelError, PolicyError
+from mdm.errors import ConfigError, Error, ModelError, PolicyError
 from mdm.messages import Answer, Belief, Control, Fault, Observation, Question, State, Tick
 from mdm.options import ControllerSettings
 from mdm.runtime import ActorStatistics, Histogram
@@ -36,10 +35,11 @@ if TYPE_CHECKING:
     from mdm.controller import Step
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models.matrices import Vector
+    from mdm.models.space import Space
     from mdm.policies import Deliberating
     from mdm.runtime import Ticker
 
-__all__ = ["ControlLayer", "ControlStatistics"]
+__all__ = ["ControlLayer", "ControlStatistics", "unobserved"]
 
 
 class ControlStatistics(ActorStatistics, frozen=True):
@@ -548,3 +548,25 @@ class ControlLayer(Layer):
     def latency(self) -> Histogram:
         """The histogram of times from stimulus to decision."""
         return self.output.latency
+
+
+def unobserved(given: str, space: Space | None) -> int | Literal["predict", "repeat"]:
+    """Return the meaning of a tick without a new observation: itself, or the index of the observation that it names.
+
+    Raises:
+        ConfigError: If it is nothing of these.
+    """
+    if given == "predict":
+        return "predict"
+    if given == "repeat":
+        return "repeat"
+    if space is None:
+        raise ConfigError(
+            f"on_no_observation names {given!r}, but there is no model with observations", key="on_no_observation"
+        )
+    try:
+        return int(space.index(given))
+    except ModelError as error:
+        raise ConfigError(
+            f"on_no_observation is 'predict', 'repeat' or an observation's name: {error}", key="on_no_observation"
+        ) from None

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import anyio
 import msgspec
 
-from mdm.actors.control.drive import FixedRate
 from mdm.actors.layer import Layer
+from mdm.actors.options import FixedRate
 from mdm.compilation import COMPILE_TIME
 from mdm.errors import ConfigError, Error
 from mdm.messages import Answer, Control, Question
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from mdm.actors.control.drive import Drive
+    from mdm.actors.options import Drive
     from mdm.policies import Deliberating
     from mdm.policies.policy import Found
     from mdm.runtime import Timer

@@ -11,7 +11,6 @@ import math
 from collections import Counter
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from mdm.actors.actions.sequel import Due, Sequel, Tries
 from mdm.messages import Fault, Idle, PredicateUpdate, State
 from mdm.runtime.channel import Subscription
 
@@ -19,11 +18,11 @@ if TYPE_CHECKING:
     from mdm.actors.actions.binding import Binding
     from mdm.actors.control.control_layer import ControlLayer
     from mdm.actors.ensemble import Ensemble
-    from mdm.actors.options import SafetySettings
+    from mdm.actors.options import SafetySettings, Sequel
     from mdm.messages import ActionStatus
     from mdm.runtime import Timer
 
-__all__ = ["IDLE_AFTER", "Livelock", "Liveness", "Waiting"]
+__all__ = ["IDLE_AFTER", "LONGEST_PAUSE", "Due", "Livelock", "Liveness", "Tries", "Waiting"]
 
 
 _PATIENCE = 1.0
@@ -203,6 +202,65 @@ IDLE_AFTER = 10.0
 
 _FAILED = frozenset({"failed", "timed_out", "abandoned"})
 _ACTION = frozenset({"action"})
+
+
+LONGEST_PAUSE = 60.0
+"""Seconds to which the pause between failures grows at most, where it does not begin longer."""
+
+
+class Due(NamedTuple):
+    """The sequel that is due after an action's end.
+
+    Attributes:
+        pause: Seconds after which to decide again, or None.
+        gave_up: Whether it has failed as often as it may.
+    """
+
+    pause: float | None = None
+    gave_up: bool = False
+
+
+class Tries:
+    """Counts how often the same action has failed in a row, and returns the sequel of each end."""
+
+    __slots__ = ("_failures", "_name")
+
+    def __init__(self) -> None:
+        self._name = ""
+        self._failures = 0
+
+    @property
+    def counting(self) -> bool:
+        """Whether an action has failed, so that a row may go on."""
+        return self._failures > 0
+
+    def began(self, name: str) -> None:
+        """Take the beginning of an action, which ends the row of another one."""
+        if name != self._name:
+            self._name, self._failures = name, 0
+
+    def ended(self, name: str, sequel: Sequel, *, failed: bool, retries: bool = False) -> Due:
+        """Take the end of an action that nobody asked for.
+
+        Args:
+            name: The action's.
+            sequel: Its binding's declaration.
+            failed: Whether it failed.
+            retries: Whether failures are followed by a decision, even against its declaration.
+        """
+        self.began(name)
+        if not failed:
+            self._failures = 0
+            return Due(sequel.pause if sequel.then == "decide" else None)
+        retries = retries or sequel.then == "decide"
+        if not (retries or sequel.attempts):
+            return Due()
+        self._failures += 1
+        if sequel.attempts is not None and self._failures >= sequel.attempts:
+            self._failures = 0  # once begun again it has as many anew
+            return Due(gave_up=True)
+        longest = max(LONGEST_PAUSE, sequel.pause)
+        return Due(min(sequel.pause * 2.0 ** min(self._failures - 1, 64), longest) if retries else None)
 
 
 class _End(NamedTuple):

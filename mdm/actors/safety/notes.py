@@ -9,7 +9,7 @@ from itertools import islice, product
 from typing import TYPE_CHECKING
 
 from mdm.actors.abstraction.factors import combined
-from mdm.actors.control.drive import OnEvent
+from mdm.actors.options import OnEvent
 from mdm.actors.predicates.declarations import ACTION_END
 from mdm.policies import StatePolicy
 

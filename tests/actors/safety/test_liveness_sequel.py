@@ -7,7 +7,8 @@ import itertools
 import pytest
 
 from mdm import ConfigError
-from mdm.actors.actions.sequel import LONGEST_PAUSE, Due, Sequel, Tries
+from mdm.actors.options import Sequel
+from mdm.actors.safety.liveness import LONGEST_PAUSE, Due, Tries
 
 
 def test_by_default_nothing_follows():

@@ -9,7 +9,8 @@ import pytest
 from sentences import refused
 
 from mdm import ConfigError, Error, FixedRate, OnEvent
-from mdm.actors.control.drive import drive_of, unobserved
+from mdm.actors.control.control_layer import unobserved
+from mdm.actors.options import drive_of
 from mdm.problems import tiger
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import mdm
 from mdm.cli.interruption import Interruption
-from mdm.cli.usage import UsageError
+from mdm.cli.usage import UsageError, add_verb
 from mdm.compilation import COMPILE_TIME
 from mdm.errors import Error
 
@@ -47,7 +47,7 @@ VERBS = {
     "map": ("map", "propose, draft, check and show the map of a floor, and make a model from it"),
     "new": ("projects", "make a small project that runs, and has a test"),
     "examples": ("projects", "list the examples, or copy one of them"),
-    "import-ros1": ("ros1", "take over a package of the original MDM for ROS"),
+    "import-ros1": ("projects", "take over a package of the original MDM for ROS"),
     "completion": ("projects", "print what lets a shell complete the arguments of mdm"),
 }
 """The verbs: the folder of each, which says what it takes, and a line of help."""
@@ -80,7 +80,7 @@ def make_parser(verbs: Collection[str] = tuple(VERBS), *, lines_alone: bool = Fa
         if lines_alone:
             added.add_parser(verb, help=line)
         else:
-            getattr(importlib.import_module(f"mdm.cli.{folder}"), f"add_{verb.replace('-', '_')}")(added, line)
+            add_verb(added, verb, line, importlib.import_module(f"mdm.cli.{folder}").VERBS[verb])
     return parser
 
 
@@ -135,12 +135,13 @@ def _run(parsed: argparse.Namespace) -> int:
     from mdm.cli.progress import work_shown  # noqa: PLC0415 - help shows none
 
     try:
-        module = importlib.import_module(parsed.module)
+        module, _, function = parsed.runs.partition(":")
+        run = getattr(importlib.import_module(f"mdm.cli.{module}"), function or "run")
         with warnings.catch_warnings():
             warnings.simplefilter("default")
             warnings.showwarning = _show_warning
             with COMPILE_TIME.told(lambda: _tell_of_compilation(parsed.command)), work_shown():
-                status = int(module.run(parsed))
+                status = int(run(parsed))
             if sys.stdout is not None:
                 sys.stdout.flush()  # here, where errors are reported
             return status

@@ -1,40 +1,50 @@
-"""Usage errors and argument types that sub-commands share."""
+"""What verbs take, as data: their arguments, the types of these, and those that several verbs share."""
 
 from __future__ import annotations
 
 import argparse
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mdm.errors import Error, ModelError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
     from mdm.models.units import Unit
     from mdm.team.transport.access import Access
 
 __all__ = [
+    "DEBUG",
+    "DISCOUNT",
+    "DISCOUNT_OF",
+    "DURATIONS",
+    "FALSE_NEGATIVE",
+    "IMPORT",
+    "JSON",
     "LATEST",
+    "SEED",
+    "Argument",
     "UsageError",
-    "add_discount",
-    "add_discount_of",
-    "add_durations",
-    "add_false_negative",
-    "add_import",
-    "add_live_page",
-    "add_page_hosts",
+    "Verb",
     "add_verb",
+    "argument",
     "certificate",
-    "complete",
     "count",
     "finite",
+    "given_file",
     "limit",
+    "live_page",
     "moment",
+    "number",
+    "page_hosts",
     "port",
     "seconds",
     "seed",
+    "share",
+    "take_model",
 ]
-
 
 LATEST = 10_000_000_000
 """Seconds beyond which nothing of a record is: some 300 years, which nanoseconds in 64 bits hold."""
@@ -44,24 +54,210 @@ class UsageError(Error):
     """The arguments are inconsistent; the command prints its usage and exits with 2."""
 
 
-def add_verb(verbs: Any, name: str, line: str, about: str, example: str) -> argparse.ArgumentParser:
-    """Add a verb with a line of help, what its own help says about it, and an example; return its parser."""
-    parser: argparse.ArgumentParser = verbs.add_parser(name, help=line, description=about, epilog=f"example: {example}")
-    return parser
+class Argument(NamedTuple):
+    """An argument of a verb, see `argument`.
+
+    Args:
+        names: Its names, as argparse has them.
+        options: The rest that argparse is told.
+        exclusive: Whether it stands in the place of others that are.
+    """
+
+    names: tuple[str, ...]
+    options: dict[str, Any]
+    exclusive: bool = False
 
 
-def complete(parser: argparse.ArgumentParser, command: str, module: str) -> None:
-    """Add the options and settings of every verb to a parser: ``--debug``, its name in errors, usage and module."""
-    parser.add_argument("--debug", action="store_true", help="show the traceback of an error, and more in the log")
-    parser.set_defaults(format_usage=parser.format_usage, command=command, module=module)
+class Verb(NamedTuple):
+    """A verb, or one below it.
+
+    Args:
+        about: What it does, as its help says.
+        example: A command line.
+        arguments: What it takes.
+        runs: The module, below ``mdm.cli``, whose function `run` is called, or ``module:function``.
+        line: Its line in the help of the verb above it.
+        verbs: The verbs below it.
+        chosen: Where the parsed arguments keep the verb below it, and how the usage calls it.
+        command: Its name in errors; by default the words of the command line.
+        usage: The line of its usage, where argparse's does not do.
+        settings: What the parsed arguments have beside.
+    """
+
+    about: str
+    example: str
+    arguments: tuple[Argument, ...] = ()
+    runs: str = ""
+    line: str = ""
+    verbs: Mapping[str, Verb] = {}
+    chosen: tuple[str, str] = ("", "")
+    command: str = ""
+    usage: str | None = None
+    settings: Mapping[str, Any] = {}
 
 
-def add_file(parser: argparse.ArgumentParser, help: str) -> None:  # noqa: A002
-    """Add a TOML file, or a model and its policy in its place, to a parser; `take_model` tells them apart."""
-    parser.add_argument("file", metavar="FILE", nargs="?", help=f"{help}; or a model, before its policy")
-    parser.add_argument("policy_file", metavar="POLICY", nargs="?", help="the policy, after a model")
-    parser.add_argument("--model", metavar="M", help="a model, in place of a TOML file")
-    parser.add_argument("--policy", metavar="P", help="a policy, in place of a TOML file")
+def argument(
+    words: str,
+    help: str | None,  # noqa: A002
+    type: Callable[[str], Any] | None = None,  # noqa: A002
+    *,
+    exclusive: bool = False,
+    **options: Any,
+) -> Argument:
+    """Return an argument.
+
+    Args:
+        words: The names of an option and what it takes, as ``-o --output FILE``; without the latter it is a flag. Of
+            a positional argument its name and how the usage calls it: ``model MODEL``; ``[MODEL]`` may be left out,
+            ``MODEL...`` stands for one or more.
+        help: Its help.
+        type: Parses its text.
+        exclusive: Whether it stands in the place of others that are.
+        options: More that argparse is told.
+    """
+    parts = words.split()
+    names = tuple(part for part in parts if part.startswith("-")) or (parts[0],)
+    metavars = parts[len(names) :]
+    if not metavars:
+        options = {"action": "store_true"} | options
+    elif len(metavars) > 1:
+        options |= {"metavar": tuple(metavars), "nargs": len(metavars)}
+    else:
+        metavar, nargs = metavars[0], None
+        if metavar.startswith("["):
+            metavar, nargs = metavar[1:-1], "?"
+        elif metavar.endswith("..."):
+            metavar, nargs = metavar.removesuffix("..."), "+"
+        options = {"metavar": metavar, "nargs": nargs} | options
+    if type is not None:
+        options["type"] = type
+    return Argument(names, {"help": help, **options}, exclusive)
+
+
+def add_verb(verbs: Any, name: str, line: str, verb: Verb, *, command: str = "") -> None:
+    """Add a verb and all below it to the verbs of a parser, each with ``--debug`` and what the command needs of it."""
+    about, example = verb.about, f"example: {verb.example}"
+    parser = verbs.add_parser(name, help=line, usage=verb.usage, description=about, epilog=example)
+    command = verb.command or f"{command} {name}".lstrip()
+    if verb.verbs:
+        kinds = parser.add_subparsers(dest=verb.chosen[0], metavar=verb.chosen[1], required=True)
+        for each, below in verb.verbs.items():
+            add_verb(kinds, each, below.line, below, command=command)
+        return
+    group: Any = None
+    for names, options, exclusive in (*verb.arguments, *(() if DEBUG in verb.arguments else (DEBUG,))):
+        if exclusive and group is None:
+            group = parser.add_mutually_exclusive_group()
+        (group if exclusive else parser).add_argument(*names, **options)
+    parser.set_defaults(format_usage=parser.format_usage, command=command, runs=verb.runs, **verb.settings)
+
+
+def finite(text: str) -> float | None:
+    """Return a finite number, or None."""
+    try:
+        found = float(text)
+    except ValueError:
+        return None
+    return found if math.isfinite(found) else None
+
+
+def number(
+    expected: str,
+    least: float,
+    most: float = math.inf,
+    *,
+    kind: Callable[[str], Any] = float,
+    apart: tuple[float, ...] = (),
+    be: str = "was",
+) -> Callable[[str], Any]:
+    """Return what parses an argument as a number of an interval.
+
+    Args:
+        expected: The numbers in words.
+        least: The least.
+        most: The greatest.
+        kind: Parses the text.
+        apart: Ends of the interval that are none of these numbers.
+        be: The verb after the words.
+    """
+
+    def read(text: str) -> Any:
+        try:
+            found = kind(text)
+        except ValueError:
+            found = math.nan
+        if not least <= found <= most or found in apart:
+            raise argparse.ArgumentTypeError(f"{expected} {be} expected, not {text!r}")
+        return found
+
+    return read
+
+
+count = number("a whole number of 1 or more", 1, kind=int)
+seed = number("a whole number of 0 or more", 0, kind=int)
+moment = number("a number of seconds", -LATEST, LATEST)
+seconds = number("a number of seconds above 0", 0, 1e9, apart=(0, 1e9))
+limit = number("a number of 0 or more", 0)
+share = number("a number above 0 and at most 1", 0, 1, apart=(0,))
+
+
+def port(text: str) -> int:
+    """Parse an argument as a port, 0 for any that is free."""
+    if not (text.isascii() and text.isdecimal() and int(text) < 65_536):
+        raise argparse.ArgumentTypeError(f"a port, up to 65535, was expected, not {text!r}")
+    return int(text)
+
+
+def certificate(text: str) -> Access:
+    """Parse an argument as the certificate of a folder, by its name without a suffix."""
+    from mdm.team.transport.access import access_of  # noqa: PLC0415 - only where it is asked for
+
+    path = Path(text)
+    if not path.name or (path.is_dir() and not Path(f"{path}.pem").exists()):
+        raise argparse.ArgumentTypeError(
+            f"FOLDER/NAME was expected, for NAME.pem, NAME.key.pem and authority.pem of that folder, not {text!r}"
+        )
+    return access_of(path.parent, path.name)
+
+
+def _unit(text: str) -> Unit:
+    from mdm.models.units import checked_unit  # noqa: PLC0415 - for those who give a unit
+
+    try:
+        return checked_unit(text if text in ("step", "second") else float(text))  # type: ignore[arg-type]
+    except (ModelError, ValueError):
+        raise argparse.ArgumentTypeError(f"step, second, or the seconds of a step was expected, not {text!r}") from None
+
+
+DEBUG = argument("--debug", "show the traceback of an error, and more in the log")
+"""Of every verb, its last argument where it does not say another place."""
+JSON = argument("--json", "one JSON object")
+SEED = argument("--seed S", "the same seed gives the same result", seed)
+DISCOUNT = argument("--discount G", "overrides the model's", share)
+DISCOUNT_OF = argument(
+    "--discount-of UNIT",
+    "what the discount is of: step, second (where durations say how long a step takes), or the seconds of a step; by "
+    "default as the model's file has it",
+    _unit,
+)
+DURATIONS = argument(
+    "--durations FILE.npz", "how long actions take, and what they earn by time: values are those in real time"
+)
+FALSE_NEGATIVE = argument(
+    "--false-negative O",
+    "the observation, by name or index, that is a false negative: an event that nobody detected",
+)
+IMPORT = argument("--import", "import the functions of a TOML file, which runs its modules", dest="imports")
+
+
+def given_file(help: str) -> tuple[Argument, ...]:  # noqa: A002
+    """Return the arguments for a TOML file, or a model and its policy in its place; `take_model` tells them apart."""
+    return (
+        argument("file [FILE]", f"{help}; or a model, before its policy"),
+        argument("policy_file [POLICY]", "the policy, after a model"),
+        argument("--model M", "a model, in place of a TOML file"),
+        argument("--policy P", "a policy, in place of a TOML file"),
+    )
 
 
 def take_model(arguments: argparse.Namespace) -> None:
@@ -77,189 +273,35 @@ def take_model(arguments: argparse.Namespace) -> None:
     arguments.model, arguments.policy, arguments.file = arguments.file, arguments.policy_file, None
 
 
-def add_discount(parser: argparse.ArgumentParser, help: str = "overrides the model's") -> None:  # noqa: A002
-    """Add the option ``--discount``."""
-    parser.add_argument("--discount", metavar="G", type=_discount, help=help)
-
-
-def _discount(text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = 0.0
-    if not 0 < number <= 1:
-        raise argparse.ArgumentTypeError(f"a number above 0 and at most 1 was expected, not {text!r}")
-    return number
-
-
-def add_discount_of(parser: argparse.ArgumentParser) -> None:
-    """Add the option ``--discount-of``."""
-    parser.add_argument(
-        "--discount-of",
-        metavar="UNIT",
-        type=_unit,
-        help="what the discount is of: step, second (where durations say how long a step takes), or the seconds of a "
-        "step; by default as the model's file has it",
-    )
-
-
-def _unit(text: str) -> Unit:
-    from mdm.models.units import checked_unit  # noqa: PLC0415 - for those who give a unit
-
-    try:
-        return checked_unit(text if text in ("step", "second") else float(text))  # type: ignore[arg-type]
-    except (ModelError, ValueError):
-        raise argparse.ArgumentTypeError(f"step, second, or the seconds of a step was expected, not {text!r}") from None
-
-
-def add_durations(parser: argparse.ArgumentParser) -> None:
-    """Add the option of how long actions take."""
-    parser.add_argument(
-        "--durations",
-        metavar="FILE.npz",
-        help="how long actions take, and what they earn by time: values are those in real time",
-    )
-
-
-def add_false_negative(parser: argparse.ArgumentParser) -> None:
-    """Add the option ``--false-negative``."""
-    parser.add_argument(
-        "--false-negative",
-        metavar="O",
-        help="the observation, by name or index, that is a false negative: an event that nobody detected",
-    )
-
-
-def add_import(parser: argparse.ArgumentParser) -> None:
-    """Add the option ``--import``."""
-    parser.add_argument(
-        "--import",
-        dest="imports",
-        action="store_true",
-        help="import the functions of a TOML file, which runs its modules",
-    )
-
-
-def add_live_page(parser: argparse.ArgumentParser, shows: str, whose: str) -> None:
-    """Add the options of a page that shows a run live.
+def live_page(shows: str, whose: str) -> tuple[Argument, ...]:
+    """Return the options of a page that shows a run live.
 
     Args:
-        parser: The parser.
         shows: Says of which agents.
         whose: Says which certificate is taken where none is given.
     """
-    parser.add_argument(
-        "--page",
-        metavar="PORT",
-        nargs="?",
-        type=port,
-        const=8765,
-        help=f"{shows} for this machine's browsers, at port PORT (8765)",
+    return (
+        argument("--page [PORT]", f"{shows} for this machine's browsers, at port PORT (8765)", port, const=8765),
+        argument(
+            "--page-control",
+            "let the page start, stop, reset and release ensembles, and set predicates that no sensor tells",
+        ),
+        *page_hosts(whose),
     )
-    parser.add_argument(
-        "--page-control",
-        action="store_true",
-        help="let the page start, stop, reset and release ensembles, and set predicates that no sensor tells",
-    )
-    add_page_hosts(parser, whose)
 
 
-def add_page_hosts(parser: argparse.ArgumentParser, whose: str = "", *, prefix: str = "--page-") -> None:
-    """Add the options that open a page to other machines.
+def page_hosts(whose: str = "", *, prefix: str = "--page-") -> tuple[Argument, ...]:
+    """Return the options that open a page to other machines.
 
     Args:
-        parser: The parser.
         whose: Says which certificate is taken where none is given; empty for none.
         prefix: What the names of the options begin with.
     """
-    parser.add_argument(
-        f"{prefix}host",
-        metavar="HOST",
-        help="open the page to other machines, with TLS, at this name or address of this machine (0.0.0.0: at all)",
+    files = "the page's certificate: NAME.pem, NAME.key.pem and authority.pem of a folder"
+    return (
+        argument(
+            f"{prefix}host HOST",
+            "open the page to other machines, with TLS, at this name or address of this machine (0.0.0.0: at all)",
+        ),
+        argument(f"{prefix}access FOLDER/NAME", files + (whose and f" ({whose})"), certificate),
     )
-    parser.add_argument(
-        f"{prefix}access",
-        metavar="FOLDER/NAME",
-        type=certificate,
-        help="the page's certificate: NAME.pem, NAME.key.pem and authority.pem of a folder" + (whose and f" ({whose})"),
-    )
-
-
-def certificate(text: str) -> Access:
-    """Parse an argument as the certificate of a folder, by its name without a suffix."""
-    from mdm.team.transport.access import access_of  # noqa: PLC0415 - only where it is asked for
-
-    path = Path(text)
-    if not path.name or (path.is_dir() and not Path(f"{path}.pem").exists()):
-        raise argparse.ArgumentTypeError(
-            f"FOLDER/NAME was expected, for NAME.pem, NAME.key.pem and authority.pem of that folder, not {text!r}"
-        )
-    return access_of(path.parent, path.name)
-
-
-def finite(text: str) -> float | None:
-    """Return a finite number, or None."""
-    try:
-        number = float(text)
-    except ValueError:
-        return None
-    return number if math.isfinite(number) else None
-
-
-def count(text: str) -> int:
-    """Parse an argument as a whole number of 1 or more."""
-    try:
-        number = int(text)
-    except ValueError:
-        number = 0
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"a whole number of 1 or more was expected, not {text!r}")
-    return number
-
-
-def port(text: str) -> int:
-    """Parse an argument as a port, 0 for any that is free."""
-    if not (text.isascii() and text.isdecimal() and int(text) < 65_536):
-        raise argparse.ArgumentTypeError(f"a port, up to 65535, was expected, not {text!r}")
-    return int(text)
-
-
-def seed(text: str) -> int:
-    """Parse an argument as a whole number of 0 or more."""
-    try:
-        number = int(text)
-    except ValueError:
-        number = -1
-    if number < 0:
-        raise argparse.ArgumentTypeError(f"a whole number of 0 or more was expected, not {text!r}")
-    return number
-
-
-def moment(text: str) -> float:
-    """Parse an argument as a second of a record."""
-    number = finite(text)
-    if number is None or abs(number) > LATEST:
-        raise argparse.ArgumentTypeError(f"a number of seconds was expected, not {text!r}")
-    return number
-
-
-def seconds(text: str) -> float:
-    """Parse an argument as a number of seconds above 0."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = 0.0
-    if not 0 < number < 1e9:
-        raise argparse.ArgumentTypeError(f"a number of seconds above 0 was expected, not {text!r}")
-    return number
-
-
-def limit(text: str) -> float:
-    """Parse an argument as a number of 0 or more, possibly infinite."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = -1.0
-    if not number >= 0:
-        raise argparse.ArgumentTypeError(f"a number of 0 or more was expected, not {text!r}")
-    return number

@@ -27,7 +27,6 @@ UNTESTED_ALONE = {
     "cli/map/floor.py": "with the verbs that load a floor: test_check",
     "cli/map/drawing.py": "with the verbs that draw: test_check, test_show",
     "config/rebuilt.py": "with all that builds a recorded run anew: test_replay and test_explain of the verbs",
-    "cli/robots/ensembles.py": "with the verbs that look at ensembles: test_info, test_check",
     "cli/team/asker.py": "with the verbs that ask: test_status",
     "cli/team/commands.py": "with the status, which tells what has become of them: test_status",
     "team/sharing/asking.py": "a session of its own, by the verbs that ask: test_status",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mdm.cli.files.document import Document, is_policy
+from mdm.cli.files.info import is_policy, kind_of
 from mdm.cli.usage import UsageError
 from mdm.formats import load_model, load_policy, save_model, save_policy
 from mdm.formats.source import suffixes
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
         save_policy(policy, arguments.target, model)
         if Path(arguments.target).is_file():  # devices and pipes cannot be read back
             load_policy(arguments.target, model)
-        print(f"{arguments.target}: {Document(policy).kind}")
+        print(f"{arguments.target}: {kind_of(policy)}")
         return 0
     if arguments.model is not None:
         raise UsageError("--model is for policies; this file holds a model itself")
@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     discount = source.discount if arguments.discount is None else arguments.discount
     source = source.with_discount(discount, of=arguments.discount_of)
     save_model(source, arguments.target)
-    print(f"{arguments.target}: {Document(source).kind}")
+    print(f"{arguments.target}: {kind_of(source)}")
     if Path(arguments.target).is_file():
         for line in _changes(source, load_model(arguments.target)):
             print(f"mdm: warning: {line}", file=sys.stderr)

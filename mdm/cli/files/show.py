@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mdm.cli.files.document import is_policy
+from mdm.cli.files.info import is_policy
 from mdm.cli.report import as_json, printable
 from mdm.cli.usage import UsageError
 from mdm.errors import Error

@@ -144,7 +144,7 @@ VERBS = {
         "first policy, with their 95 % confidence.",
         "mdm compare tiger.pomdp tiger.vf tiger.npz --seed 1",
         (_MODEL, argument("policies POLICY...", "policies for it; the first is the reference"), *_VALUES),
-        "policies.compare",
+        "policies.evaluate:compare",
     ),
     "plot": Verb(
         "Draw a picture (needs mdm[plot]); its file's suffix is .png, .svg or .pdf.",

@@ -7,7 +7,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.files.document import describe_policy
+from mdm.cli.files.info import describe_policy
 from mdm.cli.policies.inputs import hidden_times, load, load_durations_for, visibility, with_false_negatives
 from mdm.cli.progress import ProgressLine, bound
 from mdm.cli.report import as_json

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mdm.cli.files.check import report
-from mdm.cli.files.oddities import oddities
+from mdm.cli.files.check import oddities, report
 from mdm.cli.robots.ensembles import load_ensembles
 from mdm.cli.team.file import check_zenoh, systems_of, team_agents_of
 from mdm.config import load_team, load_team_file

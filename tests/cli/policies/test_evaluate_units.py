@@ -6,7 +6,7 @@ import pytest
 from places import MODELS, TIGER, TIGER_VECTORS
 
 import mdm as library
-from mdm.cli.policies.verdict import Verdict
+from mdm.cli.policies.evaluate import Verdict
 from mdm.formats import save_durations
 from mdm.models import Durations
 

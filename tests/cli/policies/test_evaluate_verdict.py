@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mdm.cli.interruption import Interruption
-from mdm.cli.policies.verdict import Verdict, claimed_value, judge
+from mdm.cli.policies.evaluate import Verdict, claimed_value, judge
 from mdm.loading import revealed
 from mdm.models import MDP, MixedPOMDP
 from mdm.policies import (

@@ -84,7 +84,7 @@ _VERBS = {
             argument("--picture PNG", "draw the rooms into a file (needs mdm[maps])"),
             JSON,
         ),
-        "map.goals",
+        "map.draft:goals",
         line="propose rooms, goals and ways from a map alone",
     ),
     "draft": Verb(

@@ -6,8 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.map.drawing import keep, problem_picture
-from mdm.cli.map.floor import kinds, load, settle
+from mdm.cli.map.floor import keep, kinds, load, problem_picture, settle
 from mdm.cli.report import as_json
 from mdm.errors import Error
 from mdm.maps.check import MARGIN, RADIUS, Problem, examine, examine_lifts, missing

@@ -11,7 +11,7 @@ import numpy as np
 
 from mdm.cli.map import DISCOUNT, RADIUS, STAGES, SUCCESS
 from mdm.cli.map.floor import inputs, kinds, load, settle
-from mdm.cli.report import as_json
+from mdm.cli.report import as_json, columns
 from mdm.cli.usage import UsageError, finite
 from mdm.config.functions import find_function
 from mdm.errors import Error, MapError
@@ -249,15 +249,11 @@ def _tell(facts: dict[str, Any]) -> None:
     print(f"actions   {', '.join(facts['actions'])}")
     print(f"discount  {facts['discount']:g} of {facts['discount_of']}")
     if facts["ways"]:
-        lines = [("way", "seconds", "success")]
+        rows = [("way", "seconds", "success")]
         for way in facts["ways"]:
             name = f"{way['from']}, {way['label']}: {way['to']}"
-            lines.append((name, f"{way['seconds']:.1f}", f"{way['success']:.3g}"))
-        widths = [max(len(line[column]) for line in lines) for column in range(3)]
-        print()
-        for name, time, chance in lines:
-            print(f"{name:{widths[0]}}  {time:>{widths[1]}}  {chance:>{widths[2]}}")
-        print()
+            rows.append((name, f"{way['seconds']:.1f}", f"{way['success']:.3g}"))
+        print("\n".join(["", *columns(rows, {1, 2}), ""]))
     if facts["tour"]:
         places = ", ".join(f'"{name}"' for name in facts["tour"])
         print(f"tour      {', '.join(facts['tour'])}, and so on")

@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from mdm.cli.map.drawing import building_picture, check_output, floor_picture, grid_picture, keep
-from mdm.cli.map.floor import inputs, kinds, load, settle
-from mdm.cli.report import as_json
+from mdm.cli.map.floor import (
+    building_picture,
+    check_output,
+    floor_picture,
+    grid_picture,
+    inputs,
+    keep,
+    kinds,
+    load,
+    settle,
+)
+from mdm.cli.report import as_json, columns
 from mdm.cli.usage import UsageError
 from mdm.maps import load_grid
-from mdm.maps.check import RADIUS
 from mdm.maps.files.building import load_building
 from mdm.maps.paths import passages, widest
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Callable
 
+    from mdm.maps import Frame
+    from mdm.maps.files.building import BuildingParts
     from mdm.maps.files.load import Parts
 
 __all__ = ["run"]
@@ -27,72 +39,57 @@ _TOLD = 5
 
 def run(arguments: argparse.Namespace) -> int:
     """Show the map; return the exit status."""
-    if settle(arguments, graph_needed=False):
-        return _show_building(arguments)
+    building = load_building(arguments.map, robot=kinds(arguments)) if settle(arguments, graph_needed=False) else None
     if arguments.output is not None:
-        check_output(arguments.output, *inputs(arguments))
-    if arguments.graph is None:
-        return _show_grid(arguments)
-    parts = load(arguments)
-    facts = _facts(parts, 2 * (arguments.radius or 0.0))
-    if arguments.json:
-        print(as_json(facts))
+        check_output(arguments.output, *(inputs(arguments) if building is None else map(str, building.files)))
+    if building is None and arguments.graph is None:
+        picture = _show_grid(arguments)
+    elif building is None:
+        parts = load(arguments)
+        facts = _facts(parts, 2 * (arguments.radius or 0.0))
+        if arguments.json:
+            print(as_json(facts))
+        else:
+            _tell(facts, parts)
+        picture = partial(floor_picture, parts, arguments.radius, coordinates=arguments.coordinates)
     else:
-        _tell(facts)
-        for problem in parts.problems:
-            print(f"note: {problem.text}")
+        _show_building(building, arguments)
+        picture = partial(building_picture, building, arguments.radius, coordinates=arguments.coordinates)
     if arguments.output is not None:
-        radius = RADIUS if arguments.radius is None else arguments.radius
-        keep(floor_picture(parts, radius, coordinates=arguments.coordinates), arguments.output)
+        keep(picture(), arguments.output)
         if not arguments.json:
             print(f"{arguments.output}: drawn")
     return 0
 
 
-def _show_building(arguments: argparse.Namespace) -> int:
-    """Show the floors of a building; return the exit status."""
-    building = load_building(arguments.map, robot=kinds(arguments))
-    if arguments.output is not None:
-        check_output(arguments.output, *map(str, building.files))
+def _show_building(building: BuildingParts, arguments: argparse.Namespace) -> None:
     floors = {name: _facts(parts, 2 * (arguments.radius or 0.0)) for name, parts in building.floors.items()}
-    lifts = [
-        {"name": lift.name, "stops": lift.stops, "seconds": lift.seconds, "one_way": lift.one_way}
-        for lift in building.lifts
-    ]
     if arguments.json:
+        lifts = [
+            {key: getattr(lift, key) for key in ("name", "stops", "seconds", "one_way")} for lift in building.lifts
+        ]
         print(as_json({"floors": floors, "lifts": lifts, "start": building.start}))
-    else:
-        for name, facts in floors.items():
-            print(f"floor {name}")
-            _tell(facts)
-            for problem in building.floors[name].problems:
-                print(f"note: {problem.text}")
-            print()
-        print("lifts" if lifts else "no lifts")
-        for lift in building.lifts:
-            way = " -> " if lift.one_way else " - "
-            print(f"  {lift.name}: {way.join(lift.stops)}, {lift.seconds:g} s from one to the next")
-        if building.start is not None:
-            print(f"the robot starts in {building.start}")
-    if arguments.output is not None:
-        radius = RADIUS if arguments.radius is None else arguments.radius
-        keep(building_picture(building, radius, coordinates=arguments.coordinates), arguments.output)
-        if not arguments.json:
-            print(f"{arguments.output}: drawn")
-    return 0
+        return
+    for name, facts in floors.items():
+        print(f"floor {name}")
+        _tell(facts, building.floors[name])
+        print()
+    print("lifts" if building.lifts else "no lifts")
+    for lift in building.lifts:
+        way = " -> " if lift.one_way else " - "
+        print(f"  {lift.name}: {way.join(lift.stops)}, {lift.seconds:g} s from one to the next")
+    if building.start is not None:
+        print(f"the robot starts in {building.start}")
 
 
-def _show_grid(arguments: argparse.Namespace) -> int:
-    """Show a map without places; return the exit status."""
+def _show_grid(arguments: argparse.Namespace) -> Callable[[], Any]:
+    """Show a map without places; return what draws it."""
     for option in ("names", "reach", "radius"):
         if getattr(arguments, option) is not None:
             raise UsageError(f"--{option} is for the places of a graph, and there is none")
     grid = load_grid(arguments.map)
-    frame, cell = grid.frame, grid.frame.resolution**2
-    facts = {
-        "cells": list(frame.shape),
-        "resolution": frame.resolution,
-        "origin": [frame.x, frame.y, frame.yaw],
+    cell = grid.frame.resolution**2
+    facts = _facts_of_frame(grid.frame) | {
         "free": float(grid.free.sum()) * cell,
         "occupied": float(grid.occupied.sum()) * cell,
         "unknown": float((~grid.free & ~grid.occupied).sum()) * cell,
@@ -104,11 +101,12 @@ def _show_grid(arguments: argparse.Namespace) -> int:
         print(f"{facts['free']:.1f} m² free, {facts['occupied']:.1f} m² occupied, {facts['unknown']:.1f} m² unknown")
         if arguments.output is None:
             print("\nnote: with -o PNG it is drawn with its coordinates; mdm map goals proposes rooms and goals")
-    if arguments.output is not None:
-        keep(grid_picture(grid), arguments.output)
-        if not arguments.json:
-            print(f"{arguments.output}: drawn")
-    return 0
+    return partial(grid_picture, grid)
+
+
+def _facts_of_frame(frame: Frame) -> dict[str, Any]:
+    origin = [frame.x, frame.y, frame.yaw]
+    return {"cells": list(frame.shape), "resolution": frame.resolution, "origin": origin}
 
 
 def _facts(parts: Parts, narrow: float) -> dict[str, Any]:
@@ -134,13 +132,8 @@ def _facts(parts: Parts, narrow: float) -> dict[str, Any]:
                 "ways": ways,
             }
         )
-    return {
-        "cells": list(labels.frame.shape),
-        "resolution": labels.frame.resolution,
-        "origin": [labels.frame.x, labels.frame.y, labels.frame.yaw],
-        "places": places,
-        "passages": [{"between": list(pair.places), "width": pair.width} for pair in found if pair.width >= narrow],
-    }
+    wide = [{"between": list(passage.places), "width": passage.width} for passage in found if passage.width >= narrow]
+    return {**_facts_of_frame(labels.frame), "places": places, "passages": wide}
 
 
 def _tell_frame(facts: dict[str, Any]) -> None:
@@ -150,7 +143,7 @@ def _tell_frame(facts: dict[str, Any]) -> None:
     print(f"{columns} x {rows} cells of {facts['resolution']:g} m, the lower left corner at ({x:g}, {y:g}){turned}")
 
 
-def _tell(facts: dict[str, Any]) -> None:
+def _tell(facts: dict[str, Any], parts: Parts) -> None:
     _tell_frame(facts)
     print()
     lines = [("place", "free", "goal", "ways")]
@@ -162,9 +155,7 @@ def _tell(facts: dict[str, Any]) -> None:
             for way in place["ways"]
         )
         lines.append((place["name"], area, f"({x:.2f}, {y:.2f}, {math.degrees(yaw):.0f}°)", ways or "none"))
-    widths = [max(len(line[column]) for line in lines) for column in range(3)]
-    for name, area, goal, ways in lines:
-        print(f"{name:{widths[0]}}  {area:>{widths[1]}}  {goal:{widths[2]}}  {ways}")
+    print("\n".join(columns(lines, {1})))
     if facts["passages"]:
         print("\npassages")
         widths_of: dict[tuple[str, ...], list[str]] = {}
@@ -173,6 +164,8 @@ def _tell(facts: dict[str, Any]) -> None:
         for pair, all_widths in widths_of.items():
             more = f" and {len(all_widths) - _TOLD} more" if len(all_widths) > _TOLD else ""
             print(f"  {' - '.join(pair)}: {', '.join(all_widths[:_TOLD])} m{more}")
+    for problem in parts.problems:
+        print(f"note: {problem.text}")
 
 
 def _wide(width: float | None) -> str:

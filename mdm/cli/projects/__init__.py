@@ -23,7 +23,7 @@ VERBS = {
             argument("--team", "two robots that decide as one", const="team", **_KIND),
             argument("--map", "a robot that goes about a floor", const="map", **_KIND),
         ),
-        "projects.new",
+        "projects.examples:new",
         settings={"kind": "mdp"},
     ),
     "examples": Verb(

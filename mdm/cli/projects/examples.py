@@ -1,19 +1,24 @@
-"""``mdm examples``: the examples, to list and to copy."""
+"""``mdm examples`` and ``mdm new``: examples, to list and to copy, and small projects that run and have a test."""
 
 from __future__ import annotations
 
 import difflib
+import re
 import shutil
+import tempfile
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from mdm.cli.projects.folder import examples, making
+import mdm
 from mdm.cli.usage import UsageError
+from mdm.errors import Error
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Iterator
 
-__all__ = ["EXAMPLES", "Example", "run"]
+__all__ = ["EXAMPLES", "Example", "making", "new", "run"]
 
 
 class Example(NamedTuple):
@@ -100,7 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"there is no example {arguments.name!r}; {hint}")
     target = Path(arguments.output or name)
     with making(target) as made:
-        _copy(EXAMPLES[name], examples(), made)
+        _copy(EXAMPLES[name], folder(), made)
     print(f"{target}: {EXAMPLES[name].line}\nRun it there: {EXAMPLES[name].command}")
     return 0
 
@@ -119,3 +124,61 @@ def _copy(example: Example, source: Path, target: Path) -> None:
         else:
             (target / path).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source / path, target / path)
+
+
+def new(arguments: argparse.Namespace) -> int:
+    """Make a project; return the exit status."""
+    target = Path(arguments.name)
+    name = target.name
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
+        expected = "letters, digits and _ were expected, a letter first"
+        raise UsageError(f"{name!r} cannot be the name of an ensemble: {expected}")
+    with making(target) as made:
+        for file in (folder() / "projects" / arguments.kind).iterdir():
+            if file.is_file():
+                (made / file.name).write_bytes(file.read_bytes().replace(b"@NAME@", name.encode()))
+    run_it = "mdm team up team.toml" if arguments.kind == "team" else "mdm run robot.toml"
+    print(
+        f"{target}: a project; README.md says what its files are\nRun it there: {run_it}\n"
+        "Test it: python -m pytest (which takes pip install pytest)"
+    )
+    return 0
+
+
+def folder() -> Path:
+    """Return the folder of the examples: within the installed package, or beside it in a clone.
+
+    Raises:
+        Error: If they are not there.
+    """
+    package = Path(mdm.__file__).parent
+    for place in (package / "examples", package.parent / "examples"):
+        if (place / "q_table.py").is_file():
+            return place
+    raise Error(f"the examples are not beside the package in {package}: install the wheel, or work in a clone")
+
+
+@contextmanager
+def making(target: Path) -> Iterator[Path]:
+    """Yield a folder to fill; when it is filled, it becomes the target, which is empty or not there before.
+
+    Raises:
+        Error: If the target is a file, or a folder that is not empty.
+        OSError: If it cannot be made.
+    """
+    if target.is_dir():
+        if any(target.iterdir()):
+            raise Error(f"{target}: this folder is not empty; name another one")
+    elif target.exists() or target.is_symlink():
+        raise Error(f"{target}: this is a file; name a folder")
+    parent = target.resolve().parent
+    if not parent.is_dir():
+        raise Error(f"{target}: there is no folder {parent} to make it in")
+    made = Path(tempfile.mkdtemp(prefix=".mdm-", dir=parent))
+    try:
+        content = made / "content"
+        content.mkdir()
+        yield content
+        content.replace(target.resolve())  # an empty folder is replaced
+    finally:
+        shutil.rmtree(made, ignore_errors=True)

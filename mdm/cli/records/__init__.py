@@ -46,7 +46,7 @@ _OF_A_RECORD = {
         "for all.",
         "mdm record info run.mcap --json",
         (_FILE, JSON),
-        "records.info",
+        "records.record",
         line="what is in a record",
     ),
     "cat": Verb(
@@ -78,7 +78,7 @@ _OF_A_RECORD = {
             argument("--ensemble NAME", "the decisions of this ensemble alone"),
             argument("--no-beliefs", "leave out the columns of beliefs"),
         ),
-        "records.export",
+        "records.record:export",
         line="write the decisions of a record as a table",
     ),
     "repair": Verb(
@@ -86,7 +86,7 @@ _OF_A_RECORD = {
         "full disk. Where a run was split, its files become one. The record itself stays as it is.",
         "mdm record repair run.mcap -o whole.mcap",
         (_FILE, argument("-o --output OUT", "the complete record's file", required=True)),
-        "records.repair",
+        "records.record:repair",
         line="write what is left of a torn record as a complete one",
     ),
 }
@@ -129,7 +129,7 @@ VERBS = {
             argument("--config OTHER.toml", "a configuration of the same ensembles"),
             JSON,
         ),
-        "records.explain",
+        "records.replay:explain",
     ),
     "statistics": Verb(
         "Count what the decisions of records tell of a model, of one ensemble, over several runs: probabilities with "

@@ -1,14 +1,19 @@
-"""``mdm page``: the record of a run on a page."""
+"""``mdm page``: the record of a run on a page for browsers; and a record as snapshots, for all that show one."""
 
 from __future__ import annotations
 
 import asyncio
 import sys
+import tempfile
 from threading import Lock
 from typing import TYPE_CHECKING
 
-from mdm.cli.records.shown import recorded_run
+from mdm.config.recorded import load_recorded
+from mdm.errors import Error
+from mdm.recording import Record
+from mdm.replay import transports_of
 from mdm.runtime import run as run_program
+from mdm.snapshots import RecordedRun
 from mdm.views.web import PageServer
 from mdm.views.web.encryption import encryption
 from mdm.views.web.listening import LOOPBACK
@@ -16,10 +21,9 @@ from mdm.views.web.server import websockets
 
 if TYPE_CHECKING:
     import argparse
+    from pathlib import Path
 
-    from mdm.snapshots import RecordedRun
-
-__all__ = ["run"]
+__all__ = ["recorded_run", "run"]
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -70,3 +74,35 @@ class _Shown:
             if self.run.grows:
                 self.run = recorded_run(self._path, replay=self._replay)
             return self.run
+
+
+def recorded_run(path: str | Path, *, replay: bool = True) -> RecordedRun:
+    """Return a record as snapshots; without the names, maps and predicates of its configuration where it has none.
+
+    Args:
+        path: The record.
+        replay: Have predicates from a replay.
+    """
+    record = Record(path)
+    if "configuration" not in record.head:
+        return RecordedRun(record)
+    with tempfile.TemporaryDirectory() as folder:
+        transports = transports_of(record)
+        try:
+            system = load_recorded(record, folder, transport=next(iter(transports.values()), None))
+        except Error as error:
+            run = RecordedRun(record)
+            run.remark(f"the record's configuration cannot be loaded: {error}")
+            return run
+        run = RecordedRun(
+            *(record, system),
+            ensembles=system.ensembles,
+            predicates=system.predicates,
+            places=system.places,
+        )
+    if replay:
+        try:
+            run.restore(transports)
+        except Error as error:
+            run.remark(f"predicates are not known, for the run cannot be replayed: {error}")
+    return run

@@ -1,4 +1,4 @@
-"""``mdm replay``: a recorded run once more, in virtual time, each decision compared."""
+"""``mdm replay`` and ``mdm explain``: whether decisions of a record repeat themselves, and why one was made."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ from collections import Counter, defaultdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
+
 from mdm.cli.report import as_json
-from mdm.config.rebuilt import rebuilt_to_compare, replay_team
+from mdm.config.rebuilt import rebuilt, rebuilt_to_compare, replay_team
 from mdm.config.recorded import different_entry, different_part
-from mdm.errors import ModelError
+from mdm.errors import Error, ModelError
 from mdm.recording import Record, records_of
 from mdm.recording.names import Names, names_of
 from mdm.replay import replay
-from mdm.replay.retraced import decisions_of, redecided
+from mdm.replay.retraced import decisions_of, found, redecided, retraced
 from mdm.texts import counted
 
 if TYPE_CHECKING:
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
     from mdm.messages import Decision
     from mdm.replay import Replayed, Together
 
-__all__ = ["run"]
+__all__ = ["explain", "run"]
 
 _ROWS = 20
 
@@ -222,3 +224,59 @@ def _facts(result: Replayed, epoch: int) -> dict[str, object]:
             for each in result.differences
         ],
     }
+
+
+def explain(arguments: argparse.Namespace) -> int:
+    """Explain a decision; return the exit status."""
+    from mdm.explanation import explain as explained  # noqa: PLC0415 - a replay says nothing of why
+    from mdm.snapshots.why import named  # noqa: PLC0415
+
+    record = Record(arguments.file)
+    place, decisions = found(record, arguments.ensemble, arguments.at)
+    decision = decisions[place]
+    with tempfile.TemporaryDirectory() as folder:
+        ensemble = rebuilt(record, folder, arguments.config).ensembles.get(decision.ensemble)
+        if ensemble is None:
+            raise Error(
+                f"{record.path}: the configuration has no ensemble {decision.ensemble!r}: a task has started it"
+            )
+        other = _difference(record, ensemble, given=arguments.config is not None)
+        step = retraced(ensemble.controller, decisions, place, otherwise=other is not None)
+        explanation = explained(named(ensemble, step.case(arguments.last or 10)))
+    start = 0 if record.span is None else record.span[0]
+    second = (decision.time - start) / 1e9
+    if arguments.json:
+        facts: dict[str, object] = {"ensemble": decision.ensemble, "time": second, "cause": decision.cause}
+        facts |= msgspec.to_builtins(explanation)
+        facts |= {} if other is None else {"configuration": other, "decided": decision.action_name}
+        print(as_json(facts | {"flaws": record.flaws}))
+    else:
+        print(f"{decision.ensemble} at {second:.6g} s, because of: {decision.cause}.")
+        if other is not None:
+            print(f"By another configuration, as it would decide now ({other}); decided was {decision.action_name!r}.")
+        print(explanation)
+        for sentence in record.flaws:
+            print(sentence)
+    return 0
+
+
+def _difference(record: Record, ensemble: Ensemble, *, given: bool) -> str | None:
+    """Return what differs of the model, policy or options that decided, where they were given; None if nothing does.
+
+    Raises:
+        Error: If they are the record's own, which are read otherwise now.
+    """
+    path, controller = ensemble.path, ensemble.controller
+    facts = record.metadata.get(f"ensemble {path}", {})
+    known, now = facts.get("configuration"), controller.configuration
+    if known is None or known == now:
+        return None
+    told = (different_entry(record, {path: ensemble}) if given else None) or different_part(facts, controller)
+    digests = f"digest {now[:12]}, then {known[:12]}"
+    if given:
+        return told or digests
+    raise Error(
+        f"{record.path}: model, policy or options in the record, as mdm {record.head['mdm']} has read them, are not "
+        f"those that decided in {path!r} ({digests if told is None else told}): what they say of its decisions would "
+        f"explain nothing"
+    )

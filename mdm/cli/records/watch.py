@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from mdm.cli.records.shown import recorded_run
+from mdm.cli.records.page import recorded_run
 from mdm.cli.usage import UsageError
 from mdm.errors import Error
 from mdm.runtime import run as run_program

@@ -12,7 +12,7 @@ from collections import Counter
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import anyio
 import msgspec
@@ -20,11 +20,10 @@ import numpy as np
 
 from mdm.actors.actions.action_layer import ActionStatistics
 from mdm.cli.interruption import hear_interrupts
-from mdm.cli.robots.page_hosts import page_hosts, refuse_without_page
 from mdm.cli.usage import UsageError
-from mdm.config import load_system, load_team
+from mdm.config import load_system, load_team, load_team_file
 from mdm.config.recorded import attach_configuration
-from mdm.errors import Error
+from mdm.errors import Error, ModelError
 from mdm.recording import Recorder
 from mdm.runtime import DeadlockError, Log, Runtime, run as run_program
 
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
     from mdm.models import Space
     from mdm.views.web import Page
 
-__all__ = ["run"]
+__all__ = ["page_hosts", "refuse_without_page", "run", "why_in"]
 
 _FAILURES = {"failed", "timed_out", "abandoned"}
 
@@ -61,8 +60,6 @@ def run(arguments: argparse.Namespace) -> int:
                         runtime.shut_down()
 
             if log is not None and arguments.why:
-                from mdm.cli.robots.why import why_in  # noqa: PLC0415 - for those who ask
-
                 runtime.decisions.subscribe(why_in(log, system.ensembles.values()))
             seen: list[int] = []
             if arguments.epochs is not None:
@@ -100,6 +97,31 @@ def _log(arguments: argparse.Namespace, system: System) -> Log | None:
     return Log(arguments.log, debug=arguments.debug, decisions=in_words(system.ensembles.values()))
 
 
+def why_in(log: Log, ensembles: Iterable[Ensemble]) -> Callable[[Decision], None]:
+    """Return a handler that writes why with each decision of these ensembles.
+
+    Decisions of others, as of a task's or of another agent that decides for all, have no line.
+    """
+    from mdm.explanation import brief, explain  # noqa: PLC0415 - for those who ask
+    from mdm.snapshots.why import named  # noqa: PLC0415
+
+    known = {ensemble.path: ensemble for ensemble in ensembles}
+
+    def note(decision: Decision) -> None:
+        ensemble = known.get(decision.ensemble)
+        if ensemble is None:
+            return
+        try:
+            case = ensemble.controller.case()
+        except ModelError:
+            return
+        if (case.epoch, case.action) == (decision.epoch, decision.action):
+            head = {"time": decision.time / 1e9, "ensemble": decision.ensemble, "epoch": decision.epoch}
+            log.write("why", lambda: head | brief(explain(named(ensemble, case))))
+
+    return note
+
+
 def _page(arguments: argparse.Namespace) -> Page | None:
     """Return what shows the run live; None where nobody asked for it."""
     if arguments.page is None:
@@ -113,6 +135,35 @@ def _page(arguments: argparse.Namespace) -> Page | None:
         control=arguments.page_control,
         title=Path(arguments.file).name,
     )
+
+
+def refuse_without_page(arguments: argparse.Namespace) -> None:
+    """Refuse the options of a page where nobody asked for one.
+
+    Raises:
+        UsageError: If there are any.
+    """
+    for option in ("control", "host", "access"):
+        if getattr(arguments, f"page_{option}", None) not in {None, False}:
+            raise UsageError(f"--page-{option} is for a page: say --page, too")
+
+
+def page_hosts(arguments: argparse.Namespace, name: str | None) -> dict[str, Any]:
+    """Return the host and the access of a page.
+
+    Args:
+        arguments: The arguments of the verb.
+        name: Whose certificate of the team is shown where none is given; None where there is no team.
+    """
+    from mdm.views.web.listening import LOOPBACK  # noqa: PLC0415 - an extra, and only where it is asked for
+
+    host, access = arguments.page_host, arguments.page_access
+    if host is None:
+        host = LOOPBACK[0]
+    if access is None and name is not None and host not in LOOPBACK:
+        described = load_team_file(arguments.file)
+        access = None if described is None else described.access(name)
+    return {"host": host, "access": access}
 
 
 def _recorder(arguments: argparse.Namespace) -> Recorder | None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mdm.cli.files import check
-from mdm.cli.projects.folder import making
+from mdm.cli.projects.examples import making
 from mdm.cli.ros1.launch import Launch, Node, name_of, read_launch, roots
 from mdm.cli.ros1.program import Action, Control, Declaration, Program, Text, programs, read_program
 from mdm.errors import Error, ModelWarning

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.interruption import hear_interrupts
-from mdm.cli.robots.page_hosts import page_hosts, refuse_without_page
+from mdm.cli.robots.run import page_hosts, refuse_without_page
 from mdm.cli.team.crew import Console, Crew
 from mdm.cli.team.file import check_zenoh, forget_state, sound_systems_of, team_of
 from mdm.errors import Error

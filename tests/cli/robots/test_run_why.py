@@ -7,9 +7,10 @@ import json
 from places import EXAMPLES
 
 import mdm as library
-from mdm.cli.robots.why import named, why_in
+from mdm.cli.robots.run import why_in
 from mdm.messages import Decision
 from mdm.runtime import Log
+from mdm.snapshots.why import named
 from mdm.testing import run_virtual
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mdm.cli.projects.folder import making
+from mdm.cli.projects.examples import making
 
 
 def test_an_empty_folder_is_filled(tmp_path):

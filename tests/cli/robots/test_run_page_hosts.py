@@ -7,7 +7,7 @@ from argparse import Namespace
 import pytest
 from team_file import write
 
-from mdm.cli.robots.page_hosts import page_hosts, refuse_without_page
+from mdm.cli.robots.run import page_hosts, refuse_without_page
 from mdm.cli.usage import UsageError, certificate
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +14,8 @@ from mdm.formats.markup import stream
 from mdm.formats.source import Inventory, Source
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from mdm.formats.markup import Element
 
 __all__ = ["Launch", "Node", "name_of", "read_launch", "roots"]
@@ -164,7 +167,8 @@ class _Reader:
                 value = self._text(element.attributes[name], known).strip()
             except _Unknown as error:
                 if element.tag not in {"group", "include"} and not self._matters(element):
-                    self._note(element, f"<{element.tag}> depends on {name}={element.attributes[name]!r}: {error}")
+                    what = f"<{element.tag}> depends on {name}={element.attributes[name]!r}: {error}"
+                    self.launch.notes.leave(what, f"{element.source.path}:{element.line}")
                     return False
                 element.fail(f"whether this <{element.tag}> counts cannot be known: {name}: {error}")
             if value not in _TRUE | _FALSE:
@@ -184,10 +188,8 @@ class _Reader:
         if name in given and "value" not in element.attributes:
             known[name] = given[name]
         elif text is not None:
-            try:
+            with self._noting(element, f"the argument {name!r} is not known"):
                 known[name] = self._text(text, known)
-            except _Unknown as error:
-                self._note(element, f"the argument {name!r} is not known: {error}")
 
     def _inner(self, element: Element, known: dict[str, str], namespace: str) -> str:
         inner = element.attributes.get("ns", "")
@@ -198,43 +200,33 @@ class _Reader:
         return inner if inner.startswith("/") else f"{namespace}/{inner}".rstrip("/")
 
     def _include(self, element: Element, known: dict[str, str], namespace: str) -> None:
-        try:
+        with self._noting(element, f"<include> of {element.attribute('file')}"):
             path = Path(self._text(element.attribute("file"), known))
-        except _Unknown as error:
-            self._note(element, f"<include> of {element.attribute('file')}: {error}")
-            return
-        if not path.is_file():
-            element.fail(f"there is no file {path}")
-        given = {}
-        for argument in element.all("arg"):
-            try:
-                given[argument.attribute("name")] = self._text(argument.attribute("value"), known)
-            except _Unknown as error:
-                self._note(argument, f"the argument {argument.attribute('name')!r} is not known: {error}")
-        self.read(path, given, self._inner(element, known, namespace))
+            if not path.is_file():
+                element.fail(f"there is no file {path}")
+            given: dict[str, str] = {}
+            for argument in element.all("arg"):
+                with self._noting(argument, f"the argument {argument.attribute('name')!r} is not known"):
+                    given[argument.attribute("name")] = self._text(argument.attribute("value"), known)
+            self.read(path, given, self._inner(element, known, namespace))
 
     def _remapping(self, element: Element, known: dict[str, str]) -> dict[str, str]:
-        try:
-            return {element.attribute("from"): self._text(element.attribute("to"), known)}
-        except _Unknown as error:
-            self._note(element, f"<remap> of {element.attribute('from')!r}: {error}")
-            return {}
+        found: dict[str, str] = {}
+        with self._noting(element, f"<remap> of {element.attribute('from')!r}"):
+            found[element.attribute("from")] = self._text(element.attribute("to"), known)
+        return found
 
     def _parameter(self, element: Element, known: dict[str, str], namespace: str) -> None:
         """Note a parameter of a namespace, or a file of them."""
-        try:
+        with self._noting(element, f"<{element.tag}>"):
             if "file" in element.attributes:
                 inner = self._inner(element, known, namespace)
-                path = Path(self._text(element.attributes["file"], known))
-                self.launch.files.append((inner, path))
+                self.launch.files.append((inner, Path(self._text(element.attributes["file"], known))))
             elif "value" in element.attributes:
                 name, value = element.attribute("name"), self._text(element.attributes["value"], known)
                 self.launch.parameters[f"{namespace}/{name}"] = value
-        except _Unknown as error:
-            self._note(element, f"<{element.tag}>: {error}")
 
     def _node(self, element: Element, known: dict[str, str], namespace: str, remappings: dict[str, str]) -> None:
-        place = f"{element.source.path}:{element.line}"
         inner = self._inner(element, known, namespace)
         own: dict[str, str] = {}
         for child in element.children:
@@ -243,10 +235,8 @@ class _Reader:
             if child.tag == "remap":
                 remappings = remappings | self._remapping(child, known)
             elif child.tag == "param" and "value" in child.attributes:
-                try:
+                with self._noting(child, f"<param> {child.attribute('name')!r}"):
                     own[child.attribute("name")] = self._text(child.attributes["value"], known)
-                except _Unknown as error:
-                    self._note(child, f"<param> {child.attribute('name')!r}: {error}")
             elif child.tag == "rosparam" and child.text.strip():
                 own |= dict(re.findall(r"^\s*([\w/]+)\s*:\s*([^\s#][^#\n]*?)\s*(?:#.*)?$", child.text, re.MULTILINE))
         arguments: list[str] | None
@@ -256,18 +246,9 @@ class _Reader:
             if self._matters(element):
                 element.fail(f"the arguments of {element.attribute('type')!r} cannot be known: {error}")
             arguments = None
-        self.launch.nodes.append(
-            Node(
-                package=element.attribute("pkg"),
-                type=element.attribute("type"),
-                name=element.attribute("name"),
-                namespace=inner,
-                arguments=arguments,
-                remappings=remappings,
-                parameters=own,
-                place=place,
-            )
-        )
+        package, program, name = (element.attribute(key) for key in ("pkg", "type", "name"))
+        place = f"{element.source.path}:{element.line}"
+        self.launch.nodes.append(Node(package, program, name, inner, arguments, remappings, own, place))
 
     def _text(self, text: str, known: dict[str, str]) -> str:
         """Return a text with its substitutions made."""
@@ -295,5 +276,10 @@ class _Reader:
             raise Error(f"{self._within[-1]}: {text[:60]!r} becomes longer than {_LONGEST:,} characters")
         return made
 
-    def _note(self, element: Element, text: str) -> None:
-        self.launch.notes.leave(text, f"{element.source.path}:{element.line}")
+    @contextmanager
+    def _noting(self, element: Element, what: str) -> Iterator[None]:
+        """Note a substitution of an element that cannot be known, and go on after the block."""
+        try:
+            yield
+        except _Unknown as error:
+            self.launch.notes.leave(f"{what}: {error}", f"{element.source.path}:{element.line}")

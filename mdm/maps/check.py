@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from mdm.maps.graph import Graph, Node
     from mdm.maps.map import Lift, Map
-    from mdm.maps.paths import Passage
     from mdm.maps.raster import Grid, Labels
 
 __all__ = ["MARGIN", "RADIUS", "Problem", "check", "examine", "examine_lifts", "missing"]
@@ -115,16 +114,22 @@ def examine(
 
     Where a floor is not alone, its places may be joined by way of another one: see `examine_lifts`.
     """
-    yield from _strays(labels, colours)
+    for colour, count in sorted(labels.strays.items(), key=lambda item: -item[1]):
+        cells = [] if colours is None else np.argwhere(colours == colour)[:_SHOWN].tolist()
+        text = f"the colour {colour} is no place's, and has {counted(count, 'cell')}: a slip of the brush?"
+        yield Problem("colours", text, (), [(row, column) for row, column in cells])
     if colours is not None and grid is not None:
-        yield from _unnamed(labels, grid, colours)
+        for colour, here in missing(labels, grid, colours).items():
+            free, count = int(np.count_nonzero(here)), labels.unnamed[colour]
+            text = (
+                f"the colour {colour} is no place's, and {free:,} of its {count:,} cells are free: a place is missing?"
+            )
+            yield Problem("colours", text, (), [_inmost(here)])
     inside = border_distance(labels)
     shallow = {problem.places[0]: problem for problem in _shallow(labels, grid, inside, margin)}
     for node in graph.nodes:
         if node.name in labels.names:
-            yield from _goal(node, labels)
-            if node.name not in shallow:
-                yield from _shallow_goal(node, labels, inside, margin)
+            yield from _goal(node, labels, inside, 0.0 if node.name in shallow else margin)
     yield from shallow.values()
     if grid is not None:
         yield from _cramped([node for node in graph.nodes if node.name in labels.names], grid, radius)
@@ -167,22 +172,6 @@ def examine_lifts(
     yield from _apart(graph)
 
 
-def _strays(labels: Labels, colours: NDArray[np.uint32] | None) -> Iterator[Problem]:
-    for colour, count in sorted(labels.strays.items(), key=lambda item: -item[1]):
-        cells = [] if colours is None else np.argwhere(colours == colour)[:_SHOWN].tolist()
-        text = f"the colour {colour} is no place's, and has {counted(count, 'cell')}: a slip of the brush?"
-        yield Problem("colours", text, (), [(row, column) for row, column in cells])
-
-
-def _unnamed(labels: Labels, grid: Grid, colours: NDArray[np.uint32]) -> Iterator[Problem]:
-    """Yield a problem for each colour that is no place's where robots are."""
-    for colour, here in missing(labels, grid, colours).items():
-        free, count = int(np.count_nonzero(here)), labels.unnamed[colour]
-        text = f"the colour {colour} is no place's, and {free:,} of its {count:,} cells are free: a place is missing?"
-        row, column = _inmost(here)
-        yield Problem("colours", text, (), [(row, column)])
-
-
 def missing(labels: Labels, grid: Grid, colours: NDArray[np.uint32]) -> dict[int, NDArray[np.bool_]]:
     """Return the colours that are no place's, though most of their cells are free; and for each cell whether it is.
 
@@ -206,7 +195,8 @@ def _inmost(cells: NDArray[np.bool_]) -> tuple[int, int]:
     return int(row), int(column)
 
 
-def _goal(node: Node, labels: Labels) -> Iterator[Problem]:
+def _goal(node: Node, labels: Labels, inside: NDArray[np.float64], margin: float) -> Iterator[Problem]:
+    """Yield a problem for a goal that is not in its place, or not as deep in it as the margin."""
     where = f"the goal of {node.name!r}, ({node.goal.x:g}, {node.goal.y:g}),"
     cell = labels.frame.cell(node.goal.x, node.goal.y)
     if cell is None:
@@ -214,7 +204,12 @@ def _goal(node: Node, labels: Labels) -> Iterator[Problem]:
         return
     own = labels.name(node.goal.x, node.goal.y)
     if own != node.name:
-        text = f"{where} lies in {repr(own) if own else 'no place'}"
+        yield Problem("goals", f"{where} lies in {repr(own) if own else 'no place'}", (node.name,), [cell])
+    elif inside[cell] < margin - _SLACK:
+        text = (
+            f"{where} is {inside[cell]:.2f} m behind the border of its place, and a robot counts as having come there "
+            f"only at {margin:g} m"
+        )
         yield Problem("goals", text, (node.name,), [cell])
 
 
@@ -232,16 +227,6 @@ def _cramped(nodes: Sequence[Node], grid: Grid, radius: float) -> Iterator[Probl
             text += f"{clearance[cell]:.2f} m from what is not free, and the robot needs {needed:.3g} m to drive"
         else:
             text += "too near to a corner of what is not free for the robot to drive"
-        yield Problem("goals", text, (node.name,), [cell])
-
-
-def _shallow_goal(node: Node, labels: Labels, inside: NDArray[np.float64], margin: float) -> Iterator[Problem]:
-    cell = labels.frame.cell(node.goal.x, node.goal.y)
-    if cell is not None and labels.name(node.goal.x, node.goal.y) == node.name and inside[cell] < margin - _SLACK:
-        text = (
-            f"the goal of {node.name!r}, ({node.goal.x:g}, {node.goal.y:g}), is {inside[cell]:.2f} m behind the border "
-            f"of its place, and a robot counts as having come there only at {margin:g} m"
-        )
         yield Problem("goals", text, (node.name,), [cell])
 
 
@@ -309,24 +294,18 @@ def _ways(labels: Labels, graph: Graph, grid: Grid, radius: float) -> Iterator[P
             continue
         where = [] if passage is None else [passage.middle]
         yield Problem("ways", f"a way leads from {source!r} to {target!r}, and {text}", (source, target), where)
-    yield from _unused([passage for pair, passage in widths.items() if pair in open_pairs - wanted.keys()], crowded)
-
-
-def _unused(found: Sequence[Passage], crowded: Sequence[str]) -> Iterator[Problem]:
-    """Yield passages that no way leads through, but between places of which it is said that nothing divides them."""
-    for passage in found:
+    unused = open_pairs - wanted.keys()
+    for pair, passage in widths.items():
         one, other = passage.places
-        if not (one in crowded and other in crowded):
+        if pair in unused and not (one in crowded and other in crowded):
             text = f"{one!r} and {other!r} touch by a passage of {passage.width:.2f} m, and no way leads through it"
             yield Problem("ways", text, (one, other), [passage.middle])
 
 
 def _apart(graph: Graph) -> Iterator[Problem]:
     """Yield a problem for each group of places that is not joined with the others both ways."""
-    after = {name: {edge.target for edge in graph.edges if edge.source == name} for name in graph.names}
-    before = {name: {edge.source for edge in graph.edges if edge.target == name} for name in graph.names}
-    start = graph.names[0]
-    ahead, behind = _reached(start, after), _reached(start, before)
+    start, ways = graph.names[0], [(edge.source, edge.target) for edge in graph.edges]
+    ahead, behind = _reached(start, ways), _reached(start, [(target, source) for source, target in ways])
     for names, text in (
         ([name for name in graph.names if name not in ahead | behind], "no ways join {} with {!r}"),
         ([name for name in graph.names if name in behind - ahead], "{} cannot be reached from {!r}"),
@@ -335,6 +314,18 @@ def _apart(graph: Graph) -> Iterator[Problem]:
         if names:
             told = ", ".join(map(repr, names[:5])) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
             yield Problem("ways", text.format(told, start), tuple(names))
+
+
+def _reached(start: str, ways: Sequence[tuple[str, str]]) -> set[str]:
+    following: dict[str, set[str]] = {}
+    for source, target in ways:
+        following.setdefault(source, set()).add(target)
+    seen, left = {start}, [start]
+    while left:
+        new = following.get(left.pop(), set()) - seen
+        seen |= new
+        left.extend(new)
+    return seen
 
 
 def _names(places: Sequence[str]) -> Iterator[Problem]:
@@ -350,12 +341,3 @@ def _names(places: Sequence[str]) -> Iterator[Problem]:
         elif "/" in name or ACTION_END.fullmatch(name):
             stands = "another agent's predicate" if "/" in name else "the end of an action"
             yield Problem("rooms", f"the name {name!r} reads as {stands}: give the place another name", (name,))
-
-
-def _reached(start: str, following: dict[str, set[str]]) -> set[str]:
-    seen, left = {start}, [start]
-    while left:
-        new = following[left.pop()] - seen
-        seen |= new
-        left.extend(new)
-    return seen

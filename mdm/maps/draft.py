@@ -75,15 +75,26 @@ def draft(grid: Grid, graph: Graph) -> Labels:
     report_share(_WORK, 0.0)
     open_cells = _without_specks(grid)
     paths = Paths(grid.frame, open_cells)
-    seeds = [_seed(paths, name, graph.node(name).goal.x, graph.node(name).goal.y) for name in graph.names]
-    for index, seed in enumerate(seeds):
-        if seed in seeds[:index]:
-            raise MapError(f"the goals of {graph.names[seeds.index(seed)]!r} and {graph.names[index]!r} are one cell")
+    seeds: list[tuple[int, int]] = []
+    for node in graph.nodes:
+        try:
+            seed = paths.cell(node.goal.x, node.goal.y)
+        except MapError as error:
+            raise MapError(f"the goal of {node.name!r}: {error}") from None
+        if seed in seeds:
+            raise MapError(f"the goals of {graph.names[seeds.index(seed)]!r} and {node.name!r} are one cell")
+        seeds.append(seed)
     clearance = Grid(grid.frame, open_cells, grid.occupied & ~open_cells).clearance()
     report_share(_WORK, _CLEARANCE)
     regions = _peaks(clearance, open_cells)
     report_share(_WORK, _PEAKS)
-    regions = _joined(regions, clearance, open_cells, seeds)
+    forest, found = _forest(regions, clearance, open_cells)
+    for left, right, saddle in found:
+        forest.join_if_low(left, right, saddle)
+    forest.seeded = {forest.root(int(regions[seed])) for seed in seeds}
+    for left, right, _ in found:
+        forest.join_if_unseeded(left, right)
+    regions = forest.joined(regions)
     raster = np.zeros(grid.frame.shape, dtype=np.uint16)
     seeded = np.unique(regions[tuple(np.transpose(seeds))])
     for number, region in enumerate(seeded):
@@ -118,13 +129,6 @@ def rooms(grid: Grid, reached: Mask, *, door: float, alike: float, least: float)
     sizes = np.bincount(regions[reached], minlength=clearance.size).astype(np.float64) * grid.frame.resolution**2
     forest.join_small(found, sizes, least)
     return forest.joined(regions)
-
-
-def _seed(paths: Paths, name: str, x: float, y: float) -> tuple[int, int]:
-    try:
-        return paths.cell(x, y)
-    except MapError as error:
-        raise MapError(f"the goal of {name!r}: {error}") from None
 
 
 def _without_specks(grid: Grid) -> Mask:
@@ -185,18 +189,6 @@ def _neighbours(shape: tuple[int, ...]) -> list[tuple[tuple[slice, slice], tuple
         ((slice(0, rows - 1), whole_columns), (slice(1, rows), whole_columns)),
         ((whole_rows, slice(0, columns - 1)), (whole_rows, slice(1, columns))),
     ]
-
-
-def _joined(regions: Regions, clearance: Vector, open_cells: Mask, seeds: Sequence[tuple[int, int]]) -> Regions:
-    """Return regions joined as the module says, each by the index of one of its cells."""
-    forest, found = _forest(regions, clearance, open_cells)
-    for left, right, saddle in found:
-        forest.join_if_low(left, right, saddle)
-    for seed in seeds:
-        forest.seeded.add(forest.root(int(regions[seed])))
-    for left, right, _ in found:
-        forest.join_if_unseeded(left, right)
-    return forest.joined(regions)
 
 
 def _forest(regions: Regions, clearance: Vector, open_cells: Mask) -> tuple[_Forest, list[tuple[int, int, float]]]:
@@ -293,7 +285,10 @@ def propose(grid: Grid, *, radius: float = 0.25, margin: float = 0.3, least: flo
     check_metres(radius, "the radius")
     check_metres(margin, "the margin")
     check_metres(least, "the least area")
-    reached = _reached(grid, radius)
+    parts, count = scipy.ndimage.label(drivable(grid, radius))
+    if not count:
+        raise MapError(f"a robot with a radius of {radius:g} m fits nowhere on this map")
+    reached: Mask = parts == 1 + int(np.bincount(parts.ravel())[1:].argmax())  # the largest part
     regions = rooms(grid, reached, door=_DOOR, alike=_ALIKE, least=least)
     numbers = np.unique(regions[reached])
     raster = np.searchsorted(numbers, regions).astype(np.uint16) + 1
@@ -302,17 +297,14 @@ def propose(grid: Grid, *, radius: float = 0.25, margin: float = 0.3, least: flo
     for _ in range(_ROUNDS):  # a draft from goals has other borders than the regions, and goals lie off borders
         nodes = _goals(labels, grid, reached, radius, margin)
         labels = draft(grid, Graph(nodes, ()))
-    return Graph(nodes, _ways(labels, grid, radius))
-
-
-def _reached(grid: Grid, radius: float) -> Mask:
-    """Return the cells where a robot fits, of the largest part of the floor that it can drive over."""
-    parts, count = scipy.ndimage.label(drivable(grid, radius))
-    if not count:
-        raise MapError(f"a robot with a radius of {radius:g} m fits nowhere on this map")
-    largest = 1 + int(np.bincount(parts.ravel())[1:].argmax())
-    reached: Mask = parts == largest
-    return reached
+    driven = drivable(grid, radius)
+    pairs = [passage.places for passage in passages(labels, grid) if leads(passage, driven)]
+    index = labels.names.index
+    both = sorted(
+        {pair for one, other in pairs for pair in ((one, other), (other, one))},
+        key=lambda pair: (index(pair[0]), index(pair[1])),
+    )
+    return Graph(nodes, tuple(Edge(source, target, f"to {target}") for source, target in both))
 
 
 def _goals(labels: Labels, grid: Grid, reached: Mask, radius: float, margin: float) -> tuple[Node, ...]:
@@ -335,15 +327,3 @@ def _goals(labels: Labels, grid: Grid, reached: Mask, radius: float, margin: flo
         Node(f"Room{index}", Pose(*(round(metres, 3) for metres in grid.frame.centre(*cell))))
         for index, cell in enumerate(sorted(cells), 1)
     )
-
-
-def _ways(labels: Labels, grid: Grid, radius: float) -> tuple[Edge, ...]:
-    """Return a way in either direction between places that touch by a passage that is wide enough."""
-    driven = drivable(grid, radius)
-    pairs = [passage.places for passage in passages(labels, grid) if leads(passage, driven)]
-    index = labels.names.index
-    both = sorted(
-        {pair for one, other in pairs for pair in ((one, other), (other, one))},
-        key=lambda pair: (index(pair[0]), index(pair[1])),
-    )
-    return tuple(Edge(source, target, f"to {target}") for source, target in both)

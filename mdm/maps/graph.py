@@ -212,8 +212,12 @@ def tour(
     far = _distances(graph, lengths)[np.ix_(*2 * [[graph.names.index(name) for name in names]])]
     for one, other in np.argwhere(~np.isfinite(far)):
         raise MapError(f"no ways lead from {names[one]!r} to {names[other]!r}: a tour comes to both again and again")
-    order = _shortest(far) if len(names) <= _EXACT else _improved(_nearest_first(far), far)
-    return tuple(names[index] for index in order)
+    if len(names) <= _EXACT:
+        return tuple(names[index] for index in _shortest(far))
+    order = [0]
+    while len(order) < len(far):
+        order.append(min(set(range(len(far))) - set(order), key=lambda index: (far[order[-1], index], index)))
+    return tuple(names[index] for index in _improved(order, far))
 
 
 def _shortest(far: Vector) -> list[int]:
@@ -236,24 +240,17 @@ def _shortest(far: Vector) -> list[int]:
     return [0, *reversed(order)]
 
 
-def _nearest_first(far: Vector) -> list[int]:
-    order = [0]
-    while len(order) < len(far):
-        order.append(min(set(range(len(far))) - set(order), key=lambda index: (far[order[-1], index], index)))
-    return order
-
-
 def _improved(order: list[int], far: Vector) -> list[int]:
     """Return an order that no piece turned round, and no place moved, makes shorter."""
-    best, length = order, _length(order, far)
-    found = True
-    while found:
-        found = False
-        for other in _neighbours(best):
-            if (shorter := _length(other, far)) < length - _LEAST:
-                best, length, found = other, shorter, True
-                break
-    return best
+
+    def length(of: list[int]) -> float:
+        return math.fsum(far[one, other] for one, other in pairwise([*of, of[0]]))
+
+    best: list[int] | None = order
+    while best is not None:
+        order, most = best, length(best) - _LEAST
+        best = next((other for other in _neighbours(order) if length(other) < most), None)
+    return order
 
 
 def _neighbours(order: list[int]) -> list[list[int]]:
@@ -266,10 +263,6 @@ def _neighbours(order: list[int]) -> list[list[int]]:
         rest = [*order[:first], *order[first + 1 :]]
         found += [[*rest[:place], order[first], *rest[place:]] for place in range(1, size) if place != first]
     return found
-
-
-def _length(order: list[int], far: Vector) -> float:
-    return math.fsum(far[one, other] for one, other in pairwise([*order, order[0]]))
 
 
 def _distances(graph: Graph, lengths: Mapping[tuple[str, str], float] | None) -> Vector:

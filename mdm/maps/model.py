@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -187,20 +188,12 @@ def model(
     if twice:
         raise MapError(f"two factors are called {twice[0]!r}: each needs a name of its own")
     states = Space([Factor(POSITION, graph.names), *(Factor(factor.name, factor.values) for factor in factors)])
-    actions = Space.single("robot", labels)
+    network = partial(TwoSliceNetwork, states, Space.single("robot", labels), initial=initial, transitions=transitions)
     if sightings is None:
-        network = TwoSliceNetwork(states, actions, initial=initial, transitions=transitions, utilities=utilities)
-        return FactoredMDP(network, discount=discount)
-    network = TwoSliceNetwork(
-        states,
-        actions,
-        Space.single("robot", graph.names),
-        initial=initial,
-        transitions=transitions,
-        observation=[Table([there, Node("observation", 0)], sightings)],
-        utilities=utilities,
-    )
-    return FactoredPOMDP(network, discount=discount)
+        return FactoredMDP(network(utilities=utilities), discount=discount)
+    seen = [Table([there, Node("observation", 0)], sightings)]
+    places_seen = Space.single("robot", graph.names)
+    return FactoredPOMDP(network(places_seen, observation=seen, utilities=utilities), discount=discount)
 
 
 def _check_names(factor: FloorFactor) -> None:

@@ -310,11 +310,14 @@ def passages(labels: Labels, grid: Grid) -> tuple[Passage, ...]:
             key = divmod(int(pair), len(labels.names) + 1)
             chosen = cells[pairs == pair]
             borders.setdefault(key, []).extend((chosen, chosen + step))
-    found = [
-        Passage((labels.names[one - 1], labels.names[other - 1]), *_measured(cells, widths))
-        for (one, other), sides in borders.items()
-        for cells in _stretches(np.unique(np.concatenate(sides), axis=0))
-    ]
+    found = []
+    for (one, other), sides in borders.items():
+        for cells in _stretches(np.unique(np.concatenate(sides), axis=0)):
+            along = widths[tuple(cells.T)]
+            best = cells[along == along.max()]
+            row, column = best[len(best) // 2].tolist()
+            between = labels.names[one - 1], labels.names[other - 1]
+            found.append(Passage(between, 2 * float(along.max()), (row, column), cells))
     return tuple(sorted(found, key=lambda passage: -passage.width))
 
 
@@ -358,13 +361,6 @@ def route_sentence(crowded: int, places: int) -> str:
         f"route, and no rooms? Give the nodes of a room the same `zone` in their metadata, or begin with the rooms "
         f"that mdm map goals proposes"
     )
-
-
-def _measured(cells: NDArray[np.intp], widths: NDArray[np.float64]) -> tuple[float, tuple[int, int], NDArray[np.intp]]:
-    along = widths[tuple(cells.T)]
-    best = cells[along == along.max()]
-    row, column = best[len(best) // 2]
-    return 2 * float(along.max()), (int(row), int(column)), cells
 
 
 def _stretches(cells: NDArray[np.intp]) -> list[NDArray[np.intp]]:

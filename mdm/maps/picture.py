@@ -363,7 +363,11 @@ class Picture:
             for across, down in ((0, -1), (0, 1), (1, 0), (-1, 0), (0.7, -1), (-0.7, 1), (0.7, 1), (-0.7, -1))
         ]
         boxes = [self._box(at[0] + across, at[1] + down, wide, high) for across, down in steps]
-        box = next((box for box in boxes if not any(_overlap(box, other) for other in self._taken)), None)
+        taken = np.array(self._taken).reshape(-1, 4)
+        box = next(
+            (each for each in boxes if not ((taken[:, :2] < each[2:]) & (taken[:, 2:] > each[:2])).all(axis=1).any()),
+            None,
+        )
         if box is None:
             if not needed:
                 return
@@ -430,10 +434,6 @@ def _towards(start: Point, end: Point) -> Point:
 def _beside(point: Point, direction: Point, distance: float) -> Point:
     """Return a point to the right of another one, as one looks in a direction."""
     return point[0] - direction[1] * distance, point[1] + direction[0] * distance
-
-
-def _overlap(one: Box, other: Box) -> bool:
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 def _pillow() -> tuple[Any, Any, Any]:

@@ -528,13 +528,23 @@ class _Level:
     """A floor: its labels, the look-up in them, and the goals there.
 
     Raises:
-        MapError: If a place of the floor has no cell as deep as the margin.
+        MapError: If no pose could enter a place of the floor: it has no cell as deep as the margin.
     """
 
     __slots__ = ("goals", "labels", "look_up")
 
     def __init__(self, labels: Labels, places: Sequence[str], margin: float) -> None:
-        _check_depths(labels, places, margin)
+        distances = border_distance(labels)
+        for name in places:
+            cells = labels.cells(name)
+            deepest = float(distances[cells].max(initial=0.0))
+            if not cells.any():
+                raise MapError(f"the place {name!r} has no cells: label some, or leave it out")
+            if deepest < margin - 1e-9:
+                raise MapError(
+                    f"the place {name!r} could not be entered: its deepest cell is {deepest:.3g} m from other places, "
+                    f"and the margin is {margin:g} m; give a smaller margin, or let the place be larger"
+                )
         self.labels = labels
         self.look_up = lookup(labels, margin)
         self.goals: list[tuple[int, float, float, float, float]] = []
@@ -550,18 +560,3 @@ def _tour(tour: Sequence[str], names: Sequence[str]) -> tuple[int, ...]:
     if tour and len(set(tour)) < max(len(tour), 2):
         raise ConfigError(f"a tour takes two places or more, each of them once, not {', '.join(tour)}", key="tour")
     return tuple(names.index(name) for name in tour)
-
-
-def _check_depths(labels: Labels, places: Sequence[str], margin: float) -> None:
-    """Refuse places that no pose could enter."""
-    distances = border_distance(labels)
-    for name in places:
-        cells = labels.cells(name)
-        deepest = float(distances[cells].max(initial=0.0))
-        if not cells.any():
-            raise MapError(f"the place {name!r} has no cells: label some, or leave it out")
-        if deepest < margin - 1e-9:
-            raise MapError(
-                f"the place {name!r} could not be entered: its deepest cell is {deepest:.3g} m from other places, and "
-                f"the margin is {margin:g} m; give a smaller margin, or let the place be larger"
-            )

@@ -12,7 +12,7 @@ from floor_file import write_floor
 from matplotlib.colors import to_rgb
 from sentences import refused
 
-from mdm.cli.map.drawing import floor_picture
+from mdm.cli.map.floor import floor_picture
 from mdm.errors import MapError
 from mdm.maps import Edge, Frame, Graph, Grid, Labels, Node, Pose, load_map
 from mdm.maps.files.load import Parts

@@ -54,7 +54,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _changes(model: MDP, written: MDP) -> list[str]:
     """Return the differences between a model and its written file."""
-    found = []
     pairs = [
         ("agents", model.num_agents, written.num_agents),
         ("state factors", len(model.state_space.factors), len(written.state_space.factors)),
@@ -62,7 +61,7 @@ def _changes(model: MDP, written: MDP) -> list[str]:
     if model.observation_space is not None and written.observation_space is not None:
         before, after = model.observation_space.factors, written.observation_space.factors
         pairs.append(("observation factors", len(before), len(after)))
-    found += [f"{before} {what} became {after}" for what, before, after in pairs if before != after]
+    found = [f"{before} {what} became {after}" for what, before, after in pairs if before != after]
     if model.network is not None and written.network is None:
         found.append("the network of the factored model became matrices")
     if model.outcome_rewards is not None and written.outcome_rewards is None:

@@ -36,7 +36,11 @@ def run(arguments: argparse.Namespace) -> int:
         raise Error(f"{arguments.pictures}: this is a file: give a folder for --pictures")
     radius = RADIUS if arguments.radius is None else arguments.radius
     margin = MARGIN if arguments.margin is None else arguments.margin
-    floors, names, problems = (_check_floors if is_building else _check_one)(arguments, radius, margin)
+    if is_building:
+        floors, names, problems = _check_floors(arguments, radius, margin)
+    else:
+        parts = load(arguments)
+        floors, names, problems = {"": parts}, parts.graph.names, [*_problems(parts, arguments.map, radius, margin)]
     files = {} if arguments.pictures is None else _draw(floors, problems, Path(arguments.pictures), radius)
     backgrounds = {name: _background(parts) for name, parts in floors.items()}
     if arguments.json:
@@ -57,14 +61,6 @@ def run(arguments: argparse.Namespace) -> int:
         found = counted(len(problems), "problem") if problems else "no problems"
         print(f"{counted(len(names), 'place')}{on}, {found}")
     return 1 if problems else 0
-
-
-def _check_one(
-    arguments: argparse.Namespace, radius: float, margin: float
-) -> tuple[dict[str, Parts], Sequence[str], list[Problem]]:
-    """Return a map as the only floor, the names of its places, and its problems."""
-    parts = load(arguments)
-    return {"": parts}, parts.graph.names, [*_problems(parts, arguments.map, radius, margin)]
 
 
 def _check_floors(

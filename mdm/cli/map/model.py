@@ -45,7 +45,17 @@ def run(arguments: argparse.Namespace) -> int:
     arguments.robot = next((each for each in arguments.kinds if "=" not in each), None)  # the file to write
     _check_usage(arguments)
     _check_robot(arguments)
-    floor, files = _load_floors(arguments) if is_building else _load_floor(arguments)
+    floor: Map | Floors
+    if is_building:
+        building = load_building(arguments.map, robot=kinds(arguments))
+        if arguments.start is None:
+            arguments.start = building.start
+        floor, files = building.whole(), [*map(str, building.files)]
+    else:
+        parts = load(arguments)
+        if parts.problems:
+            raise MapError(parts.problems[0].text)
+        floor, files = Map(parts.labels, parts.graph, parts.grid), inputs(arguments)
     for target in (arguments.output, arguments.durations, arguments.robot):
         if target is not None:
             check_place(target, *files)
@@ -66,22 +76,6 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         _tell(facts)
     return 0
-
-
-def _load_floor(arguments: argparse.Namespace) -> tuple[Map, list[str]]:
-    """Return the map, and the files that are read."""
-    parts = load(arguments)
-    if parts.problems:
-        raise MapError(parts.problems[0].text)
-    return Map(parts.labels, parts.graph, parts.grid), inputs(arguments)
-
-
-def _load_floors(arguments: argparse.Namespace) -> tuple[Floors, list[str]]:
-    """Return the floors of a building, and the files that are read; by default the robot begins where those say."""
-    building = load_building(arguments.map, robot=kinds(arguments))
-    if arguments.start is None:
-        arguments.start = building.start
-    return building.whole(), [*map(str, building.files)]
 
 
 def _check_usage(arguments: argparse.Namespace) -> None:

@@ -82,22 +82,18 @@ def _print_messages(record: Record, arguments: argparse.Namespace, since: int | 
         printed += 1
         line: dict[str, Any] = {"topic": topic, "seconds": (time - start) / 1e9, "sequence": sequence}
         if topic in named:
-            line |= _names(names, topic, record.topics[topic].schema_name, msgspec.json.decode(data))
+            kind, message = record.topics[topic].schema_name, msgspec.json.decode(data)
+            decision = kind == "mdm.Decision"
+            own = names.get(message["ensemble"] if decision else topic.rpartition("/")[0], Names())
+            state = message["state"] if decision else message["index"] if kind == "mdm.State" else None
+            seen = message["observation"] if decision else message["index"] if kind == "mdm.Observation" else None
+            found = {"state_name": own.state(state), "observation_name": own.observation(seen)}
+            line |= {key: name for key, name in found.items() if name is not None}
         head = as_json(line)
         print(f'{head[:-1]},"message":{data.decode()}}}')
     if arguments.ensemble is not None and not printed:
         there = f"; there are messages of {', '.join(sorted(known)[:12])}" if known else ""
         raise Error(f"{record.path}: there are no messages of {arguments.ensemble!r}{there}")
-
-
-def _names(names: dict[str, Names], topic: str, kind: str, message: dict[str, Any]) -> dict[str, str]:
-    """Return the names of a message's state and observation, as far as they have any."""
-    decision = kind == "mdm.Decision"
-    own = names.get(message["ensemble"] if decision else topic.rpartition("/")[0], Names())
-    state = message["state"] if decision else message["index"] if kind == "mdm.State" else None
-    observation = message["observation"] if decision else message["index"] if kind == "mdm.Observation" else None
-    found = {"state_name": own.state(state), "observation_name": own.observation(observation)}
-    return {key: name for key, name in found.items() if name is not None}
 
 
 def _print_stimuli(record: Record, ensemble: str | None, since: int | None, until: int | None) -> None:

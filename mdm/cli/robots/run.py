@@ -170,24 +170,14 @@ def _recorder(arguments: argparse.Namespace) -> Recorder | None:
     """Return what records the run, with its configuration; None where it is not recorded."""
     if arguments.record is None:
         return None
-    recorder = Recorder(_record_of(Path(arguments.record), arguments.agent))
-    attach_configuration(recorder, arguments.file, agent=arguments.agent)
+    path, agent = Path(arguments.record), arguments.agent
+    if agent is not None and path.is_dir():
+        # A file that is not there yet: that of a process that was killed may be written still.
+        names = (f"{agent}.mcap" if start == 1 else f"{agent}.{start}.mcap" for start in count(1))
+        path = next(path / name for name in names if not (path / name).exists())
+    recorder = Recorder(path)
+    attach_configuration(recorder, arguments.file, agent=agent)
     return recorder
-
-
-def _record_of(path: Path, agent: str | None) -> Path:
-    """Return the file of a record: of an agent, in a folder that is given, one that is not there yet.
-
-    That of a process that was killed may be written still while the agent starts again.
-    """
-    if agent is None or not path.is_dir():
-        return path
-    starts = count(1)
-    return next(
-        file
-        for start in starts
-        if not (file := path / (f"{agent}.mcap" if start == 1 else f"{agent}.{start}.mcap")).exists()
-    )
 
 
 def _nothing_but_failures(ended: Counter[str]) -> list[str]:
@@ -255,21 +245,15 @@ def in_words(ensembles: Iterable[Ensemble]) -> Callable[[Decision], Mapping[str,
     by_name = {ensemble.name: ensemble for ensemble in ensembles}
 
     def words(decision: Decision) -> dict[str, object]:
-        ensemble = by_name.get(decision.ensemble.rpartition("/")[2])
-        if ensemble is None:
-            return _known(decision.state, decision.observation)
-        symbols = ensemble.controller.symbols
-        state = _name(symbols.state_space, decision.state)
-        if isinstance(state, int) and ensemble.state is not None:
-            state = _wired(ensemble.state.factors, state)
-        return _known(state, _observed(ensemble, decision.observation))
+        given: dict[str, object] = {"state": decision.state, "observation": decision.observation}
+        if (ensemble := by_name.get(decision.ensemble.rpartition("/")[2])) is not None:
+            state = _name(ensemble.controller.symbols.state_space, decision.state)
+            if isinstance(state, int) and ensemble.state is not None:
+                state = _wired(ensemble.state.factors, state)
+            given = {"state": state, "observation": _observed(ensemble, decision.observation)}
+        return {name: word for name, word in given.items() if word is not None}
 
     return words
-
-
-def _known(state: object, observation: object) -> dict[str, object]:
-    given = {"state": state, "observation": observation}
-    return {name: word for name, word in given.items() if word is not None}
 
 
 def _observed(ensemble: Ensemble, given: int | tuple[int | None, ...] | None) -> object:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -185,9 +186,13 @@ class _File:
         with self.telling("floors", name):
             return load_parts(graph, grid=grid, labels=labels, names=names, reach=table.reach, robot=robot)
 
-    def telling(self, *path: str) -> _Telling:
-        """Return a context that tells an error about a map with the line of a key."""
-        return _Telling(self, path)
+    @contextmanager
+    def telling(self, *path: str) -> Iterator[None]:
+        """Tell an error about a map, in the block, with the line of a key."""
+        try:
+            yield
+        except MapError as error:
+            raise self.error(str(error), *path) from None
 
     def error(self, message: str, *path: str) -> FormatError:
         """Return an error at a key, or at the nearest one above it that has a line of its own."""
@@ -212,21 +217,6 @@ class _File:
             for end in range(1, len(path) + 1):
                 lines.setdefault(path[:end], number)
         return lines
-
-
-class _Telling:
-    """Tells an error about a map, in its block, with the line of a key in a file."""
-
-    def __init__(self, file: _File, path: tuple[str, ...]) -> None:
-        self._file = file
-        self._path = path
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
-        if isinstance(error, MapError):
-            raise self._file.error(str(error), *self._path) from None
 
 
 def _keys(text: str) -> Iterator[str]:

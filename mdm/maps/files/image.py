@@ -107,7 +107,10 @@ def _portable(data: bytes, path: Path) -> Image:
         raise FormatError(f"the image says that its brightest pixels are {most}, which is not in 1 … 65535", file=path)
     count = rows * columns * (3 if kind in {3, 6} else 1)
     if kind in {2, 3}:
-        numbers = _words(re.sub(rb"#[^\n]*", b"", data[header.end() :]), path)
+        try:
+            numbers = np.array(re.sub(rb"#[^\n]*", b"", data[header.end() :]).split(), dtype=np.int64)
+        except (ValueError, OverflowError):
+            raise FormatError("a pixel is not a whole number", file=path) from None
     else:
         kinds = np.dtype(np.uint8 if most < 256 else ">u2")
         rest = len(data) - header.end()
@@ -119,13 +122,6 @@ def _portable(data: bytes, path: Path) -> Image:
     if kind in {3, 6} and most != 255:
         raise FormatError(_DEEP, file=path)
     return Image(numbers.astype(np.uint16).reshape(rows, columns, -1), most)
-
-
-def _words(text: bytes, path: Path) -> NDArray[np.int64]:
-    try:
-        return np.array(text.split(), dtype=np.int64)
-    except (ValueError, OverflowError):
-        raise FormatError("a pixel is not a whole number", file=path) from None
 
 
 def _check_size(rows: int, columns: int, path: Path) -> None:

@@ -47,7 +47,6 @@ __all__ = [
     "load_graph",
     "load_map",
     "load_parts",
-    "read_label_image",
 ]
 
 _FAR = 1_000_000.0
@@ -113,8 +112,8 @@ class Parts:
     labels: Labels
     graph: Graph
     grid: Grid | None
-    colours: NDArray[np.uint32] | None
-    problems: tuple[Problem, ...]
+    colours: NDArray[np.uint32] | None = None
+    problems: tuple[Problem, ...] = ()
 
 
 def load_parts(
@@ -139,13 +138,19 @@ def load_parts(
     if labels is None:
         if names is not None:
             raise MapError("names are for the colours of an image of labels, and there is none")
-        made = labels_of(graph, grid.frame if grid else frame_of(graph, reach), reach, grid)
-        return Parts(made, graph, grid, None, ())
+        return Parts(labels_of(graph, grid.frame if grid else frame_of(graph, reach), reach, grid), graph, grid)
     if grid is None:
         raise MapError(f"{Path(labels)}: where an image of labels lies is told by a map: give the grid, too")
     if reach is not None:
         raise MapError("how far places reach is told by the image of labels: leave one of them out")
-    colours = read_label_image(labels, grid.frame)
+    image = read_image(labels)
+    if image.shape != grid.frame.shape:
+        (rows, columns), (high, wide) = image.shape, grid.frame.shape
+        raise FormatError(
+            f"the image of labels has {columns} x {rows} pixels, the map {wide} x {high}: they must be the same",
+            file=Path(labels),
+        )
+    colours = image.numbers
     if names is None:
         chosen, problems = colours_under_goals(graph, colours, grid)
     else:
@@ -187,23 +192,6 @@ def load_graph(path: GivenPath, *, robot: Mapping[str, str] | None = None) -> Gr
     return read_tmap2(root, {} if robot is None else robot)
 
 
-def read_label_image(path: GivenPath, frame: Frame) -> NDArray[np.uint32]:
-    """Read an image of labels; return the number of each cell's colour.
-
-    Raises:
-        FormatError: If it cannot be read, or has another size than the frame.
-        MapError: If it is a PNG or BMP, and Pillow is not installed.
-    """
-    image = read_image(path)
-    if image.shape != frame.shape:
-        (rows, columns), (high, wide) = image.shape, frame.shape
-        raise FormatError(
-            f"the image of labels has {columns} x {rows} pixels, the map {wide} x {high}: they must be the same",
-            file=Path(path),
-        )
-    return image.numbers
-
-
 def colours_by_name(
     graph: Graph, colours: NDArray[np.uint32], names: Mapping[str, int]
 ) -> tuple[dict[str, int], list[Problem]]:
@@ -221,7 +209,7 @@ def colours_by_name(
         else:
             of[colour] = name
             chosen[name] = colour
-    there = {int(colour) for colour in np.unique(colours)}
+    there = set(np.unique(colours).tolist())
     for name, colour in chosen.items():
         if colour not in there:
             hint = f"; with opacity, as in this image, it is {colour + _OPAQUE}" if colour + _OPAQUE in there else ""
@@ -339,7 +327,10 @@ def labels_of(graph: Graph, frame: Frame, reach: float | None, grid: Grid | None
             f"another's goal, or is smaller than a cell"
         )
     if overlaps:
-        warnings.warn(MapWarning(_told(overlaps, frame)), stacklevel=2)
+        pairs = [f"{a} and {b} ({count * frame.resolution**2:.2g} m²)" for (a, b), count in overlaps.items()]
+        told = ", ".join(pairs[:5]) + (f", and {len(pairs) - 5} more pairs" if len(pairs) > 5 else "")
+        text = f"zones overlap: {told}; what they share belongs to the nearer goal"
+        warnings.warn(MapWarning(text), stacklevel=2)
     return Labels(frame, raster, graph.names)
 
 
@@ -385,10 +376,3 @@ def _by_free_cells(
     open_cells[cell] = True
     rows, columns = within.shape
     return Paths(Frame(rows, columns, grid.frame.resolution), open_cells).distances([cell])[0]
-
-
-def _told(overlaps: dict[tuple[str, str], int], frame: Frame) -> str:
-    area = frame.resolution**2
-    pairs = [f"{a} and {b} ({count * area:.2g} m²)" for (a, b), count in overlaps.items()]
-    more = f", and {len(pairs) - 5} more pairs" if len(pairs) > 5 else ""
-    return f"zones overlap: {', '.join(pairs[:5])}{more}; what they share belongs to the nearer goal"

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from mdm.maps.files.image import Image
     from mdm.maps.files.yaml_tree import Entry
 
 __all__ = ["free_grey", "image_of", "load_grid"]
@@ -95,7 +94,12 @@ def _read(path: str | Path) -> tuple[Grid, NDArray[np.float64], float]:
     occupied, free = (_threshold(root.need(key, _WHAT), key) for key in ("occupied_thresh", "free_thresh"))
     if free > occupied:
         root.need("free_thresh", _WHAT).fail(f"free_thresh, {free:g}, is above occupied_thresh, {occupied:g}")
-    mode, negate = _mode(root), _truth(root, "negate")
+    mode, negate = "trinary", False
+    if (given := root.get("mode", _WHAT)) is not None and (mode := given.string("mode")) not in _MODES:
+        given.fail(f"mode: one of {', '.join(_MODES)} was expected, not {mode!r}")
+    if (given := root.get("negate", _WHAT)) is not None:
+        truth = _TRUTH.get(given.string("negate").lower())
+        negate = given.fail(f"negate: 0 or 1 was expected, not {given.content!r}") if truth is None else truth
     image = read_image(source.path.parent / picture)
     try:
         frame = Frame(*image.shape, side, *corner)
@@ -103,7 +107,13 @@ def _read(path: str | Path) -> tuple[Grid, NDArray[np.float64], float]:
         resolution.fail(str(error))
     if mode == "raw" and negate:
         root.need("negate", _WHAT).fail("with the mode raw servers differ on negate: invert the image instead")
-    darkness, known = _darkness(image, mode, negate=negate)
+    if mode == "raw":
+        hundredths = np.rint(image.brightness * (255 / image.most))
+        darkness, known = hundredths / 100, hundredths <= 100
+    else:
+        darkness = (image.brightness if negate else image.most - image.brightness) / image.most
+        opaque = image.opacity
+        known = np.ones(image.shape, dtype=bool) if opaque is None else opaque == image.most
     free_cells = known & (darkness <= free + _ROUNDING)
     return Grid(frame, free_cells, known & ~free_cells & (darkness >= occupied - _ROUNDING)), darkness, free
 
@@ -119,32 +129,6 @@ def image_of(path: str | Path) -> Path:
     return source.path.parent / read_yaml(source).need("image", _WHAT).string("image")
 
 
-def _darkness(image: Image, mode: str, *, negate: bool) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return how occupied each cell is, from 0 to 1, and whether that is known."""
-    brightness, opacity = image.brightness, image.opacity
-    if mode == "raw":
-        hundredths = np.rint(brightness * (255 / image.most))
-        return hundredths / 100, hundredths <= 100
-    known = np.ones(image.shape, dtype=bool) if opacity is None else opacity == image.most
-    return (brightness if negate else image.most - brightness) / image.most, known
-
-
 def _threshold(entry: Entry, key: str) -> float:
     value = entry.number(key)
     return value if 0 <= value <= 1 else entry.fail(f"{key}: a number from 0 to 1 was expected, not {value:g}")
-
-
-def _mode(root: Entry) -> str:
-    entry = root.get("mode", _WHAT)
-    if entry is None:
-        return "trinary"
-    mode = entry.string("mode")
-    return mode if mode in _MODES else entry.fail(f"mode: one of {', '.join(_MODES)} was expected, not {mode!r}")
-
-
-def _truth(root: Entry, key: str) -> bool:
-    entry = root.get(key, _WHAT)
-    if entry is None:
-        return False
-    value = _TRUTH.get(entry.string(key).lower())
-    return entry.fail(f"{key}: 0 or 1 was expected, not {entry.content!r}") if value is None else value

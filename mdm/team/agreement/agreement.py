@@ -1,4 +1,4 @@
-"""One agent's part in the agreement: a state machine with a step function for each role.
+"""One agent's part in the agreement: a state machine with a step function for each role; those who are led have one.
 
 An event (a message, a proposal, a timer, a change of the agents that are live) goes in, and the messages that it makes
 this agent send come out. `Agreement.receive` chooses the function by `State.role`.
@@ -201,12 +201,10 @@ class Agreement:
         elif term == state.term:
             if state.role == "leading":
                 self._step_leading(sender, message, now)
-            elif state.role == "following":
-                self._step_following(sender, message, now)
             elif state.role == "calling":
                 self._step_calling(sender, message, now)
             else:
-                self._step_joining(sender, message, now)
+                self._step_led(sender, message, now)
         elif isinstance(message, Stale) or (term > state.term and sender == term.leader):
             self._hear_of(term, now)
         else:
@@ -252,7 +250,7 @@ class Agreement:
     def _report(self, kind: str, text: str) -> None:
         self.reports.append((kind, text))
 
-    # -- A step function for each role ---------------------------------------------------------------------------
+    # -- The step functions of roles -----------------------------------------------------------------------------
 
     def _step_leading(self, sender: str, message: Message, now: int) -> None:
         """Collect proposals and acknowledgements, send missing steps, and commit the next step when it is ready."""
@@ -277,32 +275,11 @@ class Agreement:
                 joined[sender] = message
                 self._announce(now)
 
-    def _step_following(self, sender: str, message: Message, now: int) -> None:
-        """Apply the leader's commits and acknowledge them; fetch missing steps."""
-        state = self.state
-        leads = sender == state.term.leader
-        match message:
-            case Commit() if leads:
-                self._receive_commit(message, now)
-            case Begin() if leads:
-                state.members = message.members
-                if message.position.step <= self.step:
-                    self._send(sender, Applied(state.term, self.step))
-                elif state.fetching is None:
-                    self._fetch(sender, now)
-            case Ended() if leads:
-                self._leave_leader(now)
-            case Fetch(digest=None):
-                self._send_missing(sender, message, whole=leads)
-            case Fetch() if leads:
-                self._send(sender, self._snapshot())
-            case Entries() if state.fetching is not None:
-                self._receive_entries(message, now)
-            case Snapshot() if sender == state.fetching:
-                self._receive_snapshot(sender, message, now)
+    def _step_led(self, sender: str, message: Message, now: int) -> None:
+        """Follow the leader: apply its commits and acknowledge them, and fetch missing steps.
 
-    def _step_joining(self, sender: str, message: Message, now: int) -> None:
-        """Come to where the leader begins, and follow it from there; meanwhile only the leader may fetch steps."""
+        An agent that is joining first comes to where the leader begins, and only the leader may fetch steps from it.
+        """
         state = self.state
         leads = sender == state.term.leader
         match message:
@@ -313,15 +290,18 @@ class Agreement:
                 if state.sound:
                     self._receive_begin(message, now)
             case Ended() if leads:
-                self._leave_leader(now)
-            case Fetch(digest=None) if leads:
-                self._send_missing(sender, message, whole=True)
+                state.suspend()
+                state.released = True
+                self._review(now)
+            case Fetch(digest=None) if leads or state.role == "following":
+                self._send_missing(sender, message, whole=leads)
             case Fetch() if leads:
                 self._send(sender, self._snapshot())
             case Entries() if state.fetching is not None and state.sound:
                 self._receive_entries(message, now)
-            case Snapshot() if sender == state.fetching:
-                self._receive_snapshot(sender, message, now)
+            case Snapshot() if sender == state.fetching and not self._is_late(message):
+                if self._restore(sender, message):
+                    self._catch_up(now)
 
     def _step_calling(self, sender: str, message: Message, now: int) -> None:
         """Count the agents that join, and take the history that the term goes on from, until the term can begin."""
@@ -512,7 +492,9 @@ class Agreement:
 
     def _receive_begin(self, begin: Begin, now: int) -> None:
         """Follow the leader if this agent's copy equals the leader's; else fetch the missing steps, or a snapshot."""
-        if begin.position != self.log.position:
+        if self.state.role == "following" and begin.position.step <= self.step:
+            self._send(self.state.term.leader, Applied(self.state.term, self.step))
+        elif begin.position != self.log.position:
             if self.state.fetching is None:
                 self._fetch(self.state.term.leader, now)
         elif begin.digest != (digest := self.replica.digest()):
@@ -525,12 +507,6 @@ class Agreement:
         """Take part in the steps of the term, whose history this agent's copy is in."""
         self.state.begin()
         self.proposals.renew(self.state.term)
-
-    def _leave_leader(self, now: int) -> None:
-        """Follow the leader of this term no more, since it has ended the term."""
-        self.state.suspend()
-        self.state.released = True
-        self._review(now)
 
     # -- Missing steps -------------------------------------------------------------------------------------------
 
@@ -594,14 +570,11 @@ class Agreement:
             else:
                 self._catch_up(now)
 
-    def _receive_snapshot(self, sender: str, message: Snapshot, now: int) -> None:
-        """Take the copy that was fetched, and follow on from there."""
-        state, position = self.state, message.lineage[-1]
-        placed = state.role == "following" or not state.sound
-        if placed and position.step < self.step and contains(self.log.lineage, position):
-            return  # it is late: this agent's history is that of the term already
-        if self._restore(sender, message):
-            self._catch_up(now)
+    def _is_late(self, message: Snapshot) -> bool:
+        """Return whether a snapshot is of an earlier step of a history that is that of the term already."""
+        position = message.lineage[-1]
+        placed = self.state.role == "following" or not self.state.sound
+        return placed and position.step < self.step and contains(self.log.lineage, position)
 
     def _restore(self, sender: str, message: Snapshot) -> bool:
         """Become the copy of a snapshot; one whose digest is another is dropped."""

@@ -20,7 +20,7 @@ TERMS = 16
 """Terms of which a lineage keeps the last step. An agent that left before the oldest of them takes a snapshot."""
 
 Role = Literal["leading", "calling", "following", "joining"]
-"""How an agent handles a message: there is a step function for each role.
+"""How an agent handles a message.
 
 - ``leading``: it commits the steps of a term that it called.
 - ``calling``: it has called a term, which has not begun.

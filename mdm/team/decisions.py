@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, TypeAlias
+from typing import IO, TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import msgspec
 
@@ -15,7 +15,9 @@ from mdm.runtime.process.writer import Writer
 if TYPE_CHECKING:
     from mdm.runtime import Channel
 
-__all__ = ["Committed", "Decisions"]
+__all__ = ["Committed", "Decisions", "Line"]
+
+T = TypeVar("T")
 
 Place: TypeAlias = "tuple[str, tuple[int, str, int], int, str | None]"
 """Which step a line tells: of which ensemble, the term, the number, and the command where it is one."""
@@ -54,14 +56,29 @@ class Committed(Message, frozen=True, gc=False):
 
     def line(self) -> bytes:
         """Return it as a line of JSON, with its time in seconds."""
-        told: dict[str, object] = {"agent": self.agent, "ensemble": self.ensemble, "term": self.term}
-        told |= {"step": self.step, "time": self.time / 1e9, "input": self.input, "missing": self.missing}
-        if self.command is not None:
-            told["command"] = self.command
-        told |= {"action": self.action, "digest": self.digest}
-        if self.caught_up:
-            told["caught_up"] = True
-        return msgspec.json.encode(told) + b"\n"
+        fields: dict[str, Any] = msgspec.structs.asdict(self) | {"time": self.time / 1e9}
+        return msgspec.json.encode(Line(**fields)) + b"\n"
+
+
+class Line(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A joint step as an agent has written it to its file: a `Committed` with its time in seconds."""
+
+    agent: str
+    ensemble: str
+    term: tuple[int, str, int]
+    step: int
+    time: float
+    input: dict[str, Any]
+    missing: tuple[str, ...]
+    command: str | None = None
+    action: str | None
+    digest: str
+    caught_up: bool = False
+
+    @property
+    def place(self) -> Place:
+        """Which step it is."""
+        return self.ensemble, self.term, self.step, self.command
 
 
 class Decisions(Actor):
@@ -134,15 +151,6 @@ class Decisions(Actor):
             self._file = None
 
 
-class _Line(msgspec.Struct):
-    """The place of a line in a file."""
-
-    ensemble: str
-    term: tuple[int, str, int]
-    step: int
-    command: str | None = None
-
-
 def _known(path: Path) -> set[Place]:
     """Return the last steps that a file has, and remove a last line that was broken off."""
     if not path.is_file():
@@ -151,24 +159,17 @@ def _known(path: Path) -> set[Place]:
         size = file.seek(0, 2)
         begin = file.seek(max(0, size - _TAIL))
         *lines, rest = file.read().split(b"\n")
-        if rest and _is_whole(rest):
+        if rest and _decoded(rest, object) is not None:
             file.write(b"\n")
             lines.append(rest)
         elif rest and (begin == 0 or lines):
             file.truncate(size - len(rest))
-    found: set[Place] = set()
-    for line in lines:
-        try:
-            one = msgspec.json.decode(line, type=_Line)
-        except (msgspec.MsgspecError, ValueError):
-            continue
-        found.add((one.ensemble, one.term, one.step, one.command))
-    return found
+    return {line.place for text in lines if (line := _decoded(text, Line)) is not None}
 
 
-def _is_whole(line: bytes) -> bool:
+def _decoded(text: bytes, kind: type[T]) -> T | None:
+    """Return the object of a line; None where it is no such object, or was broken off."""
     try:
-        msgspec.json.decode(line)
+        return msgspec.json.decode(text, type=kind)
     except (msgspec.MsgspecError, ValueError):
-        return False
-    return True
+        return None

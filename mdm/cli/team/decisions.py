@@ -9,33 +9,13 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from mdm.errors import Error
+from mdm.team.decisions import Line
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterable
 
-__all__ = ["Line", "Told", "read", "run", "tell"]
-
-
-class Line(msgspec.Struct, frozen=True):
-    """A joint step as an agent has told it in its file."""
-
-    agent: str
-    ensemble: str
-    term: tuple[int, str, int]
-    step: int
-    time: float
-    input: dict[str, Any]
-    missing: tuple[str, ...]
-    action: str | None
-    digest: str
-    command: str | None = None
-    caught_up: bool = False
-
-    @property
-    def place(self) -> str:
-        """Which step it is, in words."""
-        return f"step {self.step} of term {self.term[0]}, which {self.term[1]!r} leads"
+__all__ = ["Told", "read", "run", "tell"]
 
 
 class Told(msgspec.Struct, frozen=True):
@@ -136,9 +116,14 @@ def _told(lines: list[Line]) -> Told:
         differing=len(differences),
         difference=differences[0] if differences else None,
         pause=longest[1].time - longest[0].time if longest else 0.0,
-        before=longest[0].place if longest else None,
-        after=longest[1].place if longest else None,
+        before=_place(longest[0]) if longest else None,
+        after=_place(longest[1]) if longest else None,
     )
+
+
+def _place(line: Line) -> str:
+    """Return which step it is, in words."""
+    return f"step {line.step} of term {line.term[0]}, which {line.term[1]!r} leads"
 
 
 def _pause(lines: list[Line]) -> float:
@@ -154,7 +139,7 @@ def _difference(lines: list[Line]) -> str | None:
         for field in ("input", "missing", "command", "action", "digest"):
             mine, its = getattr(one, field), getattr(other, field)
             if mine != its:
-                return f"{one.place}: {field} is {mine!r} at {one.agent!r} and {its!r} at {other.agent!r}"
+                return f"{_place(one)}: {field} is {mine!r} at {one.agent!r} and {its!r} at {other.agent!r}"
     return None
 
 

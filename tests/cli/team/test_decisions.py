@@ -10,14 +10,25 @@ import pytest
 from team_robots import over_beliefs, started
 from teams import team as random_team
 
-from mdm.cli.team.decisions import Line, read, tell
+from mdm.cli.team.decisions import read, tell
+from mdm.team.decisions import Line
 from mdm.team.team import Team
 from mdm.team.transport.network import Network
 from mdm.testing import run_virtual
 
 
 def line(agent, step, time, *, term=(1, "a", 5), **more):
-    told = Line(agent, "joint", term, step, time, {"a": "hear"}, (), "listen", f"digest {step}")
+    told = Line(
+        agent=agent,
+        ensemble="joint",
+        term=term,
+        step=step,
+        time=time,
+        input={"a": "hear"},
+        missing=(),
+        action="listen",
+        digest=f"digest {step}",
+    )
     return msgspec.json.encode(msgspec.structs.replace(told, **more)) + b"\n"
 
 

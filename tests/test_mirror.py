@@ -24,7 +24,6 @@ UNTESTED_ALONE = {
     "team/centralised/messages.py": "declares messages: the leader and its followers are tested",
     "snapshots/frame.py": "declares types alone",
     "cli/map/floor.py": "with the verbs that load a floor, and draw it: test_check, test_show",
-    "config/rebuilt.py": "with all that builds a recorded run anew: test_replay and test_explain of the verbs",
     "cli/team/asker.py": "with the verbs that ask: test_status",
     "cli/team/commands.py": "with the status, which tells what has become of them: test_status",
     "team/sharing/asking.py": "a session of its own, by the verbs that ask: test_status",

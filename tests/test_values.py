@@ -18,7 +18,7 @@ from loading import written
 from places import ROOT
 
 import mdm
-from mdm.config.problems import Problems
+from mdm.config.tables import Problems
 from mdm.policies import DeterministicPolicy
 
 if TYPE_CHECKING:

@@ -129,7 +129,7 @@ class Values:
 
     def listen(self) -> None:
         """Note from now on what is accepted."""
-        from mdm.config.problems import Problems
+        from mdm.config.tables import Problems
 
         for taker, options, settings in takers():
             taker.__init__ = self._heard(taker.__init__, keywords_of(options), settings)

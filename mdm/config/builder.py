@@ -1,4 +1,4 @@
-"""Construction of actors from a TOML file; all problems are collected."""
+"""The system, and its construction from a TOML file; all problems are collected."""
 
 from __future__ import annotations
 
@@ -11,30 +11,139 @@ from mdm.actors import PredicateManager
 from mdm.actors.predicates.declarations import ACTION_END, near_end
 from mdm.config.ensembles import Ensembles
 from mdm.config.functions import Functions, Unseen
-from mdm.config.problems import Problems
-from mdm.config.share import Share
-from mdm.config.system import System
-from mdm.config.tables import EventTable, PredicateTable
+from mdm.config.tables import EventTable, PredicateTable, Problems
 from mdm.errors import ConfigError
 from mdm.formats.archive.npz import is_archive
 from mdm.formats.files import beginning, holds_policy
 from mdm.logic import Formula, parse, similar
+from mdm.messages import Fault
+from mdm.runtime import Actor, ActorFailure
 from mdm.runtime.process.emergency import check_emergency
+from mdm.runtime.supervision import describe
 from mdm.runtime.time.clock import check_seconds
 from mdm.texts import texts_in
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable
+    from collections.abc import Callable, Collection, Iterable, Mapping
 
-    from mdm.config.team_file import TeamFile
+    from mdm.actors import Ensemble
+    from mdm.config.team_file import Share, TeamFile
     from mdm.maps import Navigation, Places
-    from mdm.models import MDP
-    from mdm.team import Team
+    from mdm.models import MDP, Durations
+    from mdm.team import Member, Team
     from mdm.team.transport.transport import Transport
 
-__all__ = ["agents_of", "load_system", "load_team", "load_team_file", "look_over"]
+__all__ = ["System", "agents_of", "load_system", "load_team", "load_team_file", "look_over"]
 
 _HELD: dict[bool | None, str] = {True: "a policy", False: "a model"}
+
+
+class System(Actor):
+    """A predicate manager, ensembles and tasks as one actor, as described by a TOML file.
+
+    Example::
+
+        system = mdm.load_system("patrol/patrol.toml", callbacks=False)
+        print(system.tree())
+
+    Args:
+        predicates: The predicate manager that all ensembles share.
+        ensembles: All ensembles by name. Those without a parent start with the system.
+        tasks: Async functions that take the system and run beside the ensembles, such as sensor drivers.
+        places: Where the robot is, on a map; its tasks tell it poses.
+        member: Of a team, this agent's part: its ensembles start with it.
+        emergency: A plain function without arguments that the runtime calls as the last resort, besides its own.
+        starved_after: Seconds for which a turn that was cut short may go on while other input comes, where the runtime
+            is given none of its own.
+        monitors: Actors that start before the ensembles and watch them, such as drift monitors.
+        durations: By the names of ensembles, how long actions take in the models that their policies are for.
+    """
+
+    def __init__(
+        self,
+        predicates: PredicateManager,
+        ensembles: dict[str, Ensemble],
+        tasks: list[Callable[[System], Any]],
+        name: str = "system",
+        *,
+        places: Places | None = None,
+        member: Member | None = None,
+        emergency: Callable[[], object] | None = None,
+        starved_after: float | None = None,
+        monitors: Iterable[Actor] = (),
+        durations: Mapping[str, Durations] | None = None,
+    ) -> None:
+        super().__init__(name)
+        self.predicates = predicates
+        self.ensembles = ensembles
+        self.tasks = tasks
+        self.places = places
+        self.member = member
+        self.emergency = emergency
+        self.starved_after = starved_after
+        self.durations = {} if durations is None else dict(durations)
+        self.add(predicates)
+        if places is not None:
+            self.add(places)
+        if member is not None:
+            self.add(member)
+        for monitor in monitors:
+            self.add(monitor)
+        for ensemble in self.top:
+            if member is None or ensemble.name not in member.ensembles:
+                self.add(ensemble)
+
+    @property
+    def path(self) -> str:
+        """Empty, so that channels have the names of their ensembles: ``patrol/state``."""
+        return ""
+
+    @property
+    def agent(self) -> str | None:
+        """Of a team, which agent this is."""
+        return None if self.member is None else self.member.agent
+
+    @property
+    def top(self) -> tuple[Ensemble, ...]:
+        """The ensembles without a parent, which start with the system."""
+        below = {below.name for ensemble in self.ensembles.values() for below in ensemble.subensembles}
+        return tuple(ensemble for name, ensemble in self.ensembles.items() if name not in below)
+
+    def on_start(self) -> None:
+        """Give the runtime what is its own; have teammates' predicates known before the predicate manager starts."""
+        if self.emergency is not None and not self._is_repeated:
+            self.runtime.add_emergency(self.emergency)
+        if self.starved_after is not None:
+            self.runtime.limit_starving(self.starved_after)
+        if self.member is not None:
+            self.member.prepare(self.runtime)
+
+    def on_running(self) -> None:
+        """Run the tasks; where a run is repeated, its record has what they said."""
+        for task in () if self._is_repeated else self.tasks:
+            self.spawn(self._run_task(task), name=task.__name__)
+
+    @property
+    def _is_repeated(self) -> bool:
+        return self.runtime.dispatcher.choices.repeats
+
+    async def _run_task(self, task: Callable[[System], Any]) -> None:
+        try:
+            await task(self)
+        except Exception as error:
+            failure = ActorFailure(f"task {task.__name__!r} failed: {describe(error)}")
+            failure.escalated = True  # it is told here, with its own place in the code alone
+            self._tell(task, str(failure))
+            raise failure from error
+        text = "the predicates that it set are told nothing more, and are unknown after their max_age"
+        self._tell(task, f"task {task.__name__!r} has returned: {text}, if nothing else sets them")
+
+    def _tell(self, task: Callable[[System], Any], detail: str) -> None:
+        self.runtime.faults.publish(Fault(self.runtime.now(), f"tasks/{task.__name__}", "task", detail))
+
+    def tree(self) -> str:
+        """Return the names of all ensembles, indented below their parents."""
+        return "\n".join(ensemble.tree() for ensemble in self.top)
 
 
 def load_system(
@@ -105,7 +214,8 @@ def agents_of(path: str | Path) -> tuple[str, ...]:
     Raises:
         ConfigError: If the file cannot be read, or its table ``team`` does not say who the agents are.
     """
-    return _Builder(Path(path), callbacks=False).agents()
+    described = _Builder(Path(path), callbacks=False).team(whole=False)
+    return () if described is None else described.team.names
 
 
 def load_team_file(path: str | Path) -> TeamFile | None:
@@ -129,29 +239,20 @@ class _Builder:
         self._problems = Problems(path)
         self._functions = Functions(path.parent, self._problems, callbacks=callbacks, look=look)
 
-    def team(self) -> TeamFile | None:
-        """Return the team, or raise its problems."""
-        document = self._read()
+    def team(self, *, whole: bool = True) -> TeamFile | None:
+        """Return the team; raise its problems, or, where it need not be whole, those that hide its agents."""
+        described = self._team(self._read())
+        if whole or described is None:
+            self._problems.raise_all()
+        return described
+
+    def _team(self, document: dict[str, Any]) -> TeamFile | None:
+        """Return the team of a file; None where it has none, or problems that hide its agents."""
         if "team" not in document:
             return None
         from mdm.config.team_file import read_team  # noqa: PLC0415 - files without a team load nothing of teams
 
-        described = read_team(document["team"], self._path.parent, self._functions, self._problems)
-        self._problems.raise_all()
-        return described
-
-    def agents(self) -> tuple[str, ...]:
-        """Return the names of the team's agents, or raise the problems that hide them."""
-        document = self._read()
-        if "team" not in document:
-            return ()
-        from mdm.config.team_file import read_team  # noqa: PLC0415 - files without a team load nothing of teams
-
-        described = read_team(document["team"], self._path.parent, self._functions, self._problems)
-        if described is None:
-            self._problems.raise_all()
-        assert described is not None
-        return described.team.names
+        return read_team(document["team"], self._path.parent, self._functions, self._problems)
 
     def system(self, agent: str | None, **options: Any) -> System:
         """Return the system, or raise all problems."""
@@ -231,15 +332,13 @@ class _Builder:
                 self._problems.add(f"there is no table [team] in this file, and so no agent {agent!r}", "team")
                 self._problems.raise_all()
             return None, None
-        from mdm.config.team_file import read_team  # noqa: PLC0415 - files without a team load nothing of teams
-
-        described = read_team(document["team"], self._path.parent, self._functions, self._problems)
+        described = self._team(document)
         if described is not None:
             with self._problems.collecting("team.agents"):
                 if agent is None:
                     names = ", ".join(described.team.names)
                     raise ConfigError(f"this file describes a team: say which agent's part: {names}")
-                return described, Share(described.team, agent)
+                return described, described.share(agent)
         self._problems.raise_all()
         raise AssertionError
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, cast
 
 import msgspec
 
@@ -12,7 +12,6 @@ from mdm.actors.options import BindingSettings, DriveSettings, SafetySettings, d
 from mdm.beliefs.choice import check_memory
 from mdm.compilation import sparing
 from mdm.config.functions import Lasting, Unseen, is_reference, nothing, unseen_policy
-from mdm.config.share import Seat
 from mdm.config.tables import (
     ActionTable,
     EnsembleTable,
@@ -34,20 +33,36 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from mdm.actors import Drive, PredicateManager
+    from mdm.actors import PredicateManager
     from mdm.actors.drift import DriftMonitor
     from mdm.config.functions import Functions
-    from mdm.config.problems import Problems
-    from mdm.config.share import Share
+    from mdm.config.tables import Problems
+    from mdm.config.team_file import Share
     from mdm.maps import Navigation
     from mdm.models import MDP, POMDP, Durations
     from mdm.policies import Policy
     from mdm.solvers.online import TreeSearch
     from mdm.team import Placement
 
-__all__ = ["Ensembles"]
+__all__ = ["Ensembles", "Seat"]
 
 T = TypeVar("T")
+
+
+class Seat(NamedTuple):
+    """An agent's part in an ensemble.
+
+    Attributes:
+        agent: The model's agent whose component is carried out.
+        placement: Where the layers are of an ensemble that the team decides together; None where it is the agent's own.
+        acts: Whether the agent carries out a component.
+        who: Its name in the team.
+    """
+
+    agent: int | str
+    placement: Placement | None = None
+    acts: bool = True
+    who: str = ""
 
 
 class Ensembles:
@@ -197,9 +212,9 @@ class Ensembles:
                 **{**table.as_arguments(SafetySettings), **parts},
             )
             if table.drift is not None:
-                self._watch(ensemble, table.drift)
+                self._problems.attempt(f"{key}.drift", self._watch, ensemble, table.drift)
             if table.durations is not None:
-                self._time(ensemble, table.durations)
+                self._problems.attempt(f"{key}.durations", self._time, ensemble, table.durations)
             return ensemble
         return None
 
@@ -207,27 +222,24 @@ class Ensembles:
         """Have an ensemble's decisions held against its model."""
         from mdm.actors.drift import DriftMonitor  # noqa: PLC0415 - other files load nothing that estimates
 
-        key = f"ensembles.{ensemble.name}.drift"
-        with self._problems.collecting(key):
-            if ensemble.name in self.joint:
-                raise ConfigError("drift is watched where one agent decides: a team's decisions tell no state", key=key)
-            self.monitors.append(DriftMonitor(ensemble, odds=odds, name=f"{ensemble.name}-drift"))
+        if ensemble.name in self.joint:
+            raise ConfigError("drift is watched where one agent decides: a team's decisions tell no state")
+        self.monitors.append(DriftMonitor(ensemble, odds=odds, name=f"{ensemble.name}-drift"))
 
     def _time(self, ensemble: Ensemble, path: str) -> None:
         """Take how long actions take in an ensemble's model."""
         from mdm.formats import load_durations  # noqa: PLC0415 - few files name any
 
-        key, model = f"ensembles.{ensemble.name}.durations", ensemble.controller.model
-        with self._problems.collecting(key):
-            if model is None:
-                raise ConfigError("durations are those of a model: give the model, too", key=key)
-            durations = load_durations(self._resolve(path))
-            discounts_in_time(model, durations)
-            self.durations[ensemble.name] = durations
+        model = ensemble.controller.model
+        if model is None:
+            raise ConfigError("durations are those of a model: give the model, too")
+        durations = self._load(load_durations, path)
+        discounts_in_time(model, durations)
+        self.durations[ensemble.name] = durations
 
     def _parts(self, name: str, table: EnsembleTable, above: tuple[str, ...]) -> dict[str, Any] | None:
         """Return the parts of an ensemble; None if one has problems, which are noted."""
-        key = f"ensembles.{name}"
+        key, attempt = f"ensembles.{name}", self._problems.attempt
         given = table.actions if self._share is None else self._share.actions(table.actions, f"{key}.actions")
         actions = None if given is None else self._actions(name, given, above)
         indices = table.model is None
@@ -235,11 +247,11 @@ class Ensembles:
         observations = self._factors(
             *(ObservationFactor, ObservationTable, table.observations, f"{key}.observations"), indices=indices
         )
-        drive = self._drive(table.drive, f"{key}.drive")
+        drive = attempt(f"{key}.drive", drive_of, table.drive)
         supervision = self._supervision(table.supervision, f"{key}.supervision")
         if name in self._invalid:
             return None
-        model = self._model(table, key)
+        model = attempt(f"{key}.model", self._model, table)
         if table.model is not None and model is None:
             return None
         memory = self._share.team.memory if table.memory is None and self._share is not None else table.memory
@@ -247,7 +259,7 @@ class Ensembles:
             if is_reference(table.policy):
                 policy = self._own_policy(table, model, key, (states or [], observations or []))
             else:
-                policy = self._policy(table, model, key)
+                policy = attempt(f"{key}.policy", self._policy, table, model)
         if table.search is not None and policy is not None:
             policy = self._search(table, model, policy, f"{key}.search", memory)
         self._wired[name] = states or [], observations or []
@@ -262,9 +274,9 @@ class Ensembles:
             "drive": drive,
             "supervision": supervision,
         }
-        rewards = self._rewards(table, f"{key}.rewards")
+        rewards = attempt(f"{key}.rewards", self._load, load_rewards, table.rewards)
         if table.tracker is not None:
-            parts["tracker"] = self._tracker(table.tracker, model, f"{key}.tracker")
+            parts["tracker"] = self._made(table.tracker, model, f"{key}.tracker", "a tracker")
         safe = self._safe_action(table, seat, f"{key}.safe_action")
         if any(part is None for part in parts.values()):
             return None
@@ -314,35 +326,29 @@ class Ensembles:
 
     # -- Parts -----------------------------------------------------------------------------------------------------
 
+    def _load(self, load: Callable[[Path], Any], path: str | None) -> Any:
+        """Return what is loaded from a path that a file names; None where it names none."""
+        return None if path is None else load(self._resolve(path))
+
     def _resolve(self, path: str) -> Path:
         if not path or "\0" in path:
             raise ConfigError(f"the path of a file was expected, not {path!r}")
         return self._folder / path
 
-    def _drive(self, given: str | float | None, key: str) -> Drive | None:
-        with self._problems.collecting(key):
-            return drive_of(given)
-        return None
-
-    def _model(self, table: EnsembleTable, key: str) -> MDP | POMDP | None:
+    def _model(self, table: EnsembleTable) -> MDP | POMDP | None:
         if table.model is None:
             return None
-        with self._problems.collecting(f"{key}.model"):
-            path = self._resolve(table.model)
-            model = self._models.get(path)
-            if model is None:
-                model = self._models[path] = load_model(path)
-            return model if table.discount is None else model.with_discount(table.discount)
-        return None
+        path = self._resolve(table.model)
+        model = self._models.get(path)
+        if model is None:
+            model = self._models[path] = load_model(path)
+        return model if table.discount is None else model.with_discount(table.discount)
 
-    def _policy(self, table: EnsembleTable, model: MDP | POMDP | None, key: str) -> Policy | None:
-        with self._problems.collecting(f"{key}.policy"):
-            if isinstance(table.policy, list):
-                count = len(table.actions) if model is None else len(model.action_space)
-                return DeterministicPolicy(table.policy, count)
-            path = self._resolve(table.policy)
-            return load_policy(path, model, kind=table.policy_kind, seed=table.seed)
-        return None
+    def _policy(self, table: EnsembleTable, model: MDP | POMDP | None) -> Policy:
+        if isinstance(table.policy, list):
+            count = len(table.actions) if model is None else len(model.action_space)
+            return DeterministicPolicy(table.policy, count)
+        return load_policy(self._resolve(table.policy), model, kind=table.policy_kind, seed=table.seed)
 
     def _own_policy(
         self,
@@ -352,35 +358,28 @@ class Ensembles:
         factors: tuple[Sequence[StateFactor], Sequence[ObservationFactor]],
     ) -> Policy | None:
         """Return a policy that the user's code makes; where no module is run, one of the same sizes."""
-        reference, before = str(table.policy), len(self._problems)
+        reference = str(table.policy)
         if table.policy_kind is not None:
             raise ConfigError("policy_kind is for a matrix in a file", key=f"{key}.policy_kind")
-        policy = self._functions.make(reference, f"{key}.policy", model)
+        made = self._made(reference, model, f"{key}.policy", "a policy")
+        if made is None:
+            return None
         with self._problems.collecting(f"{key}.policy"):
-            if self._functions.looks and len(self._problems) == before:
+            if made is True and self._functions.looks:
                 return unseen_policy(reference, model, len(table.actions), *factors)
-            if policy is not None:
-                policy = policy_of(policy, model)
-                return policy if table.seed is None else seeded(policy, table.seed)
-        if len(self._problems) == before:
-            self._problems.add(f"{reference!r} returned None in place of a policy", f"{key}.policy")
+            policy = policy_of(made, model)
+            return policy if table.seed is None else seeded(policy, table.seed)
         return None
 
-    def _tracker(self, reference: str, model: MDP | POMDP | None, key: str) -> Any:
-        """Return a tracker that the user's code makes; True where no module is run and it is not used."""
+    def _made(self, reference: str, model: MDP | POMDP | None, key: str, what: str) -> Any:
+        """Return what the user's code makes; True where no module is run, None where there are problems."""
         before = len(self._problems)
-        tracker = self._functions.make(reference, key, model)
-        if tracker is None and len(self._problems) == before:
+        made = self._functions.make(reference, key, model)
+        if made is None and len(self._problems) == before:
             if self._functions.looks:
                 return True
-            self._problems.add(f"{reference!r} returned None in place of a tracker", key)
-        return tracker
-
-    def _rewards(self, table: EnsembleTable, key: str) -> Any:
-        if table.rewards is not None:
-            with self._problems.collecting(key):
-                return load_rewards(self._resolve(table.rewards))
-        return None
+            self._problems.add(f"{reference!r} returned None in place of {what}", key)
+        return made
 
     def _safe_action(self, table: EnsembleTable, seat: Seat, key: str) -> Any:
         safe = table.safe_action

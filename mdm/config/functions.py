@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from mdm.actors import ObservationFactor, StateFactor
-    from mdm.config.problems import Problems
+    from mdm.config.tables import Problems
     from mdm.models import MDP
     from mdm.policies import Policy
 

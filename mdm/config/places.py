@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from mdm.actors import PredicateManager
     from mdm.config.functions import Functions
-    from mdm.config.problems import Problems
-    from mdm.config.share import Share
+    from mdm.config.tables import Problems
+    from mdm.config.team_file import Share
     from mdm.maps import Floors, Map
 
 __all__ = ["PlacesTable", "read_places"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 import tomllib
 from importlib.machinery import all_suffixes
 from pathlib import Path, PurePosixPath
@@ -12,30 +11,18 @@ import msgspec
 
 from mdm.config.builder import load_system, load_team
 from mdm.errors import ConfigError, Error
-from mdm.models.digest import first_difference
-from mdm.stimuli import Joined, Received
+from mdm.formats import load_model
+from mdm.loading import pair_of
 from mdm.texts import texts_in
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterator
 
-    from mdm.actors import Ensemble
-    from mdm.config.system import System
-    from mdm.controller import Controller
+    from mdm.config.builder import System
     from mdm.recording import Record, Recorder
     from mdm.team.transport.transport import Transport
 
-__all__ = [
-    "attach_configuration",
-    "attach_file",
-    "check_digests",
-    "check_same_team",
-    "check_team",
-    "different_entry",
-    "lay_out",
-    "load_recorded",
-    "team_difference",
-]
+__all__ = ["Simulated", "attach_configuration", "attach_file", "lay_out", "load_recorded"]
 
 _LARGEST = 64 * 1024 * 1024
 _FOLDER = "files/"
@@ -187,144 +174,71 @@ def lay_out(record: Record, folder: str | Path) -> Path:
     return here
 
 
-def check_digests(record: Record, ensembles: Iterable[Ensemble]) -> None:
-    """Refuse to repeat a run with another model or policy than it had.
+class Simulated(msgspec.Struct, frozen=True):
+    """What a simulation is of: an ensemble of a TOML file, or a model and a policy by their files.
 
-    Raises:
-        Error: Of the first ensemble whose digest differs.
+    Attributes:
+        file: The TOML file; None where it is of a model and a policy.
+        ensemble: Which of the file's ensembles; by default the first.
+        model: The model's file.
+        policy: The policy's file.
+        discount: In place of the model's own.
+        false_negative: The observation that is seen where nothing is.
+        steps: Decisions in an episode.
+        seed: Of all chances.
     """
-    for ensemble in ensembles:
-        known = record.metadata.get(f"ensemble {ensemble.path}", {})
-        now = {"configuration": ensemble.controller.configuration}
-        if known.get("configuration", now["configuration"]) == now["configuration"]:
-            continue
-        now |= ensemble.controller.digests()
-        different = [name for name in ("model", "policy", "options") if known.get(name, now[name]) != now[name]]
-        name = different[0] if different else "configuration"
-        digests = f"digest of the {name} {now[name][:12]}, then {known[name][:12]}"
-        told = different_part(known, ensemble.controller)
-        raise Error(
-            f"{record.path}: the {' and '.join(different) or name} of ensemble {ensemble.path!r} is not that "
-            f"of the run ({digests if told is None else told}): mdm "
-            f"{record.head.get('mdm', 'unknown')} may have read them otherwise, or a function makes them; with "
-            f"--config a configuration of yours is compared"
-        )
 
+    file: str | None = None
+    ensemble: str | None = None
+    model: str | None = None
+    policy: str | None = None
+    discount: float | None = None
+    false_negative: str | None = None
+    steps: int | None = None
+    seed: int | None = None
 
-def different_part(known: Mapping[str, str], controller: Controller) -> str | None:
-    """Return in words the first part of a model, policy or options that is another than in a run.
+    def options(self) -> dict[str, Any]:
+        """Return the arguments of `mdm.simulation.simulate`, but for the number of episodes and the seed.
 
-    Args:
-        known: What the record's head says of the ensemble.
-        controller: What decides now.
+        Raises:
+            ConfigError: If the file has problems.
+            Error: If it has no such ensemble, or none that can be simulated.
+            FormatError: If the model's or the policy's file is malformed.
+        """
+        return self._of_file(self.file) if self.file is not None else self._of_model()
 
-    Returns:
-        The sentence; None where the head has no parts, as those of older records, or none of them differs.
-    """
-    try:
-        then = msgspec.json.decode(known.get("parts", "{}"), type=dict[str, str])
-    except msgspec.MsgspecError:
-        return None
-    now = controller.parts()
-    for part in dict.fromkeys((*then, *now)) if then else ():
-        was, is_now = then.get(part, "none"), now.get(part, "none")
-        if was == is_now:
-            continue
-        digested = was.startswith("#") or is_now.startswith("#")
-        return f"it differs in the {part}" if digested else f"the {part} was {was}, and is {is_now}"
-    return None
+    def _of_model(self) -> dict[str, Any]:
+        assert self.model is not None
+        assert self.policy is not None
+        model = load_model(self.model)
+        if self.discount is not None:
+            model = model.with_discount(self.discount)
+        policy, seen = pair_of(model, self.policy, seed=self.seed, false_negative=self.false_negative)
+        return {"model": seen, "policy": policy, "steps": self.steps}
 
-
-def different_entry(record: Record, ensembles: Mapping[str, Ensemble]) -> str | None:
-    """Return in words the first entry by which the model of an ensemble is another than that in a record.
-
-    Args:
-        record: The record.
-        ensembles: The ensembles of another configuration, by their paths.
-
-    Returns:
-        The sentence; None where the record's model cannot be loaded from it, or no entry differs.
-    """
-    if "configuration" not in record.head or "agent" in record.head:
-        return None
-    with tempfile.TemporaryDirectory() as folder:
-        try:
-            system = load_recorded(record, folder)
-        except Error:
-            return None
-        for then in system.ensembles.values():
-            now = ensembles.get(then.path)
-            models = then.controller.model, None if now is None else now.controller.model
-            if models[0] is not None and models[1] is not None:
-                told = first_difference(models[0], models[1])
-                if told is not None:
-                    return f"of the model of {then.path!r} {told}"
-    return None
-
-
-def check_same_team(record: Record, system: System) -> None:
-    """Refuse to repeat an agent in a team of another name, or of other agents: it would send under other keys.
-
-    Raises:
-        Error: With what differs, and was in the run.
-    """
-    if system.member is None:
-        return
-    from mdm.team.transport.keys import team_of  # noqa: PLC0415 - files without a team load nothing of teams
-
-    team = system.member.link.team
-    now = {"team's agents": ", ".join(team.names), "team's name": team.name}
-    for stimulus in _stimuli(record):
-        then = {}
-        if isinstance(stimulus, Joined):
-            then = stimulus.facts
-        elif isinstance(stimulus, Received):
-            then = {"team's name": team_of(stimulus.key)}
-        for fact, is_now in now.items():
-            if then.get(fact, is_now) != is_now:
-                verb = "were" if fact.endswith("agents") else "was"
-                raise Error(
-                    f"{record.path}: the {fact} {verb} {then[fact]} in the run, and {is_now} in this configuration: "
-                    f"give one whose team has the name of the run's, and its agents in their order"
-                )
-        if isinstance(stimulus, Received):
-            return
-
-
-def _stimuli(record: Record) -> Iterator[Any]:
-    """Yield the stimuli of a record, none where it has no such topic."""
-    topics = [topic for topic in record.topics if topic == "stimuli"]
-    return (each.message for each in record.messages(topics)) if topics else iter(())
-
-
-def check_team(record: Record, system: System) -> None:
-    """Refuse to repeat an agent of a team alone with another configuration than it had: its teammates would refuse it.
-
-    Raises:
-        Error: With the first fact that differs.
-    """
-    different = team_difference(record, system)
-    if different is not None:
-        raise Error(
-            f"{record.path}: {different}: agents of a team that differ refuse each other, so that one alone is "
-            f"replayed as it ran; mdm replay FOLDER --config, with the records of all of them, replays a team of "
-            f"another configuration"
-        )
-
-
-def team_difference(record: Record, system: System) -> str | None:
-    """Return in words the first fact of a team's agent that is another than in its run; None if none is.
-
-    Raises:
-        Error: If the record is of an agent of a team, and the system is none.
-    """
-    joined = next((each for each in _stimuli(record) if isinstance(each, Joined)), None)
-    if joined is None:
-        return None
-    if system.member is None:
-        raise Error(f"{record.path}: it is of agent {joined.agent!r} of a team, and the configuration is of none")
-    now = system.member.link.configuration.facts
-    for fact, was in joined.facts.items():
-        if now.get(fact, was) != was:
-            return f"{fact} is {now[fact]}, and was {was} in the run, of mdm {record.head['mdm']}"
-    return None
+    def _of_file(self, file: str) -> dict[str, Any]:
+        if (team := load_team(file)) is not None:
+            raise Error(
+                f"{file}: this file describes the team {team.name!r}, of which no agent can be simulated alone: give "
+                f"the team's --model and --policy"
+            )
+        system = load_system(file, callbacks=False)
+        name = self.ensemble or system.top[0].name
+        if name not in system.ensembles:
+            raise Error(f"{file}: there is no ensemble {name!r}; there are {', '.join(system.ensembles)}")
+        status, controller = system.ensembles[name].status(), system.ensembles[name].controller
+        if controller.model is None:
+            raise Error(f"{file}: ensemble {name!r} has no model to simulate")
+        if controller.policy.num_actions != len(controller.model.action_space):
+            raise Error(
+                f"{file}: ensemble {name!r} runs one agent's part of a policy: give the team's --model and --policy"
+            )
+        return {
+            "model": controller.model,
+            "policy": controller.policy,
+            "steps": self.steps or controller.horizon,
+            "drive": status.drive,
+            "on_impossible": "predict" if controller.on_impossible == "safe_action" else controller.on_impossible,
+            "on_no_observation": status.on_no_observation,
+            "tracker": controller.information if controller.has_own_tracker else None,
+        }

@@ -9,7 +9,7 @@ from sentences import refused
 
 from mdm import ConfigError
 from mdm.config.builder import Declarations
-from mdm.config.problems import Problems
+from mdm.config.tables import Problems
 
 
 def declared(**tables):

@@ -12,7 +12,8 @@ from records import Writing
 from sentences import refused
 
 import mdm
-from mdm.config.recorded import attach_configuration, check_digests, different_part, load_recorded
+from mdm.config.rebuilt import check_digests, different_part
+from mdm.config.recorded import attach_configuration, load_recorded
 from mdm.errors import ConfigError, Error
 from mdm.recording import Record, Recorder
 from mdm.testing import run_virtual

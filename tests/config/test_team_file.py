@@ -11,7 +11,7 @@ from team_file import write
 from mdm import ConfigError
 from mdm.config import load_system, load_team, load_team_file
 from mdm.config.functions import Functions
-from mdm.config.problems import Problems
+from mdm.config.tables import Problems
 from mdm.config.team_file import read_team
 from mdm.runtime import VirtualClock
 from mdm.team.transport.ceilings import Ceiling

@@ -8,7 +8,7 @@ import pytest
 
 from mdm import ConfigError
 from mdm.config.functions import Functions
-from mdm.config.problems import Problems
+from mdm.config.tables import Problems
 from mdm.config.team_file import read_communication
 from mdm.team import Always, Budget, Never, OnChange
 

@@ -12,8 +12,7 @@ from mdm.cli.policies.inputs import visibility
 from mdm.cli.progress import counting
 from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError, take_model
-from mdm.config.recorded import attach_configuration, attach_file
-from mdm.config.simulations import Simulated
+from mdm.config.recorded import Simulated, attach_configuration, attach_file
 from mdm.recording import Recorder
 from mdm.simulation import simulate
 from mdm.texts import counted

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from mdm.cli.report import as_json
-from mdm.config.rebuilt import rebuilt, rebuilt_to_compare, replay_team
-from mdm.config.recorded import different_entry, different_part
+from mdm.config.rebuilt import different_entry, different_part, rebuilt, rebuilt_to_compare, replay_team
 from mdm.errors import Error, ModelError
 from mdm.recording import Record, records_of
 from mdm.recording.names import Names, names_of

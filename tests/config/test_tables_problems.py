@@ -17,7 +17,7 @@ from mdm import (
     ModelError,
     load_system,
 )
-from mdm.config.problems import Problems
+from mdm.config.tables import Problems
 
 
 def test_all_mistakes_are_told_at_once(folder):

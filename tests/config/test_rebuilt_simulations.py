@@ -10,7 +10,8 @@ from records import Writing
 from sentences import refused
 
 from mdm.cli import main
-from mdm.config.simulations import Simulated, recorded_simulation
+from mdm.config.rebuilt import recorded_simulation
+from mdm.config.recorded import Simulated
 from mdm.errors import Error
 from mdm.recording import Record, Recorder
 from mdm.simulation import simulate

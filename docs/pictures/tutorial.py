@@ -17,8 +17,8 @@ from PIL import Image
 
 from mdm.messages import PoseUpdate
 from mdm.views.canvas import pyplot
+from mdm.views.figures import grid_figure
 from mdm.views.floor import FloorView, Mark
-from mdm.views.grid import grid_figure
 
 HERE = Path(__file__).parent
 STEPS = HERE.parent.parent / "examples" / "tutorial"

@@ -16,7 +16,7 @@ from mdm.messages import ActionLife, Decision, Fault, PredicateUpdate
 from mdm.views.floor import FloorView, Mark
 
 if TYPE_CHECKING:
-    from mdm.views.film import Film
+    from mdm.views.floor import Film
     from mdm.views.palette import Palette
 
 PICTURES = 2  # a second, in a film

@@ -23,8 +23,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import mdm
-from mdm.views.film import Film
-from mdm.views.floor import FloorView
+from mdm.views.floor import Film, FloorView
 from mdm.views.palette import Palette
 
 HERE = Path(__file__).parent

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from mdm.messages import Fault
-    from mdm.snapshots.spells import Told
+    from mdm.snapshots.oddities import Told
 
 __all__ = ["KINDS", "Event", "Ring", "event_of", "predicate_event", "remedy_of", "spell_event", "value_of"]
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from mdm.messages import Fault
     from mdm.runtime import Histogram, Runtime
     from mdm.runtime.observing import Guard
-    from mdm.snapshots.spells import Told
+    from mdm.snapshots.oddities import Told
 
 __all__ = ["LiveRun"]
 
@@ -152,7 +152,8 @@ class _Ensemble:
             life = living[number]
             time = life.action.time if reducer.heard is None else now
             found.append(ActionLife(time, self.path, number, life.name, "running"))
-        reducer.heard = now
+        if lost or mode is None:
+            reducer.heard = now
         return sorted(found, key=lambda message: message.time)
 
     def frame(self, seconds: Callable[[int], float], now: int) -> EnsembleFrame:
@@ -275,9 +276,8 @@ class LiveRun(Observer):
         self._take(idle, urgent=True)
 
     def on_life(self, life: ActionLife) -> None:
-        """Show that an action has begun or ended, where its ensemble is known; else it is caught up with."""
-        if life.ensemble in self._by_path:
-            self._take(life, urgent=False)
+        """Show that an action has begun or ended."""
+        self._take(life, urgent=False)
 
     def on_fault(self, fault: Fault) -> None:
         """Show a fault."""

@@ -29,12 +29,12 @@ from mdm.snapshots.oddities import (
     WINDOW,
     Ended,
     Seen,
+    Spells,
     lasting,
     lasts_long,
     repeated,
     unmoved,
 )
-from mdm.snapshots.spells import Spells
 from mdm.snapshots.words import (
     Wiring,
     at_state,
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
     from mdm.actors import Ensemble
     from mdm.models import Space
-    from mdm.snapshots.spells import Judged, Told
+    from mdm.snapshots.oddities import Judged, Told
 
 __all__ = ["EnsembleReducer", "Known", "Track", "expected_return", "known_of"]
 

@@ -21,7 +21,7 @@ def run(arguments: argparse.Namespace) -> int:
     pyplot()
     flaws: tuple[str, ...] = ()
     if arguments.picture == "bounds":
-        from mdm.views.bounds import bounds_figure  # noqa: PLC0415
+        from mdm.views.figures import bounds_figure  # noqa: PLC0415
 
         check_picture(arguments.output, *arguments.histories)
         figure = bounds_figure(arguments.histories)
@@ -44,8 +44,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _of_policy(arguments: argparse.Namespace) -> Any:
-    from mdm.views.belief import belief_figure, two_state_figure  # noqa: PLC0415
-    from mdm.views.grid import grid_figure  # noqa: PLC0415
+    from mdm.views.figures import (  # noqa: PLC0415
+        belief_figure,
+        grid_figure,
+        two_state_figure,
+    )
 
     policy, model = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments)
     if policy.input == "observation":

@@ -15,7 +15,7 @@ from mdm.replay import transports_of
 from mdm.runtime import run as run_program
 from mdm.snapshots import RecordedRun
 from mdm.views.web import PageServer
-from mdm.views.web.encryption import encryption
+from mdm.views.web.access import encryption
 from mdm.views.web.listening import LOOPBACK
 from mdm.views.web.server import websockets
 

@@ -65,7 +65,7 @@ def _page_options(arguments: argparse.Namespace) -> dict[str, Any] | None:
     if arguments.page is None:
         refuse_without_page(arguments)
         return None
-    from mdm.views.web.encryption import encryption  # noqa: PLC0415 - only where it is asked for
+    from mdm.views.web.access import encryption  # noqa: PLC0415 - only where it is asked for
 
     options = page_hosts(arguments, OPERATOR)
     encryption(**options)
@@ -79,7 +79,7 @@ def _add_pages(commands: Mapping[str, list[str]], port: int, *, control: bool) -
         Error: If there are not enough ports, or what serves pages is not installed.
     """
     from mdm.views.web.access import Access  # noqa: PLC0415 - only where it is asked for
-    from mdm.views.web.ports import next_free  # noqa: PLC0415
+    from mdm.views.web.listening import next_free  # noqa: PLC0415
     from mdm.views.web.server import PORT, websockets  # noqa: PLC0415
 
     websockets()

@@ -13,7 +13,7 @@ from urllib.parse import parse_qs, urlsplit
 import msgspec
 
 from mdm.errors import Error
-from mdm.views.web.encryption import trusting
+from mdm.views.web.access import trusting
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator

@@ -9,7 +9,7 @@ from mdm.checks import is_whole
 from mdm.errors import Error
 from mdm.runtime import Extension, VirtualClock
 from mdm.snapshots import LiveRun
-from mdm.views.web.encryption import encryption
+from mdm.views.web.access import encryption
 from mdm.views.web.listening import LOOPBACK
 from mdm.views.web.server import PORT, PageServer
 

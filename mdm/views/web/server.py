@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from mdm.errors import Error
-from mdm.views.web.access import HEADERS, Access
-from mdm.views.web.encryption import encryption
+from mdm.views.web.access import HEADERS, Access, encryption
 from mdm.views.web.listening import LOOPBACK, counted, listen
 from mdm.views.web.session import Aside, Reader
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mdm.views.web.ports import holder, in_use, next_free
+from mdm.views.web.listening import holder, in_use, next_free
 
 LISTENS = """
 import socket

@@ -8,8 +8,7 @@ from PIL import Image
 from sentences import refused
 
 from mdm.errors import Error
-from mdm.views.film import Film
-from mdm.views.floor import FloorView, Mark
+from mdm.views.floor import Film, FloorView, Mark
 
 
 def filmed(path, pictures):

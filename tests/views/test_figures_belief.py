@@ -10,7 +10,7 @@ from sentences import refused
 from mdm import BeliefTracker, Error, ModelError, load_model, load_policy
 from mdm.models import POMDP
 from mdm.policies import AlphaVectors
-from mdm.views.belief import belief_figure, state_name, two_state_figure
+from mdm.views.figures import belief_figure, state_name, two_state_figure
 
 pytest.importorskip("matplotlib")
 

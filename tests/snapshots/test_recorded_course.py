@@ -14,7 +14,7 @@ from mdm.beliefs import Support
 from mdm.messages import Decision
 from mdm.recording import Record
 from mdm.snapshots import RecordedRun
-from mdm.snapshots.course import POINTS, course_of, sampled
+from mdm.snapshots.recorded import POINTS, course_of, sampled
 from mdm.testing import run_virtual
 
 

@@ -6,7 +6,7 @@ import pytest
 from drawn import history
 
 from mdm import FormatError
-from mdm.views.bounds import bounds_figure
+from mdm.views.figures import bounds_figure
 
 pytest.importorskip("matplotlib")
 

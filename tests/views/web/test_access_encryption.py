@@ -17,7 +17,7 @@ from mdm import Error
 from mdm.team.transport.access import Access
 from mdm.team.transport.certificates import make_certificates
 from mdm.views.web import Page
-from mdm.views.web.encryption import encryption, trusting
+from mdm.views.web.access import encryption, trusting
 
 websockets = pytest.importorskip("websockets")
 pytest.importorskip("cryptography")

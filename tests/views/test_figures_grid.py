@@ -11,7 +11,7 @@ from mdm import ModelError, load_model, load_policy
 from mdm.models import MDP
 from mdm.policies import DeterministicPolicy
 from mdm.solvers import exact_values
-from mdm.views.grid import action_colours, grid_figure
+from mdm.views.figures import action_colours, grid_figure
 
 pytest.importorskip("matplotlib")
 

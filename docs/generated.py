@@ -385,7 +385,7 @@ SENT = (
         "at each step; the last one again, four times a lease",
     ),
     (
-        "ENSEMBLE/word",
+        "ENSEMBLE/update",
         ("mdm.team.communicating.Update",),
         "an agent of a communicating team, to all",
         "what its communication policy shares, once; its episode, once a lease and when agents come or go",

@@ -239,11 +239,13 @@ class Joined(_Stimulus, frozen=True, gc=False):
     """An agent of a team began its link to the others, in a life of this number.
 
     ``facts`` are those that must be the same at all agents, by name: they refuse each other where one differs.
+    ``protocol`` is the version of what the agent says to them.
     """
 
     agent: str
     incarnation: int
     facts: dict[str, str] = {}
+    protocol: int = 1
 
 
 class Opened(_Stimulus, frozen=True, gc=False):

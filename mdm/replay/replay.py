@@ -116,15 +116,18 @@ def transports_of(record: Record) -> dict[str, ReplayTransport]:
     """
     if "stimuli" not in record.topics:
         raise _no_beginning(record)
-    lives: dict[str, int] = {}
+    joined: dict[str, Joined] = {}
     unsent: dict[str, set[int]] = defaultdict(set)
     for each in record.messages(["stimuli"]):
         stimulus = each.message
         if isinstance(stimulus, Joined):
-            lives.setdefault(stimulus.agent, stimulus.incarnation)
+            joined.setdefault(stimulus.agent, stimulus)
         elif isinstance(stimulus, Unsent):
             unsent[stimulus.agent].add(stimulus.number)
-    return {agent: ReplayTransport(agent, life, frozenset(unsent[agent])) for agent, life in lives.items()}
+    return {
+        agent: ReplayTransport(agent, first.incarnation, frozenset(unsent[agent]), first.protocol)
+        for agent, first in joined.items()
+    }
 
 
 def replay(

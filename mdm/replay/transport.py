@@ -6,7 +6,7 @@ import asyncio
 from typing import TYPE_CHECKING
 
 from mdm.runtime.statistics import Latencies
-from mdm.team.transport.transport import Sample, TransportStatistics
+from mdm.team.transport.transport import PROTOCOL, Sample, TransportStatistics
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -27,14 +27,18 @@ class ReplayTransport:
         agent: The agent.
         incarnation: The number of its recorded life.
         unsent: The numbers of its messages that were held back.
+        protocol: The version of what it said.
 
     Attributes:
         exchange: What brings its messages to other agents that are replayed together with it, where there is one.
     """
 
-    def __init__(self, agent: str, incarnation: int, unsent: frozenset[int] = frozenset()) -> None:
+    def __init__(
+        self, agent: str, incarnation: int, unsent: frozenset[int] = frozenset(), protocol: int = PROTOCOL
+    ) -> None:
         self.agent = agent
         self.incarnation = incarnation
+        self.protocol = protocol
         self._unsent = unsent
         self._puts = 0
         self.exchange: Exchange | Otherwise | None = None

@@ -289,7 +289,8 @@ class CommunicatingLayer(TeamLayer):
     def __init__(self, team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> None:
         key = f"ensembles.{ensemble.name}"
         _check_options(ensemble, key)
-        super().__init__("talker", team, ensemble, link, placement)
+        first = link.transport.protocol == 1
+        super().__init__("talker" if first else "communicator", team, ensemble, link, placement)
         self._agents = acting(team, ensemble, placement)
         if self.ownership.owners != self._agents:
             raise ConfigError(
@@ -307,7 +308,9 @@ class CommunicatingLayer(TeamLayer):
         self.episode: Episode | None = None
         self.stops = Stops(team.names)
         self._configuration = link.configuration.token(ensemble.name)
-        self._key = link.key(ensemble.name, "word")
+        self._key = link.key(ensemble.name, "update")
+        if first:
+            self._key = join(team.name, self.agent, ensemble.name, "word")
         self.steps = Steps(self.knowledge, self._agents)
         self._first_tick: int | None = None
         self.stage = Stage.DECIDED
@@ -326,7 +329,8 @@ class CommunicatingLayer(TeamLayer):
         """Listen to the own layers and to the other agents."""
         self.stage, self._timer = Stage.DECIDED, None
         super().on_start()
-        self.listen(join(self.team.name, "*", self.ensemble.name, "word"), self._on_update)
+        channel = self._key.rpartition("/")[2]
+        self.listen(join(self.team.name, "*", self.ensemble.name, channel), self._on_update)
         self.every(1 / self.team.lease, lambda _: self._send())
         self.call_later(self.team.lease, self._begin)  # by when this agent has heard of an episode that there is
 

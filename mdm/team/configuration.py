@@ -177,7 +177,7 @@ def brief(ensemble: str, facts: Mapping[str, str]) -> dict[str, str]:
     return told
 
 
-def facts(team: Team, ensemble: Ensemble, ownership: Ownership, start: bytes) -> dict[str, str]:
+def facts(team: Team, ensemble: Ensemble, ownership: Ownership, start: bytes, protocol: int) -> dict[str, str]:
     """Return the facts of an ensemble, by name, which must be the same at every agent of a team.
 
     Args:
@@ -185,10 +185,11 @@ def facts(team: Team, ensemble: Ensemble, ownership: Ownership, start: bytes) ->
         ensemble: The ensemble.
         ownership: Its factors, and their owners.
         start: The copy as it begins.
+        protocol: The version of what the agents say to each other.
     """
     controller, own_deadline = ensemble.controller, ensemble.status().deadline
     return {
-        "program's version": __version__,
+        "program's version": __version__ if protocol == 1 else f"{__version__}, protocol {protocol}",
         "team's drive": "events" if team.period is None else f"a period of {team.period:g} s",
         "team's deadline": f"{team.deadline:g} s",
         "team's lease": f"{team.lease:g} s",

@@ -15,6 +15,7 @@ from mdm.messages import Control, Observation, State
 from mdm.models.digest import of_bytes
 from mdm.team.configuration import facts
 from mdm.team.transport.bounds import UNREADABLE, Name, Number, Offset, can_be
+from mdm.team.transport.transport import PROTOCOL
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -85,6 +86,7 @@ class Copy:
         ensemble: The ensemble that decides here.
         process: As this agent's control layer decides on it.
         ownership: The factors, and their owners.
+        protocol: The version of what the agents say to each other.
 
     Attributes:
         begun: Whether it was ever started.
@@ -92,7 +94,15 @@ class Copy:
         malformed: Parts that were none of its agent's; they count as missing.
     """
 
-    def __init__(self, team: Team, agent: str, ensemble: Ensemble, process: JointProcess, ownership: Ownership) -> None:
+    def __init__(
+        self,
+        team: Team,
+        agent: str,
+        ensemble: Ensemble,
+        process: JointProcess,
+        ownership: Ownership,
+        protocol: int = PROTOCOL,
+    ) -> None:
         self.ownership = ownership
         self.begun = False
         self.malformed = 0
@@ -110,7 +120,7 @@ class Copy:
         self._digest: str | None = None
         if ownership.takes != "state":
             self._kept = list(ownership.idle)
-        self.facts = facts(team, ensemble, ownership, self.snapshot())
+        self.facts = facts(team, ensemble, ownership, self.snapshot(), protocol)
 
     @property
     def running(self) -> bool:

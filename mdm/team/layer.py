@@ -86,7 +86,8 @@ class TeamLayer(Layer):
             ensemble.controller.step_by_step()
         self.ownership = Ownership(team, ensemble, placement)
         self.process = ensemble.follow(self, self.ownership.named(self.agent), acts=self.agent in agents)
-        self.copy = Copy(team, self.agent, ensemble, self.process, self.ownership)
+        protocol = link.transport.protocol
+        self.copy = Copy(team, self.agent, ensemble, self.process, self.ownership, protocol)
         link.configuration.add(ensemble.name, self.copy.facts)
         self.commits: Channel[Committed] | None = None
         self.lost: frozenset[str] = frozenset()

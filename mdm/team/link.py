@@ -140,8 +140,9 @@ class Link(Actor):
 
     def on_start(self) -> None:
         """Have failures of the transport's handlers be this actor's, and dropped messages reported."""
-        facts = dict(self.configuration.facts)
-        self.runtime.observers.tell(Joined, self.runtime.now(), self.agent, self.transport.incarnation, facts)
+        transport, facts = self.transport, dict(self.configuration.facts)
+        joined = (self.agent, transport.incarnation, facts, transport.protocol)
+        self.runtime.observers.tell(Joined, self.runtime.now(), *joined)
         self.transport.supervise(self.fail, self.report)
         turn: Subscription[Any] = Subscription(None, self, self._on_seen)
         self.transport.watch(lambda message: self.runtime.dispatcher.deliver(turn, message))

@@ -8,7 +8,7 @@ from team_records import recorded, repeated
 from team_robots import three
 
 from mdm.recording import Record
-from mdm.stimuli import Said, Stimulus
+from mdm.stimuli import Began, Received, Said, Stimulus
 from mdm.team import Team
 
 pytestmark = pytest.mark.usefixtures("recorded_here")
@@ -35,6 +35,26 @@ def test_each_agent_sends_what_it_sent(tmp_path, seed, options, ways):
     assert together.received > 50
     for name, messages in live.items():
         assert again[name][: len(messages)] == messages
+
+
+@pytest.mark.parametrize(
+    ("options", "key", "layers"),
+    [
+        ({}, "agreement/all", {"replica"}),
+        ({"mode": "centralised"}, "decision", {"centre", "outpost"}),
+        ({"mode": "communicating", "period": 0.1}, "word", {"talker"}),
+    ],
+)
+def test_records_of_the_first_protocol_are_repeated_by_its_names(tmp_path, monkeypatch, options, key, layers):
+    model, team = three(), Team("fire", ["one", "two", "three"], **options)
+    with monkeypatch.context() as before:
+        before.setattr("mdm.team.transport.network.PROTOCOL", 1)
+        recorded(team, model, tmp_path, 1)
+    stimuli = [each.message for each in Record(tmp_path / "two.mcap").messages(["stimuli"])]
+    assert f"mdm/fire/one/joint/{key}" in {each.key for each in stimuli if isinstance(each, Received)}
+    assert {each.actor.split("/")[-1] for each in stimuli if isinstance(each, Began)} & layers
+    together, _ = repeated(team, model, tmp_path)
+    assert together.same, (together.unlike[:1], [each.differences[:1] for each in together.agents.values()])
 
 
 @pytest.mark.parametrize("options", TEAMS)

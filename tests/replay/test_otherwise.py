@@ -163,7 +163,7 @@ def test_where_an_agent_would_share_otherwise_nothing_is_told_from_there_on(tmp_
     for name, result in together.agents.items():
         assert result.recorded < as_recorded.agents[name].recorded
         assert re.search(
-            r"(sends|sent) a message under mdm/fire/(one|two|three)/joint/word, and d", result.limit.reason
+            r"(sends|sent) a message under mdm/fire/(one|two|three)/joint/update, and d", result.limit.reason
         )
 
 

@@ -369,7 +369,7 @@ def test_who_returns_with_another_configuration_takes_no_part_and_says_why():
 def test_garbage_is_counted():
     async def main(runtime):
         left, right = await two(runtime)
-        right.member.link.send("mdm/tigers/right/joint/word", b"garbage", priority="step")
+        right.member.link.send("mdm/tigers/right/joint/update", b"garbage", priority="step")
         word = right.replica._send
         word((mdm.team.Experience(1, 99, 0),))
         word((mdm.team.Experience(1, 0, 0), mdm.team.Experience(1, 0, 1)))

@@ -64,6 +64,30 @@ def test_a_teammate_that_was_never_seen_is_told_once():
     run_virtual(main)
 
 
+@pytest.mark.parametrize("options", [{}, {"mode": "centralised"}, {"mode": "communicating", "period": 0.5}])
+@pytest.mark.parametrize("older", ["left", "right"])
+def test_agents_of_two_versions_of_the_protocol_refuse_each_other_in_one_sentence(options, older):
+    class Versions(Network):
+        def transport(self, agent, **options):
+            made = super().transport(agent, **options)
+            made.protocol = 1 if agent == older else 2
+            return made
+
+    async def main(runtime):
+        network = Versions(runtime.clock, team="tigers")
+        robots = await started(runtime, tigers(**options), network, over_beliefs(MODEL))
+        await asyncio.sleep(30.0)
+        version = mdm.__version__
+        there = {"left": f"{version}, protocol 2 at left", "right": f"{version}, protocol 2 at right"}
+        there[older] = f"{version} at {older}"
+        told = f"right cannot take part in the team: program's version is {there['right']} and {there['left']}"
+        for robot in robots:
+            assert [fault.detail for fault in robot.faults if fault.kind == "refused"] == [told]
+        assert robots[1].ensemble.mode == "stopped"
+
+    run_virtual(main)
+
+
 @pytest.mark.parametrize(
     ("theirs", "told"),
     [

@@ -1,4 +1,4 @@
-"""The outpost of a centralised team: the layer at each agent for which another one decides."""
+"""The follower of a centralised team: the layer at each agent for which another one decides."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class CentralisedFollower(TeamLayer):
     """
 
     def __init__(self, team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> None:
-        super().__init__("outpost", team, ensemble, link, placement)
+        super().__init__("outpost" if link.transport.protocol == 1 else "follower", team, ensemble, link, placement)
         self._key = link.key(ensemble.name, "part")
         self._controller = controlling(team, ensemble, placement)
         self.proposals = Proposals(replace=self.ownership.takes == "state")

@@ -1,4 +1,4 @@
-"""The centre of a centralised team: the layer at the agent that decides for all."""
+"""The leader of a centralised team: the layer at the agent that decides for all."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class CentralisedLeader(TeamLayer):
     """
 
     def __init__(self, team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> None:
-        super().__init__("centre", team, ensemble, link, placement)
+        super().__init__("centre" if link.transport.protocol == 1 else "leader", team, ensemble, link, placement)
         self._key = link.key(ensemble.name, "decision")
         self._taken: dict[str, tuple[int, int]] = {}
         self._ticks: dict[int, dict[str, bytes | None]] = {}

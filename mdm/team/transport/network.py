@@ -16,6 +16,7 @@ from mdm.errors import ConfigError, Error
 from mdm.team.transport.envelope import LARGEST, Packer, check_size
 from mdm.team.transport.keys import check_expression, check_name
 from mdm.team.transport.router import Router
+from mdm.team.transport.transport import PROTOCOL
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -187,6 +188,7 @@ class SimulatedTransport:
 
     def __init__(self, network: Network, agent: str, incarnation: int, largest: int) -> None:
         self.agent = agent
+        self.protocol = PROTOCOL
         self.incarnation = incarnation
         self.state: Literal["new", "open", "closed"] = "new"
         self.packer = Packer(agent, incarnation, network.clock.now, largest=largest)

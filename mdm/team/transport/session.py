@@ -26,7 +26,7 @@ from mdm.team.transport.keys import check_expression, check_name, join
 from mdm.team.transport.mailbox import Mailbox
 from mdm.team.transport.router import Router
 from mdm.team.transport.settings import check_endpoint, exposed, resolve, settings
-from mdm.team.transport.transport import DOUBLE, LONGEST_CLOSE
+from mdm.team.transport.transport import DOUBLE, LONGEST_CLOSE, PROTOCOL
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -149,6 +149,8 @@ class Session:
         self._questions: set[asyncio.Future[None]] = set()
         self._keys: dict[str, zenoh.KeyExpr] = {}
         self._router.serve(join(team, agent, _WHO), self._who)
+
+    protocol = PROTOCOL
 
     @property
     def identity(self) -> bytes:

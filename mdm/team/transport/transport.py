@@ -15,7 +15,15 @@ from mdm.runtime.statistics import Histogram
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-__all__ = ["DOUBLE", "LONGEST_CLOSE", "Priority", "Sample", "Traffic", "Transport", "TransportStatistics"]
+__all__ = ["DOUBLE", "LONGEST_CLOSE", "PROTOCOL", "Priority", "Sample", "Traffic", "Transport", "TransportStatistics"]
+
+PROTOCOL = 2
+"""The version of what agents say to each other, in beats from 2 on; agents of two versions refuse each other.
+
+In version 1 the updates of communicating teams were sent on the channel ``word``, and the layers of teams had other
+names: ``centre`` and ``outpost`` in centralised teams, ``talker`` in communicating ones. A record of that version is
+repeated with these.
+"""
 
 DOUBLE = "double"
 """The channel on which agents are asked for another process that has the name of one of them."""
@@ -98,6 +106,10 @@ class Transport(Protocol):
     @property
     def incarnation(self) -> int:
         """Which life of the agent this is; a later one has another number, a greater where no clock was set back."""
+
+    @property
+    def protocol(self) -> int:
+        """The version of what the agent says: `PROTOCOL`, or that of the record that is repeated."""
 
     async def open(self) -> None:
         """Take part; return once messages to the handlers given so far arrive wherever this agent is seen.

@@ -18,7 +18,6 @@ UNTESTED_ALONE = {
     "faults.py": "declares kinds alone, which test_reference compares with the code",
     "version.py": "a line: test_public",
     "stimuli.py": "declares messages: test_schemas",
-    "recording/part.py": "one file of a record: test_reader",
     "team/layer.py": "a base: the layers of each mode are tested",
     "actors/layer.py": "a base: its layers are tested",
     "team/centralised/messages.py": "declares messages: the leader and its followers are tested",

@@ -18,7 +18,7 @@ from mdm.formats.files import beginning, holds_policy
 from mdm.logic import Formula, parse, similar
 from mdm.messages import Fault
 from mdm.runtime import Actor, ActorFailure
-from mdm.runtime.process.emergency import check_emergency
+from mdm.runtime.process.watchdog import check_emergency
 from mdm.runtime.supervision import describe
 from mdm.runtime.time.clock import check_seconds
 from mdm.texts import texts_in

@@ -19,9 +19,8 @@ import numpy as np
 from mdm.errors import ModelError
 from mdm.estimation.chains import chains_of, joined
 from mdm.messages import Decision, Mode
-from mdm.recording.names import Names, names_of
 from mdm.recording.reader import Record
-from mdm.recording.table import rows
+from mdm.recording.table import Names, names_of, rows
 from mdm.stimuli import TRUE_STATE, Joined
 
 if TYPE_CHECKING:

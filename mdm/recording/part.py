@@ -9,6 +9,7 @@ next bytes that are a chunk whose checksum holds. The numbers of messages tell h
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import stat
@@ -16,17 +17,17 @@ import struct
 import zlib
 from collections import Counter
 from contextlib import suppress
-from typing import IO, TYPE_CHECKING, NamedTuple
+from functools import partial
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
-from mdm.errors import FormatError
-from mdm.recording.compression import COMPRESSIONS, decompressor
+from mdm.errors import Error, FormatError
 from mdm.recording.process import MAGIC
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
-__all__ = ["PART", "Attachment", "Gap", "Hole", "Part", "Topic", "number_in"]
+__all__ = ["COMPRESSIONS", "PART", "Attachment", "Gap", "Hole", "Part", "Topic", "decompressor", "number_in"]
 
 PART = "mdm.file"
 """The metadata that tell which file of a record it is."""
@@ -534,3 +535,45 @@ def _is_written(file: IO[bytes]) -> bool:
             return True
         fcntl.flock(file, fcntl.LOCK_UN)
     return False
+
+
+_MODULES = {"zstd": ("compression.zstd", "backports.zstd", "zstandard"), "lz4": ("lz4.frame",)}
+COMPRESSIONS = frozenset(_MODULES)
+"""The names that MCAP has for them."""
+
+
+def decompressor(compression: str) -> Callable[[bytes, int], bytes]:
+    """Return a function that decompresses a frame to a size.
+
+    What it returns is at most a byte longer, whatever the frame claims to hold, and it raises `ValueError` for what is
+    no whole frame.
+
+    Args:
+        compression: Its name, as MCAP has it.
+
+    Raises:
+        Error: If there is no module for it.
+    """
+    for name in _MODULES[compression]:
+        try:
+            module: Any = importlib.import_module(name)
+        except ImportError:
+            continue
+        return partial(_decompressed, name, module)
+    raise Error(
+        f"this record is compressed by {compression}, which needs a module for it: "
+        f"pip install 'markov-decision-making[record]'"
+    )
+
+
+def _decompressed(name: str, module: Any, data: bytes, size: int) -> bytes:
+    is_lz4 = name == "lz4.frame"
+    failures = (RuntimeError if is_lz4 else module.ZstdError, EOFError, MemoryError)
+    try:
+        frame = module.LZ4FrameDecompressor() if is_lz4 else module.ZstdDecompressor()
+        if name == "zstandard":
+            with frame.stream_reader(data) as reader:
+                return bytes(reader.read(size + 1))
+        return bytes(frame.decompress(data, size + 1))
+    except failures as error:
+        raise ValueError(str(error)) from None

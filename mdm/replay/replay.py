@@ -18,12 +18,9 @@ from mdm.errors import Error
 from mdm.recording import Record
 from mdm.recording.part import Gap
 from mdm.recording.recorder import environment
-from mdm.replay.difference import Difference
 from mdm.replay.driver import Driver, ReplayClock
-from mdm.replay.exchange import Exchange
-from mdm.replay.otherwise import Otherwise
-from mdm.replay.player import Player
-from mdm.replay.traffic import Limit, Traffic
+from mdm.replay.exchange import Exchange, Limit, Otherwise, Traffic
+from mdm.replay.player import Difference, Player
 from mdm.replay.transport import ReplayTransport
 from mdm.runtime import Actor, Runtime, run
 from mdm.stimuli import Began, Finished, Joined, Received, Unsent

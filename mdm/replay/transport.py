@@ -11,9 +11,7 @@ from mdm.team.transport.transport import PROTOCOL, Sample, TransportStatistics
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from mdm.replay.exchange import Exchange
-    from mdm.replay.otherwise import Otherwise
-    from mdm.replay.traffic import Life
+    from mdm.replay.exchange import Exchange, Life, Otherwise
     from mdm.stimuli import Asked, Received
     from mdm.team.transport.transport import Priority
 

@@ -1,7 +1,7 @@
 """The runtime: actors, channels, turns, clocks, supervision. It knows nothing of Markov models."""
 
 from mdm.runtime.actor import Actor
-from mdm.runtime.channel import Channel, Subscription
+from mdm.runtime.channel import Channel, Overflow, Stream, Subscription
 from mdm.runtime.dispatcher import Dispatcher
 from mdm.runtime.extension import Extension
 from mdm.runtime.observing import Observer
@@ -17,7 +17,6 @@ from mdm.runtime.statistics import (
     LogStatistics,
     LoopStatistics,
 )
-from mdm.runtime.stream import Overflow, Stream
 from mdm.runtime.supervision import ActorFailure, Restart, Supervision
 from mdm.runtime.time.clock import Clock, Timer, WallClock
 from mdm.runtime.time.scheduler import Ticker

@@ -15,17 +15,14 @@ import msgspec
 from mdm.checks import check_flag
 from mdm.errors import Error
 from mdm.messages import Decision, Fault, Idle, Mode, StateChange
-from mdm.runtime.actor import Actor, descendants
+from mdm.runtime.actor import Actor, Sharing, descendants
 from mdm.runtime.channel import Channel, Subscription
 from mdm.runtime.dispatcher import Dispatcher
-from mdm.runtime.executors import unwatch, watch
 from mdm.runtime.extension import Extension, extension_of
 from mdm.runtime.observing import Guard, Observer, Observers, name_of
-from mdm.runtime.process.emergency import Emergency, check_emergency
 from mdm.runtime.process.log import FirstFailures, Log
 from mdm.runtime.process.signals import Signals
-from mdm.runtime.process.watchdog import Watchdog, check_watch
-from mdm.runtime.sharing import Sharing
+from mdm.runtime.process.watchdog import Emergency, Watchdog, check_emergency, check_watch
 from mdm.runtime.statistics import (
     ActorStatistics,
     ChannelStatistics,
@@ -36,7 +33,7 @@ from mdm.runtime.statistics import (
 from mdm.runtime.supervision import LEAVING, ActorFailure, describe, text_of
 from mdm.runtime.time.clock import Clock, WallClock, check_seconds
 from mdm.runtime.time.virtual import VirtualClock, VirtualEventLoop
-from mdm.runtime.work import hide
+from mdm.runtime.work import hide, unwatch, watch
 from mdm.stimuli import Finished
 
 if TYPE_CHECKING:

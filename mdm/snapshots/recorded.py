@@ -17,7 +17,7 @@ import numpy as np
 from mdm.errors import Error
 from mdm.messages import ActionLife, Decision, Fault, Idle, Journey, Mode, PoseUpdate, PredicateUpdate, StateChange
 from mdm.models import Space
-from mdm.recording.names import Names, names_of
+from mdm.recording.table import Names, names_of
 from mdm.replay import replay
 from mdm.snapshots.beliefs import chances_of
 from mdm.snapshots.events import event_of, predicate_event, spell_event

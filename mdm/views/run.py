@@ -9,7 +9,7 @@ import numpy as np
 
 from mdm.errors import Error
 from mdm.messages import ActionLife, Decision, Fault, Mode
-from mdm.recording.names import Names, names_of
+from mdm.recording.table import Names, names_of
 from mdm.views.canvas import pyplot
 
 if TYPE_CHECKING:

@@ -14,8 +14,7 @@ from mdm.actors.actions.lives import Lives
 from mdm.actors.safety.liveness import Liveness
 from mdm.actors.safety.modes import Stage
 from mdm.actors.safety.safety import Safety
-from mdm.runtime.executors import Jobs, _Job
-from mdm.runtime.work import Work
+from mdm.runtime.work import Jobs, Work, _Job
 
 MOST = 1000
 """Scenarios in which a planted fault is found."""

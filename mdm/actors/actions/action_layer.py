@@ -23,10 +23,10 @@ from mdm.errors import ConfigError, Error
 from mdm.messages import Action, ActionLife, ActionStatus
 from mdm.runtime import ActorStatistics, Histogram, Latencies
 from mdm.runtime.channel import Subscription
-from mdm.runtime.executors import OWNER, Jobs
 from mdm.runtime.handler import has_not_run
 from mdm.runtime.statistics import FULL
 from mdm.runtime.supervision import LEAVING, describe
+from mdm.runtime.work import OWNER, Jobs
 from mdm.stimuli import GoesOn, Over, Raised
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError
 from mdm.errors import Error
 from mdm.messages import ActionLife, Belief, Control, Observation, SensorUpdate, State
-from mdm.recording.names import Names, names_of
 from mdm.recording.reader import Record
+from mdm.recording.table import Names, names_of
 from mdm.stimuli import Ended, Said, Ticked
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from mdm.cli.report import as_json
 from mdm.config.rebuilt import different_entry, different_part, rebuilt, rebuilt_to_compare, replay_team
 from mdm.errors import Error, ModelError
 from mdm.recording import Record, records_of
-from mdm.recording.names import Names, names_of
+from mdm.recording.table import Names, names_of
 from mdm.replay import replay
 from mdm.replay.retraced import decisions_of, found, redecided, retraced
 from mdm.texts import counted

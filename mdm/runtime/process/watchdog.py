@@ -1,20 +1,23 @@
-"""The watchdog: a thread that checks that the event loop turns, and reports the code that holds it.
+"""The watchdog, a thread that checks that the event loop turns, and the emergency: the program's own last resort.
 
-It asks the loop, some twenty times a second, to call back. Without an answer it acts without the loop: it finds
-the stack of the loop's thread, writes to the log, and calls the emergency.
+The watchdog asks the loop, some twenty times a second, to call back. Without an answer it acts without the loop: it
+finds the stack of the loop's thread, writes to the log, and calls the emergency.
 """
 
 from __future__ import annotations
 
+import inspect
 import sys
 import threading
 import traceback
-from time import monotonic_ns
+from contextlib import suppress
+from time import monotonic, monotonic_ns
 from typing import TYPE_CHECKING
 
 from mdm.errors import Error
-from mdm.runtime.process.emergency import check_emergency
+from mdm.runtime.handler import check_plain
 from mdm.runtime.statistics import Latencies, LoopStatistics
+from mdm.runtime.supervision import describe
 from mdm.runtime.time.clock import check_seconds
 
 if TYPE_CHECKING:
@@ -22,7 +25,74 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import FrameType
 
-__all__ = ["Watchdog", "check_watch"]
+__all__ = ["Emergency", "Watchdog", "check_emergency", "check_watch"]
+
+_PATIENCE = 0.5
+
+
+class Emergency:
+    """Functions that make the robot safe by themselves, each called on a thread of its own.
+
+    No caller waits for them: one that takes long, or never ends, holds neither the event loop nor another one.
+
+    Args:
+        report: Takes a fault's detail, on any thread.
+        threads: Whether to use threads; where time is virtual, the functions are called at once.
+    """
+
+    def __init__(self, report: Callable[[str], object], *, threads: bool) -> None:
+        self._report = report
+        self._uses_threads = threads
+        self._functions: tuple[Callable[[], object], ...] = ()
+        self._threads: list[threading.Thread] = []
+
+    def add(self, function: Callable[[], object]) -> None:
+        """Have a function called, once each time, with those before it."""
+        if function not in self._functions:
+            self._functions += (function,)
+
+    def call(self, reason: str) -> None:
+        """Report why, and call all functions. From any thread."""
+        functions = self._functions
+        with suppress(Exception):  # be it for want of memory, it keeps no function from being called
+            self._report(reason if functions else f"{reason}, and no `emergency` was given to Runtime")
+        self._threads = [thread for thread in self._threads if thread.is_alive()]
+        for function in functions:
+            thread = threading.Thread(target=self._run, args=(function,), name="mdm:emergency", daemon=True)
+            try:
+                if not self._uses_threads:
+                    raise RuntimeError
+                thread.start()
+            except RuntimeError:  # no thread can be started, or none shall be
+                self._run(function)
+            else:
+                self._threads.append(thread)
+
+    def _run(self, function: Callable[[], object]) -> None:
+        try:
+            function()
+        except BaseException as error:
+            self._report(f"`emergency` failed: {describe(error)}")
+
+    def close(self) -> None:
+        """Give calls that are under way half a second to end."""
+        until = monotonic() + _PATIENCE
+        for thread in self._threads:
+            thread.join(max(0.0, until - monotonic()))
+
+
+def check_emergency(emergency: Callable[[], object]) -> None:
+    """Refuse an object that cannot be called as an emergency.
+
+    Raises:
+        Error: If it is no plain function, or needs arguments.
+    """
+    check_plain(emergency, "`emergency`")
+    with suppress(ValueError):  # of some functions in C no signature is known
+        try:
+            inspect.signature(emergency).bind()
+        except TypeError as error:
+            raise Error(f"`emergency` is called without arguments: {error}") from None
 
 
 _SHORTEST = 0.01

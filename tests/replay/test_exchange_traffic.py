@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mdm.replay.traffic import Limit, Sent, Side, Traffic
+from mdm.replay.exchange import Limit, Sent, Side, Traffic
 from mdm.stimuli import Began, Finished, Received
 
 

@@ -9,8 +9,8 @@ from records import Writing
 from sentences import refused
 
 from mdm.errors import FormatError
-from mdm.recording.names import Names, names_of
 from mdm.recording.reader import Record
+from mdm.recording.table import Names, names_of
 
 ROBOT = Names(states=("hall", "lab", "yard"), observations=("hear-left", "hear-right"))
 

@@ -10,7 +10,7 @@ from patience import PATIENCE
 from sentences import refused
 
 from mdm import Error, Runtime, run
-from mdm.runtime.process.emergency import Emergency
+from mdm.runtime.process.watchdog import Emergency
 from mdm.testing import probe, run_virtual
 
 

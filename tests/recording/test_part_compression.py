@@ -6,7 +6,7 @@ import pytest
 from sentences import refused
 
 from mdm.errors import Error
-from mdm.recording import compression
+from mdm.recording import part
 
 zstandard = pytest.importorskip("zstandard")
 lz4 = pytest.importorskip("lz4.frame")
@@ -17,7 +17,7 @@ FRAMES = {"zstd": zstandard.compress(DATA), "lz4": lz4.compress(DATA)}
 def there_is():
     """Return the modules that are installed, each with what it is for."""
     found = []
-    for kind, names in compression._MODULES.items():
+    for kind, names in part._MODULES.items():
         for name in names:
             try:
                 importlib.import_module(name)
@@ -31,8 +31,8 @@ def there_is():
 def codec(request, monkeypatch):
     """Return a frame, and what decompresses it, for each module."""
     kind, name = request.param
-    monkeypatch.setitem(compression._MODULES, kind, ("nothing.at.all", name))
-    return FRAMES[kind], compression.decompressor(kind)
+    monkeypatch.setitem(part._MODULES, kind, ("nothing.at.all", name))
+    return FRAMES[kind], part.decompressor(kind)
 
 
 def test_a_frame_is_decompressed(codec):
@@ -63,8 +63,8 @@ def test_what_is_no_frame_is_refused_or_short(codec, damage):
         assert str(error)
 
 
-@pytest.mark.parametrize("kind", sorted(compression.COMPRESSIONS))
+@pytest.mark.parametrize("kind", sorted(part.COMPRESSIONS))
 def test_without_a_module_the_way_out_is_told(monkeypatch, kind):
-    monkeypatch.setitem(compression._MODULES, kind, ("nothing.at.all",))
+    monkeypatch.setitem(part._MODULES, kind, ("nothing.at.all",))
     with refused(Error):
-        compression.decompressor(kind)
+        part.decompressor(kind)

@@ -9,7 +9,7 @@ import pytest
 from records import decision
 
 from mdm.messages import SensorUpdate
-from mdm.replay.difference import Difference, unlike
+from mdm.replay.player import Difference, unlike
 from mdm.stimuli import Said, Ticked
 
 BELIEF = np.array([0.25, 0.75])

@@ -13,7 +13,7 @@ from mdm.errors import Error
 from mdm.policies import AlphaVectors
 from mdm.recording import Record
 from mdm.replay import Together, replay_together
-from mdm.replay.traffic import Traffic
+from mdm.replay.exchange import Traffic
 from mdm.stimuli import Received
 from mdm.team import Team
 from mdm.team.communication import Always, OnChange, ValueOfCommunication

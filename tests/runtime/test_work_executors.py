@@ -11,7 +11,7 @@ from patience import PATIENCE
 from sentences import refused
 
 from mdm import Actor, Runtime, run
-from mdm.runtime.executors import Jobs
+from mdm.runtime.work import Jobs
 from mdm.testing import probe, run_virtual
 
 

@@ -22,7 +22,7 @@ def _command(name: str, line: str, about: str) -> Verb:
             argument("--ensemble NAME", "this ensemble of the team alone"),
             argument("--wait SECONDS", "how long to wait (default: 5)", seconds, default=5.0),
         ),
-        "team.commands",
+        "team.status:command",
         line=line,
     )
 
@@ -50,7 +50,7 @@ _VERBS = {
         "Run one agent of a team until Ctrl-C, SIGTERM, --seconds, or --epochs of its decisions.",
         "mdm team run examples/team/meeting.toml --agent ada",
         (*(each for each in RUN if each is not VIRTUAL), _FRESH),
-        "team.agent",
+        "team.up:run_agent",
         settings={"virtual": False},
         line="run one agent in this process",
     ),
@@ -118,7 +118,7 @@ _VERBS = {
                 default=[],
             ),
         ),
-        "team.certificates",
+        "team.file:certificates",
         line="make certificates to try a team with",
     ),
 }

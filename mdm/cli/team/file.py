@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mdm.cli.usage import UsageError
@@ -12,16 +13,17 @@ from mdm.errors import ConfigError, Error
 from mdm.runtime import VirtualClock
 from mdm.team import Network
 from mdm.team.storage import forget
+from mdm.team.transport.access import OPERATOR, ROUTER, access_of
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
     from mdm.config import System
     from mdm.models import MDP
     from mdm.team import Team
 
-__all__ = ["check_zenoh", "ensembles_of", "forget_state", "systems_of", "team_agents_of", "team_of"]
+__all__ = ["certificates", "check_zenoh", "ensembles_of", "forget_state", "systems_of", "team_agents_of", "team_of"]
 
 
 def team_of(file: str) -> Team:
@@ -131,3 +133,25 @@ def ensembles_of(file: str, team: Team) -> dict[str, list[str]]:
         for name in system.member.ensembles if system.member is not None else ():
             found.setdefault(name, []).append(agent)
     return found
+
+
+def certificates(arguments: argparse.Namespace) -> int:
+    """Write certificates to try a team with; return the exit status."""
+    from mdm.team.transport.certificates import make_certificates  # noqa: PLC0415 - for this verb alone
+
+    team = team_of(arguments.file)
+    hosts = {agent.name: [] if agent.reached is None else [_host(agent.reached)] for agent in team.agents}
+    if team.router is not None:
+        hosts[ROUTER] = [_host(team.router)]
+    hosts.setdefault(OPERATOR, []).extend(arguments.host)
+    kept = [name for name in hosts if Path(access_of(Path(arguments.output), name).certificate).exists()]
+    made = [name for name in make_certificates(arguments.output, hosts, days=arguments.days) if name not in kept]
+    print(f"{arguments.output}: certificates of an authority and {', '.join(made)}, valid for {arguments.days} days")
+    if kept:
+        print(f"{arguments.output}: those of {', '.join(kept)} stay as they are")
+    return 0
+
+
+def _host(endpoint: str) -> str:
+    """Return the host of an endpoint such as ``tls/robot1.local:7447``."""
+    return endpoint.partition("/")[2].rpartition(":")[0].strip("[]")

@@ -1,34 +1,42 @@
-"""``mdm team status``: how every agent of a team is."""
+"""``mdm team status``, ``start``, ``stop``, ``reset`` and ``release``: every agent of a team is asked, or told."""
 
 from __future__ import annotations
 
 import asyncio
 import sys
+from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from mdm.cli.report import as_json
-from mdm.cli.team.asker import asker_of, table
-from mdm.cli.team.file import team_of
+from mdm.cli.report import as_json, columns
+from mdm.cli.team.file import ensembles_of, team_of
 from mdm.config import load_team_file
 from mdm.errors import Error
+from mdm.logic import similar
 from mdm.runtime.statistics import Histogram
+from mdm.team.sharing import commanding
+from mdm.team.sharing.asking import asking
+from mdm.team.sharing.calls import ask
 from mdm.team.transport.access import OPERATOR, WARNING, days_left, ending
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterator
+    from collections.abc import AsyncIterator, Iterator
 
     from mdm.team import Team
+    from mdm.team.sharing.commanding import Confirmation
+    from mdm.team.transport.session import Session
 
-__all__ = ["run"]
+__all__ = ["command", "run"]
 
 _COLUMNS = (
     *("agent", "ensemble", "mode", "role", "term", "step", "digest"),
     *("late (ms)", "clock (ms)", "dropped", "sees", "action", "certificate (days)"),
 )
 _DAY = 86400.0
+_CONFIRMED = ("agent", "ensemble", "mode", "role", "term", "step", "confirmed")
+_ANSWER = 0.8
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -40,8 +48,9 @@ def run(arguments: argparse.Namespace) -> int:
         print(as_json({"team": team.name, "agents": found, "silent": silent}))
     elif found:
         rows = [_row(agent, name, status) for agent, ensembles in found.items() for name, status in ensembles.items()]
-        columns = _COLUMNS[: max(len(_COLUMNS) - 1, *map(len, rows))]  # the last where there are certificates
-        print("\n".join(table(columns, rows)))
+        count = max(len(_COLUMNS) - 1, *map(len, rows))  # the last where there are certificates
+        table = [_COLUMNS[:count], *([*row, *[""] * (count - len(row))] for row in rows)]
+        print("\n".join(line.rstrip() for line in columns(table)))
     troubles = [*_doubles(found, team), *_troubles(found)]
     described = load_team_file(arguments.file)
     own = None if described is None else days_left(described.access(OPERATOR))
@@ -93,14 +102,13 @@ def _ending(found: dict[str, dict[str, Any]], own: float | None) -> Iterator[str
 async def _ask(file: str, team: Team) -> dict[str, dict[str, Any]]:
     """Return each agent's answer about each of its ensembles."""
     found: dict[str, dict[str, Any]] = {}
-    async with asker_of(file, team) as asker:
-        questions = [(name, call) for name in asker.ensembles for call in ("status", "statistics")]
-        answers = dict(
-            zip(questions, await asyncio.gather(*(asker.ask(call, name) for name, call in questions)), strict=True)
-        )
-    for name in asker.ensembles:
-        figures = answers[name, "statistics"]
-        for agent, status in answers[name, "status"].items():
+    async with _asking(file, team) as (session, ensembles, live):
+        questions = [(name, call) for name in ensembles for call in ("status", "statistics") if live]
+        asked = (ask(session, team, call, ensemble=name, seconds=_ANSWER) for name, call in questions)
+        answers = dict(zip(questions, await asyncio.gather(*asked), strict=True))
+    for name in ensembles:
+        figures = answers.get((name, "statistics"), {})
+        for agent, status in answers.get((name, "status"), {}).items():
             figure = figures.get(agent)
             if isinstance(status, Error) or isinstance(figure, Error):
                 status = {"error": str(status if isinstance(status, Error) else figure)}  # noqa: PLW2901
@@ -172,3 +180,56 @@ def _milliseconds(seconds: float | None, sign: str = "") -> str:
 
 def _text(value: object) -> str:
     return "-" if value is None else str(value)
+
+
+def command(arguments: argparse.Namespace) -> int:
+    """Tell the team; return the exit status."""
+    team = team_of(arguments.file)
+    verb = arguments.team_verb
+    found = asyncio.run(_tell(arguments.file, team, verb, arguments.ensemble, arguments.wait))
+    print("\n".join(columns([_CONFIRMED, *map(_confirmed, found)])))
+    others = [one for one in found if not one.confirmed]
+    for one in others:
+        told = f"{one.ensemble}: agent {one.agent!r} did not confirm: {one.problem}"
+        print(f"mdm team {verb}: {told}", file=sys.stderr)
+    return 1 if others else 0
+
+
+def _confirmed(one: Confirmation) -> list[str]:
+    known = (one.mode, one.role, one.term, one.step)
+    return [one.agent, one.ensemble, *map(_text, known), "yes" if one.confirmed else "no"]
+
+
+async def _tell(file: str, team: Team, call: str, wanted: str | None, wait: float) -> list[Confirmation]:
+    """Send the command to the agents of each ensemble; return the status of each afterwards.
+
+    Raises:
+        Error: If nobody answers, or there is no such ensemble.
+    """
+    async with _asking(file, team) as (session, ensembles, live):
+        if wanted is not None and wanted not in ensembles:
+            hint = similar(wanted, ensembles) or f"; there are {', '.join(ensembles)}"
+            raise Error(f"team {team.name!r} has no ensemble {wanted!r}{hint}")
+        if not live:
+            raise Error(f"nobody runs the team {team.name!r}: no agent answers")
+        chosen = list(ensembles) if wanted is None else [wanted]
+        commands = (
+            commanding.command(session, team, call, ensemble=name, agents=ensembles[name], seconds=wait)
+            for name in chosen
+        )
+        return [one for each in await asyncio.gather(*commands) for one in each]
+
+
+@asynccontextmanager
+async def _asking(file: str, team: Team) -> AsyncIterator[tuple[Session, dict[str, list[str]], bool]]:
+    """Yield a session that asks a file's team, the agents of each of its ensembles, and whether any agent is there.
+
+    Where the file has certificates, the session shows that of the operator.
+    """
+    described = load_team_file(file)
+    reading = asyncio.create_task(asyncio.to_thread(ensembles_of, file, team))
+    try:
+        async with asking(team, None if described is None else described.access(OPERATOR)) as (session, live):
+            yield session, await reading, bool(live)
+    finally:
+        reading.cancel()

@@ -1,4 +1,4 @@
-"""``mdm team up``: run all agents of a team on this machine, a process each."""
+"""``mdm team up`` and ``run``: run all agents of a team on this machine, a process each, or one in this process."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.interruption import hear_interrupts
-from mdm.cli.robots.run import page_hosts, refuse_without_page
+from mdm.cli.robots.run import page_hosts, refuse_without_page, run as run_alone
 from mdm.cli.team.crew import Console, Crew
 from mdm.cli.team.file import check_zenoh, forget_state, sound_systems_of, team_of
 from mdm.errors import Error
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from mdm.team.team import Agent
 
-__all__ = ["check_ports", "run"]
+__all__ = ["check_ports", "run", "run_agent"]
 
 _SLACK = 15.0
 """Seconds that an agent's process may take to end, beside the limits of its ensembles."""
@@ -43,16 +43,21 @@ def run(arguments: argparse.Namespace) -> int:
     shown = _page_options(arguments)
     folder = None if arguments.decisions is None else _folder(arguments.decisions, team.names)
     if arguments.record is not None:
-        try:
-            Path(arguments.record).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            reason = "that is a file, and no folder" if isinstance(error, FileExistsError) else error.strerror
-            raise Error(f"records cannot be written to {arguments.record!r}: {reason}") from None
+        _make_folder(arguments.record, "records")
     if arguments.fresh:  # once: an agent that is started again after a failure remembers
         forget_state(arguments.file, team.names)
     commands = {agent: _command(arguments, agent, folder) for agent in team.names}
     pages = {} if shown is None else _add_pages(commands, arguments.page, control=arguments.page_control)
     return asyncio.run(_run(commands, arguments, patience, _team_page(pages, shown, Path(arguments.file).name)))
+
+
+def run_agent(arguments: argparse.Namespace) -> int:
+    """Run one agent, as ``mdm run FILE --agent NAME`` does; return the exit status."""
+    team = team_of(arguments.file)
+    if arguments.fresh and arguments.agent in team.names:
+        check_ports([team.agents[team.names.index(arguments.agent)]])  # one that lives there remembers
+        forget_state(arguments.file, [arguments.agent])
+    return run_alone(arguments)
 
 
 def _page_options(arguments: argparse.Namespace) -> dict[str, Any] | None:
@@ -122,14 +127,9 @@ def _folder(name: str, agents: Sequence[str]) -> Path:
     Raises:
         Error: If an agent's file is in it already, or it is none.
     """
-    folder = Path(name)
-    try:
-        if not name:
-            raise FileNotFoundError(0, "--decisions names no folder")
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        reason = "that is a file, and no folder" if isinstance(error, FileExistsError) else error.strerror
-        raise Error(f"decisions cannot be written to {name!r}: {reason}") from None
+    if not name:
+        raise Error("decisions cannot be written to '': --decisions names no folder")
+    folder = _make_folder(name, "decisions")
     for agent in agents:
         if (folder / f"{agent}.jsonl").exists():
             raise Error(f"{folder / agent}.jsonl is there already: name another folder, or remove it first")
@@ -139,6 +139,16 @@ def _folder(name: str, agents: Sequence[str]) -> Path:
             file.touch(exist_ok=False)
         except OSError as error:
             raise Error(f"decisions cannot be written to {file}: {error.strerror}") from None
+    return folder
+
+
+def _make_folder(name: str, content: str) -> Path:
+    folder = Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = "that is a file, and no folder" if isinstance(error, FileExistsError) else error.strerror
+        raise Error(f"{content} cannot be written to {name!r}: {reason}") from None
     return folder
 
 

@@ -12,9 +12,8 @@ import pytest
 from cli.team.test_up import CODE, PRINTING, pid
 from team.test_storage import KEPT
 
-from mdm.cli.team.agent import run as run_agent
 from mdm.cli.team.file import forget_state
-from mdm.cli.team.up import _command
+from mdm.cli.team.up import _command, run_agent
 from mdm.errors import Error
 from mdm.team.storage import path_of, write
 

@@ -459,7 +459,7 @@ class MixedAlphaVectors(_Vectors):
 
     def facts(self) -> dict[str, int | None]:
         """Return its sizes by name."""
-        return {**super().facts(), "vectors": sum(len(each.vectors) for each in self.sets if each is not None)}
+        return {**BeliefPolicy.facts(self), "vectors": sum(len(each.vectors) for each in self.sets if each is not None)}
 
     def packed(self) -> Packed:
         """Return its sizes and arrays."""

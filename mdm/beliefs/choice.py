@@ -91,21 +91,15 @@ class AdaptiveFilter(Filter):
 
     def step(self, action: int, observation: int) -> float:
         """Update by an action and an observation; return P(observation | belief, action)."""
-        probability = self._present.step(action, observation)
-        self._switch()
-        return probability
+        return self._switched(self._present.step(action, observation))
 
     def step_any(self, action: int, observations: Sequence[int]) -> float:
         """Update by an action and a set of possible observations; return their probability."""
-        probability = self._present.step_any(action, observations)
-        self._switch()
-        return probability
+        return self._switched(self._present.step_any(action, observations))
 
     def predict(self, action: int) -> float:
         """Predict: update by an action without an observation; return 1."""
-        probability = self._present.predict(action)
-        self._switch()
-        return probability
+        return self._switched(self._present.predict(action))
 
     def dense(self) -> Vector:
         """Return the belief as a new array of S numbers, read-only."""
@@ -125,18 +119,14 @@ class AdaptiveFilter(Filter):
         self._present = self._narrow if is_sparse else self._wide
         self._present.restore(held)
 
-    def _switch(self) -> None:
+    def _switched(self, probability: float) -> float:
+        """Change the filter where the support has become too large or small; return the probability of the step."""
         size = self._present.size
-        if self._present is self._narrow:
-            if size <= self._most:
-                return
-            other: SparseFilter | WideFilter = self._wide
-        elif size >= self._least:
-            return
-        else:
-            other = self._narrow
-        other.load(self._present.support())
-        self._present = other
+        if size > self._most if self._present is self._narrow else size < self._least:
+            other = self._wide if self._present is self._narrow else self._narrow
+            other.load(self._present.support())
+            self._present = other
+        return probability
 
 
 def chosen_filter(model: POMDP, *, fast: bool | None = None) -> Filter:

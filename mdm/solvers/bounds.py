@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 _BLIND_SWEEPS = 100_000
 _CLOSE = 1e-9
-"""How near blind policies and known states come to their limits, as a share of what rewards may add up to."""
+"""How near blind policies and known states come to their limits, as a share of the greatest sum of rewards."""
 _INFORMED_CLOSE = 2e-6
 """How near the fast informed bound comes to its limit, as a share of the range of its values."""
 _EACH = 15
@@ -78,7 +78,7 @@ def blind_values(dynamics: Dynamics, goes_on: Callable[[], bool] = lambda: True)
 
     Args:
         dynamics: The model; its discount is below 1.
-        goes_on: Asked before each sweep; False ends them, and what is left of the actions has rough bounds.
+        goes_on: Asked before each sweep; False ends them, and the other actions have rough bounds.
 
     Raises:
         ModelError: If the rewards are too large for numbers.
@@ -189,7 +189,7 @@ class InformedBound:
     Args:
         dynamics: A POMDP.
         joints: P(s', o | s, a) of each action, where it is not the model's own.
-        waiting: What such an observation does; by default nothing is left out.
+        waiting: The effect of such an observation; by default none is left out.
     """
 
     def __init__(
@@ -286,23 +286,7 @@ def qmdp(model: MDP, *, limits: Limits | None = None) -> Solution:
         ModelError: If the discount is 1, and the values have no bound; or the model has false negatives.
     """
     check_no_false_negatives(model, "QMDP")
-    with Limits() if limits is None else limits as run:
-        dynamics = Dynamics(model)
-        belief = model.initial_belief
-        for iterations, (table, bounds) in enumerate(known_states(dynamics, run.gap), 1):
-            upper = float((belief @ table).max()) if bounds else np.inf
-            if run.ends(-np.inf, upper, iterations=iterations, size=dynamics.num_actions):
-                break
-        else:
-            run.reason = "converged" if dynamics.discount < 1 else "exact"
-        return run.solution(
-            AlphaVectors(table.T, range(dynamics.num_actions), dynamics.num_actions),
-            "qmdp",
-            -np.inf,
-            upper,
-            iterations=iterations,
-            size=dynamics.num_actions,
-        )
+    return _solved(model, limits, "qmdp", known_states)
 
 
 @makes(AlphaVectors)
@@ -323,18 +307,27 @@ def fast_informed_bound(model: POMDP, *, limits: Limits | None = None) -> Soluti
         ModelError: If the discount is 1, and the values have no bound; or the model has false negatives.
     """
     check_no_false_negatives(model, "the fast informed bound")
+    return _solved(model, limits, "fib", _vectors)
+
+
+def _solved(
+    model: MDP,
+    limits: Limits | None,
+    solver: str,
+    vectors: Callable[[Dynamics, float], Iterator[tuple[Vector, bool]]],
+) -> Solution:
+    """Return the last vectors within the limits; ``vectors`` yields them, and whether they are bounds, for a gap."""
     with Limits() if limits is None else limits as run:
         dynamics = Dynamics(model)
         count, belief = dynamics.num_actions, model.initial_belief
-        for iterations, (table, bounds) in enumerate(_vectors(dynamics, run.gap), 1):
+        for iterations, (table, bounds) in enumerate(vectors(dynamics, run.gap), 1):
             upper = float((belief @ table).max()) if bounds else np.inf
             if run.ends(-np.inf, upper, iterations=iterations, size=count):
                 break
         else:
-            run.reason = "converged"
-        return run.solution(
-            AlphaVectors(table.T, range(count), count), "fib", -np.inf, upper, iterations=iterations, size=count
-        )
+            run.reason = "exact" if solver == "qmdp" and dynamics.discount == 1 else "converged"
+        policy = AlphaVectors(table.T, range(count), count)
+        return run.solution(policy, solver, -np.inf, upper, iterations=iterations, size=count)
 
 
 def _vectors(dynamics: Dynamics, gap: float) -> Iterator[tuple[Vector, bool]]:

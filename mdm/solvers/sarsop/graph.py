@@ -12,7 +12,7 @@ The graph lies in arrays that compiled code can fill; when they are full, they a
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
@@ -61,7 +61,7 @@ def layout_of(model: POMDP, dynamics: Dynamics, detections: JointDynamics | None
     Args:
         model: The model.
         dynamics: Its dynamics.
-        detections: What leads to detections, where observations are events or may be missed.
+        detections: The ways to detections, where observations are events or may be missed.
     """
     blocks = model.layout
     order: Indices = blocks.ravel()
@@ -108,7 +108,7 @@ def bytes_of_arrivals(detections: JointDynamics) -> int:
 
 
 def _arrivals(detections: JointDynamics, order: Indices) -> tuple[Rows, Rows, Long]:
-    """Return T to arrivals, what is observed at them, and their states; arrivals are ordered by observation."""
+    """Return T to arrivals, the observations at them, and their states; arrivals are ordered by observation."""
     size, place = len(order), _places(order)
     columns = [o * size + place[s] for o, s in map(detections.columns, range(detections.num_actions))]
     arrivals = np.unique(np.concatenate([[0], *columns]))  # one at least, where nothing is ever detected
@@ -211,11 +211,8 @@ _SIZED: dict[str, int] = {
 }  # fmt: skip
 """The count that limits the length of an array; ``informed`` has a row per node."""
 
-_FLOATS = {
-    "lower", "upper", "entropy", "binned", "reward", "edge_upper", "chance", "weight", "values", "point_value",
-    "point_drop",
-}  # fmt: skip
-_LONG = {"first_weight", "first_edge", "code", "first_outcome", "first_value", "first_link"}
+_KINDS: dict[Any, Any] = {Floats: np.float64, Integers: np.int32, Long: np.int64}
+"""The numbers of arrays, by the type of their field."""
 
 
 class Scratch(NamedTuple):
@@ -241,11 +238,9 @@ def new_graph(layout: Layout, bins: int) -> Graph:
     num_actions = len(layout.rewards)
     num_blocks = len(layout.first_state) - 1
     room = room_for(layout)
+    hints = get_type_hints(Graph)
     sized: dict[str, Any] = {
-        name: np.zeros(
-            2 * room[count] + 64, dtype=np.float64 if name in _FLOATS else np.int64 if name in _LONG else np.int32
-        )
-        for name, count in _SIZED.items()
+        name: np.zeros(2 * room[count] + 64, dtype=_KINDS[hints[name]]) for name, count in _SIZED.items()
     }
     return Graph(
         counts=np.zeros(8, dtype=np.int64),
@@ -339,7 +334,7 @@ def rows_of(graph: Graph, width: int) -> Floats:
 
 
 def without_beliefs(graph: Graph) -> Graph:
-    """Return the graph with its vectors and the best one of each node, but for what only trials need."""
+    """Return the graph with its vectors and the best one of each node, but for the arrays of trials alone."""
     names = [name for name, count in _SIZED.items() if count in (EDGES, OUTCOMES, WEIGHTS, POINTS)]
     none = {name: np.empty(0, dtype=getattr(graph, name).dtype) for name in (*names, "table", "code")}
     return graph._replace(**none, informed=np.empty((0, graph.informed.shape[1])))

@@ -112,7 +112,7 @@ def holds_policy(text: str) -> bool | None:
 def is_policy(path: str | Path) -> bool:
     """Return whether a text holds a policy, as all who read a model or a policy tell it; else it holds a model.
 
-    Content counts more than the suffix. What cannot be read is left to the reader that the suffix names.
+    Content counts more than the suffix. A file that cannot be read is left to the reader that the suffix names.
 
     Raises:
         FormatError: If it is neither.
@@ -180,7 +180,7 @@ def load_model(path: str | Path, *, sparse: bool | None = None, normalize: bool 
             only rows within 1e-4 of 1 are normalised, and others are an error.
 
     Raises:
-        FormatError: If the file cannot be read or is malformed, with the place and what was expected.
+        FormatError: If the file cannot be read or is malformed, with the place and the expected form.
     """
     reader: _Reader = format_of(_model_form(Path(path))).read
     if not normalize:

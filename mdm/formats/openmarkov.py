@@ -4,8 +4,8 @@ Chance variables at time slice 0 are state factors, decisions there are actions,
 decision at slice 1 are observations. Potentials are tables (the first variable changes fastest), uniform, or trees with
 labelled, shared branches. The format has no discount: it is 1, or the network's property ``Discount``.
 
-MADP finds a variable by the beginning of its name, within quotes of either kind; it cuts what ends with a bracket two
-characters before that, wherever it stands, and then the blanks, but for those after a first letter.
+MADP finds a variable by the beginning of its name, within quotes of either kind; it cuts a name that ends with a
+bracket two characters before that, wherever it stands, and then the blanks, but for those after a first letter.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def read(path: str | Path, *, sparse: bool | None = None) -> FactoredMDP | Facto
         sparse: Force CSR (True) or dense (False) matrices when it is flattened; None chooses.
 
     Raises:
-        FormatError: If the file is malformed, with the place and what was expected.
+        FormatError: If the file is malformed, with the place and the expected form.
     """
     source = Source(path)
     document = _Document(source)
@@ -435,7 +435,7 @@ _FOREIGN = "^\\s+|\\s+$|[\x00-\x1f\ud800-\udfff\ufffe\uffff]"
 _BRACKETS = r"\[(?=[^\[\]]*\]$)|\]+$"
 """A bracket that ends a name, with the one that it closes."""
 _SLICE = r"\s*\[[01]\]"
-"""What readers take for a time slice in a name."""
+"""Readers take this for a time slice in a name."""
 
 
 def write(model: MDP, path: str | Path) -> None:

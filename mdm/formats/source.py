@@ -1,4 +1,4 @@
-"""The text of a plain or gzipped file, its words, and their lines and columns; and what a reader left of it."""
+"""The text of a plain or gzipped file, its words, and their lines and columns; and the rest that a reader left."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ _PLACES = 3
 
 
 class Inventory:
-    """What was not carried over, each thing with its places, in the order of the file."""
+    """All that was not carried over, each thing with its places, in the order of the file."""
 
     def __init__(self) -> None:
         self._left: dict[tuple[str, str], list[str]] = {}
@@ -197,12 +197,12 @@ class Inventory:
         self._left.setdefault((what, why), []).append(place)
 
     def add(self, other: Inventory) -> None:
-        """Note what another reader has noted."""
+        """Note all that another reader has noted."""
         for (what, why), places in other._left.items():
             self._left.setdefault((what, why), []).extend(places)
 
     def lines(self) -> list[str]:
-        """Return a line for each thing: what, where and why."""
+        """Return a line for each thing, with its places and the reason."""
         return [
             f"{what}, of {', '.join(places[:_PLACES])}"
             + (f" and {len(places) - _PLACES} more" if len(places) > _PLACES else "")

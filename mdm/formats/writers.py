@@ -1,4 +1,4 @@
-"""What writers of files share: names as single words, distributions with the sums that the original tools ask for."""
+"""The common part of writers: names as single words, distributions with the sums that the original tools ask for."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Speller:
     Args:
         foreign: Matches characters that are not allowed in a name.
         words: Reserved words.
-        before: What is put before a word that may not stand as it is.
+        before: Put before a word that may not stand as it is.
         first: Matches the characters that a name may begin with; None for any that is allowed in it.
     """
 

@@ -45,7 +45,7 @@ def read(path: str | Path, model: MDP | None = None) -> MaskedAlphaVectors | Mix
         model: The policy's model; without it, the largest state is taken as the last one.
 
     Raises:
-        FormatError: If the file is malformed, with the line and what was expected.
+        FormatError: If the file is malformed, with the line and the expected form.
     """
     source = Source(path)
     mixed, planes = _Reader(source, None if model is None else len(model.action_space)).planes()

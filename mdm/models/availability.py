@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     Mask: TypeAlias = npt.NDArray[np.bool_]
 
 HINT = "an action that is not available in a state is said by available= of mdm.models.MDP and POMDP, and kept in .npz"
-"""What to do with a reward of -inf, for the end of an error."""
+"""The way out of a reward of -inf, for the end of an error."""
 
 
 def availability(given: Available | None, states: Space, actions: Space) -> Mask | None:

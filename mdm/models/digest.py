@@ -75,7 +75,7 @@ def digest(model: MDP) -> str:
 
 
 def parts(model: MDP) -> dict[str, str]:
-    """Return what a model is made of, by names in words: numbers and symbols as they are, and digests of arrays.
+    """Return the parts of a model, by names in words: numbers and symbols as they are, and digests of arrays.
 
     There are at most some seventy, whatever the model: beyond 32 actions, one is of the matrices of all actions.
     """
@@ -233,7 +233,7 @@ def _differing(then: MDP, now: MDP) -> Iterator[str]:
 
 
 def _first(was: Any, is_now: Any) -> tuple[int, int, str] | None:
-    """Return row and column of the first entry of two matrices that differs, and what it was and is."""
+    """Return row and column of the first entry of two matrices that differs, and its old and new value in words."""
     if was.ndim != 2 or was.shape != is_now.shape:
         return None
     if is_compressed(was) != is_compressed(is_now):

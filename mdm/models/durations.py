@@ -3,11 +3,11 @@
 A semi-Markov decision process decides when an action is over. Its action lasts a random time tau, and a reward is worth
 the discount to the power of the seconds that have gone by since the start. `in_time` gives the Markov decision process
 with the same values: each transition is taken with the share D(s, a) / max D, where D is the expectation of the
-discount to the power of tau, and what is left of its probability ends in a state of no reward (M. L. Puterman, *Markov
+discount to the power of tau, and the rest of its probability ends in a state of no reward (M. L. Puterman, *Markov
 Decision Processes*, 1994, section 11.3, has the values). It is for solving alone: beliefs move with the model itself.
 
-A reward that is paid by time, at a rate r(s, a), adds its expected discounted integral to that of an action: r(s, a)
-(1 - D(s, a)) / alpha, where the discount of a time t is exp(-alpha t) (ibid., section 11.3.1).
+A reward that is paid by time, at a rate r(s, a), adds its expected discounted integral to that of an action: r(s, a) (1
+- D(s, a)) / alpha, where the discount of a time t is exp(-alpha t) (ibid., section 11.3.1).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
 
 OVER = "over"
-"""The name of the state that takes up what time has discounted."""
+"""The name of the state that takes up the part that time has discounted."""
 
 
 class Durations:
@@ -43,7 +43,7 @@ class Durations:
         means: The expected seconds: S x A numbers, A numbers for all states alike, or one for all.
         stages: The number of stages, from 1, in the same forms.
         rates: The reward of each second, beside that of the model, which is paid once an action; in the same forms.
-        of: What means and rates count: ``"second"``, or ``"step"`` for steps of the model.
+        of: The unit of means and rates: ``"second"``, or ``"step"`` for steps of the model.
 
     Raises:
         ModelError: If a mean is not positive, a number of stages is no whole number from 1, or a rate is not finite.
@@ -64,7 +64,7 @@ class Durations:
         if of not in ("step", "second"):
             raise ModelError(f"durations are of 'second' or of 'step', not {of!r}")
         self.of = of
-        """What means and rates count."""
+        """The unit of means and rates."""
         self.means: Vector = read_only(numbers(means, "the durations"))
         """The expected times, as they were given."""
         counts = numbers(stages, "the stages")
@@ -180,7 +180,7 @@ def discounts_in_time(model: MDP, durations: Durations) -> Vector:
 
 
 def paid_in_time(model: MDP, durations: Durations) -> MDP:
-    """Return a model that pays at each decision what its action is expected to earn by time, too.
+    """Return a model that pays at each decision the expected pay by time of its action, too.
 
     Raises:
         ModelError: As of `discounts_in_time`.
@@ -244,7 +244,7 @@ def in_time(model: MDP, durations: Durations) -> MDP:
 
 
 def _scaled(matrix: Matrix, shares: Vector) -> Matrix:
-    """Return a transition matrix with so much of each row, what is left of it in a column more, and an end."""
+    """Return a transition matrix with so much of each row, the rest of it in a column more, and an end."""
     given, count = csr(matrix), len(shares)
     every = np.arange(count)
     before = np.repeat(every, np.diff(given.indptr))

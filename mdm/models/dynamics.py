@@ -2,7 +2,7 @@
 
 The matrices of all actions lie below each other in CSR (`Rows`); one that several actions share is there once. Compiled
 functions take such rows as they are. Products take them as one matrix, dense where much of it is not zero
-(`Dynamics.matrix`). What an action and an observation lead to together is one matrix per action (`Dynamics.joint`).
+(`Dynamics.matrix`). The states that follow an action and an observation are one matrix per action (`Dynamics.joint`).
 Each form is made when it is first asked for.
 """
 
@@ -72,7 +72,7 @@ def stacked(matrices: Sequence[Matrix]) -> Rows:
 
 
 def once(matrices: Sequence[Matrix], make: Callable[[Matrix], Any]) -> list[Any]:
-    """Return what a function makes of each matrix; it is called once for one that several actions share."""
+    """Return the result of a function of each matrix; it is called once for one that several actions share."""
     kept, places = distinct(matrices)
     made = [make(matrix) for matrix in kept]
     return [made[place] for place in places]
@@ -161,7 +161,7 @@ class Dynamics:
     def observations(self) -> Rows:
         """P(o | a, s'): a row over o for each s'. Of events P(o | s, a, s'), for each entry of the action's T.
 
-        Rows of events have one more column, for what is left to no observation at all.
+        Rows of events have one more column, for the rest, without any observation.
         """
         model = self._pomdp
         if model.events is None:
@@ -277,7 +277,7 @@ class Dynamics:
     def joint(self, action: int) -> Joint:
         """Return P(s', o | s, a) of an action.
 
-        What events leave to no observation at all is one more observation, the last.
+        The part that events leave to no observation at all is one more observation, the last.
         """
         before, after, chances = _entries(self.transitions, self.transitions.first[action], self.num_states)
         first = self.observations.first[action]

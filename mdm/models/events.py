@@ -5,11 +5,11 @@ the probability that nothing is observed (real models leave a few per cent open)
 as given. A sum above 1 is an error; a validation that collects problems normalises it.
 
 Any number of steps in which nothing is detected may precede an event that is. Let H_o(s, s') = T(s, a, s') P(o | s, a,
-s'), and N be the steps without a detection: H_f of the false negative f, and what events leave to no observation, T
-minus the sum of all H_o. Then the transition to the next detected event is one step of H_o after 0, 1, 2, ... steps of
-N. The powers of N add up to its resolvent (I - N)^-1 (J. V. Messias, M. T. J. Spaan and P. U. Lima, *Asynchronous
-execution in multiagent POMDPs: reasoning over partially-observable events*, MSDM 2013), which is factorised once per
-action.
+s'), and N be the steps without a detection: H_f of the false negative f, and the part that events leave to no
+observation, T minus the sum of all H_o. Then the transition to the next detected event is one step of H_o after 0, 1,
+2, ... steps of N. The powers of N add up to its resolvent (I - N)^-1 (J. V. Messias, M. T. J. Spaan and P. U. Lima,
+*Asynchronous execution in multiagent POMDPs: reasoning over partially-observable events*, MSDM 2013), which is
+factorised once per action.
 """
 
 from __future__ import annotations
@@ -261,7 +261,7 @@ def _divisors(sums: Vector) -> Vector:
 
 
 def _left(sums: Vector) -> Vector:
-    """Return what sums leave to 1, without what is rounding."""
+    """Return the rest of sums to 1, without rounding."""
     left = 1 - sums
     return np.where(left > ROUNDING, left, 0.0)
 

@@ -82,7 +82,7 @@ class MDP:
     observation_space: Space | None = None
     """The observations; None in an MDP."""
     discount_of: Unit = "step"
-    """What the discount is of: ``"step"``, the seconds of a step, or ``"second"``, for actions that take time."""
+    """The time of the discount: ``"step"``, the seconds of a step, or ``"second"``, for actions that take time."""
     sparse: bool | None = None
     """Whether the matrices of a factored model are CSR or dense, where that is forced; else None."""
     network: TwoSliceNetwork | None = None
@@ -235,8 +235,8 @@ class MDP:
 
         Args:
             discount: In (0, 1].
-            of: What it is of: ``"step"``, the seconds of a step, or ``"second"``, for a model whose actions take the
-                time that `Durations` say. By default what it was.
+            of: Its time: ``"step"``, the seconds of a step, or ``"second"``, for a model whose actions take the
+                time that `Durations` say. By default the old one.
         """
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
@@ -281,7 +281,7 @@ class MDP:
         return other
 
     def bare(self) -> Self:
-        """Return the same model without what was made of it, to send to another process; a flat model is itself."""
+        """Return the same model without the things made of it, to send to another process; a flat model is itself."""
         return self
 
     def flatten(self) -> MDP:
@@ -310,7 +310,7 @@ class MDP:
 
     @property
     def is_flattened(self) -> bool:
-        """Whether its matrices have been made; those of a flat model are what it is."""
+        """Whether its matrices have been made; a flat model is its matrices."""
         return True
 
     def step_by_step(self) -> Self:
@@ -321,7 +321,7 @@ class MDP:
         return self
 
     def revealed(self) -> MDP:
-        """Return the model whose observations include what is fully observed (`POMDP.revealed`); an MDP is itself."""
+        """Return the model whose observations include fully observed factors (`POMDP.revealed`); an MDP is itself."""
         return self
 
     def marginalize(self, factor: str) -> MDP:

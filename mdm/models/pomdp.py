@@ -55,7 +55,7 @@ class POMDP(MDP):
         observation_names: Names of the observations, their number, or a `Space` with a factor per agent.
         event_observations: Whether ``observations`` are those of events, P(o | s, a, s').
 
-    The other arguments are those of `MDP`. What has just been observed has to tell which actions are available.
+    The other arguments are those of `MDP`. The last observation has to tell which actions are available.
 
     Raises:
         ModelError: If shapes do not fit or numbers are not probabilities.
@@ -288,7 +288,7 @@ class POMDP(MDP):
         return self._false_negative is not None or self._rest(self.action_space.index(action)) is not None
 
     def _rest(self, action: int) -> Matrix | None:
-        """Return what counts as no observation at all: P(s', nothing | s, a); None where there is no such step."""
+        """Return the part without any observation: P(s', nothing | s, a); None where there is no such step."""
         if self._tells_all or not self.event_observations:
             return None
         assert self.events is not None

@@ -1,4 +1,4 @@
-"""What a discount, and the time of an action, is of: a step of the model, or a second.
+"""The unit of a discount, and of the time of an action: a step of the model, or a second.
 
 A step is ``"step"`` where nobody said how long it takes, else its seconds. ``"second"`` is for models whose steps take
 the time that `Durations` say: without these nothing is known of a step.

@@ -21,7 +21,7 @@ class Problem(NamedTuple):
         text: The problem, in a sentence.
         is_sum: Whether a distribution does not sum to 1, but can be normalised.
         is_remark: Whether it is an oddity, which is allowed.
-        at: What it is of, by which the reader of a file finds its place; None once it says so.
+        at: Its subject, by which the reader of a file finds its place; None once it says so.
     """
 
     text: str
@@ -40,7 +40,7 @@ _COLLECTION: ContextVar[_Collection | None] = ContextVar("collection", default=N
 
 @contextmanager
 def collect_problems(*, sums_only: bool = False) -> Iterator[list[Problem]]:
-    """Collect problems instead of raising errors while a model is read or made; what can be repaired is repaired.
+    """Collect problems instead of raising errors while a model is read or made; repairing where possible.
 
     Args:
         sums_only: Collect only distributions that can be normalised; any other problem raises an error.
@@ -61,7 +61,7 @@ def placing(fail: Callable[[Any, str], NoReturn]) -> Iterator[None]:
     """Give the first few problems that are collected in the block their places in the file that is read.
 
     Args:
-        fail: Raises an error with the place of what a problem is of, and its text.
+        fail: Raises an error with the place of a problem's subject, and its text.
     """
     collection = _COLLECTION.get()
     problems = [] if collection is None else collection.problems

@@ -123,8 +123,8 @@ def evaluate(
         episodes: The number of episodes; by default 10,000, or 1,000 if they run one at a time.
         steps: Decisions per episode.
         seed: The same seed gives the same result; by default it is random.
-        durations: How long actions take, and what they earn by time. Times are not drawn: what comes after an action
-            counts by the expectation of the discount. By default all take one time step.
+        durations: How long actions take, and how much they earn by time. Times are not drawn: rewards after an action
+            count by the expectation of the discount. By default all take one time step.
         progress: Called at each time step with how many episodes have ended, and of how many; where it returns True,
             the result is of those that are known by then, which may be none.
 

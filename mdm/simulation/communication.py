@@ -72,7 +72,7 @@ def evaluate_communication(
     Args:
         model: The team's model, or the path of its file.
         policy: A policy of the team over beliefs, the same for all agents; see `Controller`.
-        communication: What an agent shares when. Each agent has a copy of its own in each episode.
+        communication: Decides which experience an agent shares when. Each agent has a copy of its own in each episode.
         episodes: The number of episodes.
         steps: Decisions per episode.
         delay: The steps that a message takes.
@@ -188,7 +188,7 @@ class _Team:
         return total, messages
 
     def _talk(self, step: int) -> int:
-        """Deliver what has arrived, and let all share until nobody has anything to say; return how many messages."""
+        """Deliver the messages of a step, and let all share until nobody has more to say; return how many messages."""
         self._deliver(step)
         asked, messages = set(range(len(self._agents))), 0
         while asked:
@@ -207,7 +207,7 @@ class _Team:
         return messages
 
     def _deliver(self, step: int) -> set[int]:
-        """Deliver what arrives at a step; return who heard something."""
+        """Deliver the messages of a step; return who heard something."""
         arrived = self._under_way.pop(step, [])
         for agent, history in arrived:
             self._agents[agent].hear(history)

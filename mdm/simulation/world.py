@@ -29,7 +29,7 @@ _LONGEST = 10_000
 class World(Actor):
     """A simulated world for an ensemble. Start it before the ensemble.
 
-    What it pays for a decision is told on the channel ``true_reward`` of the ensemble, which records keep.
+    Its payments for decisions are told on the channel ``true_reward`` of the ensemble, which records keep.
     After each decision it samples the next state and, for a POMDP, an observation. It sets the sensors of the
     ensemble's state factors, or raises the events of its observation factors; if there are none that code may set, it
     publishes on the ensemble's channels. For a `MixedPOMDP` it sets the initial belief to what is observed of the first
@@ -45,8 +45,8 @@ class World(Actor):
         seed: The seed of the samples.
         period: Seconds from an action to its outcome; 0 for the same turn. A fixed-rate ensemble sees outcomes at its
             ticks, whatever the period.
-        durations: How long actions take, and what they earn by time, in place of a period. A step of which nobody said
-            how long it takes is a second. An action that another one replaces before it is over has no outcome, and the
+        durations: How long actions take, and how much they earn by time, in place of a period. A step of unknown length
+            is a second. An action that another one replaces before it is over has no outcome, and the
             other one begins in the same state.
         steps: Decisions per episode; by default the ensemble's horizon. An episode also ends with the policy's plan.
         finished: Called with each episode's discounted return. Without it a period of 0 has an end in virtual time:
@@ -214,7 +214,7 @@ class World(Actor):
         self.moves += 1
 
     def _earn(self, until: float) -> None:
-        """Earn what is paid by time, for the action that has gone on until some second of the episode."""
+        """Earn the pay by time, for the action that has gone on until some second of the episode."""
         if self._rates is None or self._since is None:
             return
         (began, state, action), self._since = self._since, None

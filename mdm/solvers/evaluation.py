@@ -44,7 +44,7 @@ def exact_values(
         model: The model.
         policy: The policy.
         steps: Decisions; by default there is no end.
-        durations: How long actions take, and what they earn by time.
+        durations: How long actions take, and how much they earn by time.
 
     Raises:
         ModelError: If the values have no bound, or the durations do not fit the model.
@@ -76,7 +76,7 @@ def state_values(
         model: The model; the states of a POMDP are taken as known.
         policy: The policy, by its ``weights``.
         steps: Decisions; by default those that it has stages for, or there is no end.
-        durations: How long actions take, and what they earn by time.
+        durations: How long actions take, and how much they earn by time.
 
     Raises:
         ModelError: If the policy is of other sizes, or, with a discount of 1, goes on for ever; or if the durations do
@@ -166,7 +166,7 @@ class _Pairs:
         self._data: list[Any] = [np.empty(0)]
 
     def add(self, node: int, after: int | None, block: Matrix) -> None:
-        """Add what leads from one node to another."""
+        """Add the transitions from one node to another."""
         if after is not None:
             entries = block.tocoo()
             self._rows.append(entries.row + node * self._size)

@@ -64,7 +64,7 @@ class JointDynamics:
         place = np.full(dynamics.num_observations + 1, -1)
         place[self.observations] = np.arange(self.width)
         self.joints: list[Joint] = []
-        """P(s', o | s, a) of each action without what is left out; an observation is its place in ``observations``."""
+        """P(s', o | s, a) of each action without false negatives; an observation is its place in ``observations``."""
         self._is_scaled = False
         missed: list[Matrix | None] = []
         for action in range(self.num_actions):
@@ -95,7 +95,7 @@ class JointDynamics:
             self._successors.append(successors)
 
     def _scale(self, action: int, missed: Matrix | None) -> None:
-        """Let what follows an action sum to 1, with the steps after which the action goes on."""
+        """Let the probabilities after an action sum to 1, with the steps after which the action goes on."""
         joint = self.joints[action]
         told = np.asarray(joint.rows.sum(axis=1)).ravel()
         sums = np.bincount(joint.states, told, minlength=self.size)
@@ -145,7 +145,7 @@ class JointDynamics:
         return points if resolvent is None else resolvent.weights(points)
 
     def after(self, action: int, belief: Vector) -> tuple[Indices, Indices, Vector]:
-        """Return the joint probabilities of what follows a belief, with their observations' places and states."""
+        """Return the joint probabilities after a belief, with their observations' places and states."""
         row = (csr(belief[None]) if self._compressed else belief[None]) @ self.ahead[action]
         weights = row.toarray()[0] if is_compressed(row) else row[0]
         return self._symbols[action], self._successors[action], weights
@@ -249,7 +249,7 @@ def discounted_resolvent(steps: Matrix | None, discount: float, name: str) -> Re
 
     Args:
         steps: The probabilities of these steps, S x S', dense or CSR; None where there are none.
-        discount: What a step is discounted by.
+        discount: Of a step.
         name: The action's.
 
     Raises:

@@ -424,7 +424,7 @@ _DIGITS = 7
 _TRIES = 20
 """The most steps for each belief asked for."""
 _COPIES = 8 * 8
-"""Bytes that are reserved for each number of a belief: what a round computes at all beliefs is as large as they are."""
+"""Bytes that are reserved for each number of a belief: the numbers of a round are as many."""
 _ENDS = 0.01, 0.1
 """The least and the greatest chance that a walk ends after a step."""
 
@@ -451,7 +451,7 @@ def sampled(
 
     Args:
         model: The model; its steps without a detection are taken into account as a tracker does.
-        dynamics: What its actions lead to.
+        dynamics: The effects of its actions.
         first: Its `starts`.
         beliefs: How many to find, or an n x S array of them. Fewer are found where there are no more, or no room.
         random: Draws actions and observations.
@@ -536,7 +536,7 @@ _LATE = 0.5, 0.05
 
 
 def certified(dynamics: JointDynamics, points: Matrix, vectors: Vectors, precision: float, limits: Limits) -> Vectors:
-    """Return the vectors, lowered to what a policy that chooses by them earns at least.
+    """Return the vectors, lowered to the least value of a policy that chooses by them.
 
     Args:
         dynamics: The model.

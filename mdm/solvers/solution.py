@@ -209,7 +209,7 @@ class Limits:
             self._began += self._clock() - began
 
     def part(self, share: float) -> Callable[[], bool]:
-        """Return a function that tells whether there is time left of a share of what remains now."""
+        """Return a function that tells whether there is time left of a share of the present rest."""
         return self.until(self.seconds + share * self.remaining)
 
     def until(self, end: float) -> Callable[[], bool]:

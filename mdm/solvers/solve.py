@@ -71,7 +71,7 @@ def policy_class(solver: str, model: MDP, *, horizon: int | None, durations: Dur
         solver: One of `SOLVERS`.
         model: The model.
         horizon: That of the plan, if it has one.
-        durations: How long actions take; what is solved is then the model in time (`mdm.models.in_time`).
+        durations: How long actions take; the solved model is then that in time (`mdm.models.in_time`).
     """
     kinds: tuple[type, type, type] = vars(_function(solver))["policies"]
     policy, to_horizon, mixed = kinds
@@ -104,8 +104,8 @@ def solve(
 
     Args:
         model: The model, or the path of its file.
-        solver: One of `SOLVERS`; by default what suits the model and the options.
-        durations: How long actions take, and what they earn by time; an action is decided when the one before is over.
+        solver: One of `SOLVERS`; by default one that suits the model and the options.
+        durations: How long actions take, and how much they earn by time; the next is decided when an action is over.
             By default all take one time step. Where a hidden state makes actions longer, the bounds are of beliefs that
             discount long actions: those of `mdm.models.in_time`.
         gap: Stop when the bounds at the initial belief are no further apart.
@@ -169,10 +169,10 @@ def _function(solver: str) -> Callable[..., Solution]:
 
 
 def dear(model: MDP, solver: str, options: dict[str, Any]) -> MDP:
-    """Return a model to be solved, in which what is not available is too dear to be chosen; an MDP is itself.
+    """Return a model to be solved, in which unavailable actions are too dear to be chosen; an MDP is itself.
 
     Raises:
-        ConfigError: If the solver cannot tell what is available, or the discount of a POMDP is 1.
+        ConfigError: If the solver cannot tell which actions are available, or the discount of a POMDP is 1.
     """
     if model.available is None or model.pomdp is None:
         return model

@@ -2,13 +2,13 @@
 
 A process that needs the matrices of a model (a search, false negatives, a filter over all states) and that is to take
 little memory does not hold them itself. They are made once on a machine, by the first of them, and all have the same
-pages. What is mapped is equal to the last bit to what the model's own process would make.
+pages. The mapped arrays are equal to the last bit to those of the model's own process.
 
-A file is named by a digest of what it is made from, so it is never out of date. It is written beside its place and
-moved there whole. The process that makes it holds a lock, which the system takes back when the process ends; others
-wait for it, but not for ever. Only files that nobody else could have written are mapped, and only if their contents
-have the digest that was written with them. The folder has a limit: what was not used for longest is removed, and stays
-mapped where it is in use.
+A file is named by a digest of its sources, so it is never out of date. It is written beside its place and moved there
+whole. The process that makes it holds a lock, which the system takes back when the process ends; others wait for it,
+but not for ever. Only files that nobody else could have written are mapped, and only if their contents have the digest
+that was written with them. The folder has a limit: files that were not used for longest are removed, and stay mapped
+where it is in use.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Matrix
 
 _FORM = 1
-"""The version of what is in a file, and of how it is computed."""
+"""The version of a file's content, and of its computation."""
 _LEAST = 1_000_000
 """The bytes of matrices from which a file is worth its while."""
 
 _Flat = TypeVar("_Flat", bound=MDP)
 
 _here: WeakValueDictionary[str, MDP] = WeakValueDictionary()
-"""What this process has mapped already."""
+"""The models that this process has mapped already."""
 
 
 class _Header(msgspec.Struct):
@@ -246,7 +246,7 @@ class Store:
         A file that is damaged, or that somebody else could have written, is told of in a warning and made anew.
 
         Args:
-            name: The file's name, without its suffix: a digest of what it is made from.
+            name: The file's name, without its suffix: a digest of its sources.
             make: Returns header and arrays where there is no file; called once at most.
 
         Raises:
@@ -326,7 +326,7 @@ class Store:
     def _locked(self, folder: int, name: str) -> Iterator[None]:
         """Be the only process that makes a file.
 
-        The lock decides who works, and not what is right: two that make one file at a time make the same.
+        The lock decides who works, not who is right: two that make one file at a time make the same.
 
         Raises:
             StoreError: If another one takes too long.
@@ -353,7 +353,7 @@ class Store:
             os.close(lock)
 
     def _make_room(self, size: int) -> None:
-        """Remove what was not used for longest, so that so many bytes more are within the limit.
+        """Remove the files that were not used for longest, so that so many bytes more are within the limit.
 
         Raises:
             StoreError: If there is not enough room even so.

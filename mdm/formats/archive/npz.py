@@ -106,7 +106,7 @@ def read(path: Path, opened: BinaryIO | None = None) -> tuple[bytes, dict[str, n
 
     Args:
         path: The file.
-        opened: The same file, where it is open already. The arrays are then not read-only, but what is written to them
+        opened: The same file, where it is open already. The arrays are then not read-only, but writing to them
             is for this process alone: compiled functions take them for such that were made.
 
     Raises:
@@ -139,7 +139,7 @@ def read(path: Path, opened: BinaryIO | None = None) -> tuple[bytes, dict[str, n
 
 
 def kind(path: Path) -> str | None:
-    """Return what an archive of mdm's holds: ``"model"``, ``"policy"`` or ``"durations"``; None for anything else.
+    """Return the kind of an archive of mdm's: ``"model"``, ``"policy"`` or ``"durations"``; None for anything else.
 
     Raises:
         FormatError: If the file is not an archive of mdm's.
@@ -152,7 +152,7 @@ def _kind(header: bytes) -> str | None:
 
 
 def what_else(header: bytes, wanted: str, error: Exception) -> str:
-    """Return what is held in place of what was wanted, or where it is of the kind that was wanted, what is wrong."""
+    """Return in words which kind an archive is in place of the wanted one; of the wanted kind, the error."""
     found = _kind(header)
     return str(error) if found in (wanted, None) else _KINDS[found]
 

@@ -33,7 +33,7 @@ def read(path: str | Path, *, actions: Space | None = None) -> AlphaVectors:
         actions: The model's actions, if known; without them names count in the order of the file.
 
     Raises:
-        FormatError: If the file is malformed, with the line and what was expected.
+        FormatError: If the file is malformed, with the line and the expected form.
     """
     vectors, indices, named = _read(path, actions, None if actions is None else len(actions))
     policy = AlphaVectors(vectors, indices, None if actions is None else len(actions))
@@ -98,7 +98,7 @@ def blocks(
             without one.
 
     Raises:
-        FormatError: If the text is malformed, with the line and what was expected.
+        FormatError: If the text is malformed, with the line and the expected form.
     """
     lines = enumerate(source.text.split("\n"), 1)
     texts = [(number, words) for number, line in lines if (words := line.partition("#")[0].split())]

@@ -45,7 +45,7 @@ def read(path: str | Path, *, sparse: bool | None = None) -> MDP | POMDP:
     """Read a model: a POMDP if the file declares observations, else an MDP.
 
     Raises:
-        FormatError: If the file is malformed, with the place and what was expected.
+        FormatError: If the file is malformed, with the place and the expected form.
     """
     return _Reader(Source(path)).model(sparse)
 
@@ -394,7 +394,7 @@ class Symbols(NamedTuple):
 
     Attributes:
         declared: Their declaration: names, or their number where they have the names of their indices.
-        words: What statements call each of them.
+        words: The word of each of them in statements.
     """
 
     declared: str

@@ -1,4 +1,4 @@
-"""What statements collect: T and O as one CSR matrix per action, and rewards reduced to their expectation R(s, a).
+"""The numbers of statements: T and O as one CSR matrix per action, and rewards reduced to their expectation R(s, a).
 
 The last statement for an entry counts; entries without one are 0. Statements are collected, and sorted at the end in
 O(n log n) for n given numbers, so that a large model never needs a dense array.

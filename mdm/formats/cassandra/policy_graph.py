@@ -37,7 +37,7 @@ def read(
         num_observations: The model's number of observations, if known; by default that of the first line.
 
     Raises:
-        FormatError: If the file is malformed, with the line and what was expected.
+        FormatError: If the file is malformed, with the line and the expected form.
     """
     source = Source(path)
     rows = list(_rows(source, num_observations))

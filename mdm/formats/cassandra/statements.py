@@ -317,7 +317,7 @@ class Statements:
 
 
 def unknown(word: str, where: str, error: ModelError) -> str:
-    """Return in words that no symbol has a name, and what is closest; see `Statements` for where."""
+    """Return in words that no symbol has a name, and which is closest; see `Statements` for where."""
     noun = {"a": "action", "o": "observation"}.get(where[1], "state")
     hint = str(error).partition("; ")[2]
     return f"{word!r} in this {where[0]!r} statement is no {noun}; {hint.replace('symbols', f'{noun}s')}"
@@ -487,11 +487,11 @@ class _Columns(NamedTuple):
 
 
 def foreign(word: str, sections: Iterable[str] = ()) -> str | None:
-    """Return what is wrong with a word where a section or statement might begin; None where nothing is known of it.
+    """Return the error of a word where a section or statement might begin; None where nothing is known of it.
 
     Args:
         word: The word.
-        sections: The names of sections, for what may be misspelt.
+        sections: The names of sections, for misspelt words.
     """
     if word in _DIALECTS:
         return _DIALECTS[word]

@@ -40,7 +40,7 @@ def read(path: str | Path, *, sparse: bool | None = None) -> POMDP:
     """Read a Dec-POMDP as the POMDP over its joint actions and observations.
 
     Raises:
-        FormatError: If the file is malformed, with the place and what was expected.
+        FormatError: If the file is malformed, with the place and the expected form.
     """
     return _Reader(Source(path)).model(sparse)
 

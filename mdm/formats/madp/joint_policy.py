@@ -35,7 +35,7 @@ def read(path: str | Path, model: MDP | None) -> JointController:
         model: The policy's model, needed for its names of actions and observations.
 
     Raises:
-        FormatError: If the model is missing, or the file is malformed, with the line and what was expected.
+        FormatError: If the model is missing, or the file is malformed, with the line and the expected form.
     """
     source = Source(path)
     if model is None or model.observation_space is None:

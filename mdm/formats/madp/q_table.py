@@ -21,7 +21,7 @@ def read(path: str | Path) -> npt.NDArray[np.float64]:
     """Read a table of states x actions.
 
     Raises:
-        FormatError: If the file is malformed, with the line and what was expected.
+        FormatError: If the file is malformed, with the line and the expected form.
     """
     source = Source(path)
     rows: list[npt.NDArray[np.float64]] = []

@@ -40,7 +40,7 @@ def read(path: str | Path, *, sparse: bool | None = None) -> POMDP:
         sparse: Force CSR (True) or dense (False) matrices; None chooses by size and density.
 
     Raises:
-        FormatError: If a file is missing or malformed, with the place and what was expected.
+        FormatError: If a file is missing or malformed, with the place and the expected form.
     """
     source = Source(path if Path(path).suffix == ".base" else f"{path}.base")
     count, discount = _base(source)

@@ -28,7 +28,7 @@ def read(path: str | Path, *, num_actions: int | None = None) -> AlphaVectors:
         num_actions: The model's number of actions, if known.
 
     Raises:
-        FormatError: If the file is malformed, with the line and what was expected.
+        FormatError: If the file is malformed, with the line and the expected form.
     """
     source = Source(path)
     if suffixes(path) == ".vf" and not source.text.endswith("\n"):

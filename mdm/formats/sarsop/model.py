@@ -52,7 +52,7 @@ def read(path: str | Path, *, sparse: bool | None = None) -> FactoredMDP | Facto
         sparse: Force CSR (True) or dense (False) matrices when it is flattened; None chooses.
 
     Raises:
-        FormatError: If the file is malformed, with the place and what was expected.
+        FormatError: If the file is malformed, with the place and the expected form.
     """
     document = _Document(Source(path))
     try:
@@ -224,7 +224,7 @@ def function(element: Element, variables: Mapping[str, Variable], child: Variabl
         child: The variable whose distribution it is, if any.
 
     Raises:
-        FormatError: If the element is malformed, with the place and what was expected.
+        FormatError: If the element is malformed, with the place and the expected form.
     """
     parents = element.find("Parent")
     words = parents.text.split() if parents is not None else []

@@ -34,7 +34,7 @@ def read(path: str | Path, model: MDP | None = None) -> AlphaVectors | MixedAlph
         model: The policy's model, which knows the fully observed state factors; without it they are the first ones.
 
     Raises:
-        FormatError: If the file is malformed, with the place and what was expected.
+        FormatError: If the file is malformed, with the place and the expected form.
     """
     source = Source(path)
     num_actions = None if model is None else len(model.action_space)

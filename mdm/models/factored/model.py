@@ -50,7 +50,7 @@ _SMALL = 16_000_000
 """The bytes of matrices that are made even where memory is short."""
 
 _MADE = frozenset({"_flat", "initial_belief", "seen_in"})
-"""What is made of a factored model when it is first asked for, and is large."""
+"""Large attributes of a factored model, made when they are first asked for."""
 
 _Flat = TypeVar("_Flat", bound=MDP)
 
@@ -111,7 +111,7 @@ class _Factored(MDP):
         return False
 
     def bare(self) -> Self:
-        """Return the same model without what was made of it, to send to another process."""
+        """Return the same model without the things made of it, to send to another process."""
         other = copy.copy(self)
         for name in _MADE & vars(other).keys():
             del vars(other)[name]
@@ -226,7 +226,7 @@ class FactoredPOMDP(_Factored, POMDP):
         return self._of_this_kind(flat._with_resolvents(self.false_negative, self._resolvents))  # noqa: SLF001
 
     def bare(self) -> Self:
-        """Return the same model without what was made of it, to send to another process."""
+        """Return the same model without the things made of it, to send to another process."""
         other = super().bare()
         other._resolvents = {}  # noqa: SLF001 - a model of the same kind
         return other
@@ -510,7 +510,7 @@ class MixedPOMDP(FactoredPOMDP):
         return np.ascontiguousarray(array.reshape(math.prod(array.shape[: len(self.observed)]), -1))
 
     def bare(self) -> Self:
-        """Return the same model without what was made of it, or of the model that is revealed."""
+        """Return the same model without the things made of it, or of the model that is revealed."""
         other = super().bare()
         other._model = self._model.bare()  # noqa: SLF001 - a model of the same kind
         return other

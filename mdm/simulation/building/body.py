@@ -26,7 +26,7 @@ class Body(ABC):
 
     Args:
         name: Its name.
-        agent: What stands for it in navground.
+        agent: Its agent in navground.
         paths: Where it may be.
     """
 
@@ -78,7 +78,7 @@ Point = tuple[float, float]
 
 
 def walls(grid: Grid) -> list[tuple[Point, Point]]:
-    """Return the ends of all walls, in metres. What lies beyond the grid is a wall."""
+    """Return the ends of all walls, in metres. All beyond the grid is wall."""
     found = []
     padded = np.pad(grid.free, 1)
     for upright in (False, True):

@@ -53,7 +53,7 @@ class Building(Actor):
 
     Args:
         floor: The map, with its grid.
-        visits: What comes, how often, and for how long.
+        visits: The visits: how often they come, and for how long.
         seed: The seed of all that is random.
         name: Its name among actors.
 
@@ -283,7 +283,7 @@ class Building(Actor):
     # -- Visits --------------------------------------------------------------------------------------------------
 
     def present(self, kind: str, place: str | None = None) -> tuple[Visit, ...]:
-        """Return what of a kind is there now, in one place or in all.
+        """Return the visits of a kind that are there now, in one place or in all.
 
         Raises:
             ConfigError: If there are no such visits.
@@ -434,7 +434,7 @@ def _groups(free: NDArray[np.bool_], ends: Iterable[tuple[int, int] | None]) -> 
 
 
 def _check(name: str, *, noise: float = 0.0, beams: int = 0, **numbers: float) -> None:
-    """Check what is told of a robot."""
+    """Check the numbers of a robot."""
     for what, number in numbers.items():
         if not is_number(number) or not 0 < number < math.inf:
             raise ConfigError(f"the {what} of robot {name!r} is a number above 0, not {number!r}", key=what)

@@ -29,7 +29,7 @@ _REACH = 8.0
 _BESIDE = 0.4
 """Metres between a robot in its refuge and one that passes."""
 _HAIR = 0.003
-"""Metres to spare from others on the way, beside what the brakes leave."""
+"""Metres to spare from others on the way, beside those that the brakes leave."""
 _FIELD = 1.5
 """Metres from the robot within which it is looked for."""
 _FIRST = 2.5
@@ -88,8 +88,8 @@ def way_out(
 ) -> list[Point]:
     """Return the points of a way from where a robot stands, straight from one to the next; empty where there is none.
 
-    Wherever it leads, the brakes let the robot pass: nothing is touched, and from what is nearer than they let it come,
-    it leads away.
+    Wherever it leads, the brakes let the robot pass: nothing is touched, and it leads away from bodies
+    that are nearer than they let it come.
 
     Args:
         here: Where the robot stands.
@@ -190,11 +190,11 @@ def _search(first: Sequence[Cell], fits: NDArray[np.bool_], ample: NDArray[np.bo
 GAP = 2 * WALL_GAP
 """Metres that are left between two bodies."""
 _PAST = 0.01
-"""Of what is driven, what may lead nearer to a body that is passed."""
+"""The share of a way that may lead nearer to a body that is passed."""
 _BEYOND = 64
 """Cells of wall beyond the grid."""
 _SHARES = (0.5, 0.25, 0.0)
-"""Of what would be driven: what is tried where all of it would lead too near to a wall."""
+"""Shares of a way that are tried where all of it would lead too near to a wall."""
 
 
 class Brakes:
@@ -213,10 +213,10 @@ class Brakes:
         """Return which share of its way a body may drive, from 0 to 1.
 
         Args:
-            body: What drives.
+            body: The one that drives.
             forward: The metres that it is about to drive straight on; backwards where they are negative.
             turn: The radians that it turns by meanwhile.
-            others: What may be in its way.
+            others: Those that may be in its way.
         """
         if not forward:
             return 1.0

@@ -1,4 +1,4 @@
-"""A simulated robot: it drives to poses around what stands in its way, and senses with noise."""
+"""A simulated robot: it drives to poses around obstacles, and senses with noise."""
 
 from __future__ import annotations
 
@@ -270,7 +270,7 @@ class Robot(Body):
             self.agent.last_cmd = Twist2((share * forward, 0.0), turning, Frame.relative)
 
     def _take_care(self, drive: _Drive, seconds: float, bodies: Sequence[Body]) -> None:
-        """Follow the way itself, for a time, where nobody drives near it and what avoids walls has got it no nearer.
+        """Follow the way itself, for a time, where nobody drives near it and keeping off walls got it no nearer.
 
         Before the mouth of a narrow passage that turns round and round.
         """
@@ -379,7 +379,7 @@ class Robot(Body):
         return max(GAP, min(_COMFORT, room - self.radius - _TRUE * self._grid.frame.resolution))
 
     def _frees_itself(self, drive: _Drive, seconds: float, bodies: Sequence[Body]) -> bool:
-        """Drive a little away from what stands where the brakes have stopped it; return whether it does."""
+        """Drive a little away from the obstacle where the brakes have stopped it; return whether it does."""
         if drive.freeing <= 0 and drive.stuck > _STUCK:
             away_from = {body: self._away(body) for body in bodies if body is not self}
             if not any(body.remaining and metres < _MEETING for body, metres in away_from.items()):
@@ -470,7 +470,7 @@ class Robot(Body):
             self._set_out(drive, cell)  # for the first time, or it was pushed off its way
 
     def look(self, world: Any) -> None:
-        """Take in what a step has brought about."""
+        """Take in the results of a step."""
         if any(self.agent in pair for pair in world.collisions):
             self.collisions += 1
         if self._scanner is not None:

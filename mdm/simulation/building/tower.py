@@ -41,7 +41,7 @@ class Tower(Actor):
 
     Args:
         floors: The floors, each with its grid, and the lifts.
-        visits: What comes to each floor, by its name, to places by their names there.
+        visits: The visits to each floor, by its name, to places by their names there.
         seed: The seed of all that is random.
         name: Its name among actors.
 
@@ -120,7 +120,7 @@ class Tower(Actor):
         self.every(_RATE, self._tell)
 
     def shaft(self, lift: str) -> asyncio.Lock:
-        """Return what the robot holds that is in a lift under way."""
+        """Return the lock that a robot holds in a lift under way."""
         return self._shafts.setdefault(lift, asyncio.Lock())
 
     def _tell(self, tick: Tick) -> None:

@@ -25,11 +25,11 @@ class Visits:
     """How often something comes, and how long it stays: exponential times.
 
     Args:
-        kind: What comes, such as ``person``.
+        kind: Its kind, such as ``person``.
         every: The expected seconds from one coming to the next, in the whole building; infinite for never by itself.
         stay: The expected seconds until it goes by itself; infinite for something that has to be seen to.
         places: Where, each as often as the others; by default everywhere.
-        radius: Of its body, in metres, around which robots drive; 0 for what is no obstacle.
+        radius: Of its body, in metres, around which robots drive; 0 for no obstacle.
 
     Raises:
         ConfigError: If a time is not above 0, the radius not from 0, or there is no place.
@@ -57,7 +57,7 @@ class Visit:
 
     Attributes:
         number: Which one, counted from 1 in its building.
-        kind: What it is.
+        kind: Its kind.
         place: Where.
         x: The same, in metres.
         y: The same.
@@ -76,7 +76,7 @@ class VisitChange(Message, frozen=True):
     Attributes:
         time: When.
         number: Which one, as in `Visit`.
-        kind: What.
+        kind: Its kind.
         place: Where.
         x: The same, in metres.
         y: The same.
@@ -97,7 +97,7 @@ class Bystander(Body):
 
     Args:
         number: Which one, from 0.
-        agent: What stands for it in navground.
+        agent: Its agent in navground.
         paths: Where robots may be.
 
     Attributes:

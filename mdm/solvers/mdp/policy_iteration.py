@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     Mask = npt.NDArray[np.bool_]
 
 _BETTER = 1e-11
-"""An action replaces another if it is better by this share of what is added up for both: more than rounding."""
+"""An action replaces another if it is better by this share of the sums for both: more than rounding."""
 _OPEN = 1e-14
-"""Rows of equations are solved once more if so large a share of what is added up in one of them is left open."""
+"""Rows of equations are solved once more if so large a share of the sum in one of them is left open."""
 _BACKUPS = 50
 """The backups between one evaluation and the next, where the discount is 1."""
 
@@ -81,7 +81,7 @@ def steps(dynamics: Dynamics) -> Iterator[Step]:
     """Yield policies, each better than the last, until one is stable.
 
     The first is greedy to the rewards; with a discount of 1 it is one that comes to rest. Only a better action replaces
-    an action: so with a discount of 1, a policy that never rests proves that rewards have no end. What is better is
+    an action: so with a discount of 1, a policy that never rests proves that rewards have no end. The better action is
     told by the numbers of the state itself, however much larger those of other states are.
     """
     endless = dynamics.discount == 1
@@ -166,7 +166,7 @@ def evaluate(dynamics: Dynamics, policy: Actions) -> Vector:
 def _solved(matrix: Matrix, rewards: Vector) -> Vector:
     """Return V with V = rewards + matrix V, each value as near as the numbers of its own row allow.
 
-    The rows of large numbers spoil those of small ones where an elimination mixes them, unless what is left open in
+    The rows of large numbers spoil those of small ones where an elimination mixes them, unless the remainder of
     each row is solved once more (R. D. Skeel, *Iterative refinement implies numerical stability for Gaussian
     elimination*, Mathematics of Computation 35, 1980).
     """
@@ -193,7 +193,7 @@ _NAMED = 3
 
 
 def remedy(model: MDP) -> str:
-    """Return what to do about a model whose values have no bound, for the end of an error."""
+    """Return the way out for a model whose values have no bound, for the end of an error."""
     solver = "perseus" if model.kind == "POMDP" else "value-iteration"
     return f"give a discount below 1 (--discount), or plan for a horizon (--solver {solver} --horizon)"
 

@@ -220,7 +220,7 @@ def prioritised_sweeps(
 
 
 class Scratch(NamedTuple):
-    """Room for one state and action; what is possible after it stands first in ``found``, with its sums.
+    """Room for one state and action; the possible observations stand first in ``found``, with its sums.
 
     Attributes:
         place: The place of each observation in ``found``; -1 all over between uses.

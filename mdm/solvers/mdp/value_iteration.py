@@ -210,7 +210,7 @@ def _solved(
 ) -> Solution:
     """Return a Q-table with its bounds at the initial belief, from as many rounds as the limits allow.
 
-    What rounding may have done is left between the bounds. With a discount of 1 policy iteration takes their place.
+    The effect of rounding is left between the bounds. With a discount of 1 policy iteration takes their place.
 
     Args:
         model: The model; factored ones are flattened.

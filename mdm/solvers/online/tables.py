@@ -1,4 +1,4 @@
-"""What a tree search reads: a model as arrays, and bounds of values that do not depend on the tree.
+"""The tables of a tree search: a model as arrays, and bounds of values that do not depend on the tree.
 
 For each first action a belief's value is bounded above by the values of known states (QMDP), and below by that of the
 blind policy of this action; see `mdm.solvers.bounds`.
@@ -67,7 +67,7 @@ _LEFT_OUT = Rows(np.zeros(0, np.int64), np.zeros(0, np.uint64), np.zeros(0, np.u
 
 
 def sent(tables: SearchTables, model: MDP) -> SentTables:
-    """Return the tables of a model without what another process can map from a file as well."""
+    """Return the tables of a model without the parts that another process can map from a file."""
     tables = tables._replace(transitions=_LEFT_OUT, rewards=np.zeros((0, 0)))
     if model.pomdp is None or tables.by_transition or model.false_negative is not None:
         return SentTables(tables, model)  # what is observed is made for the search
@@ -75,7 +75,7 @@ def sent(tables: SearchTables, model: MDP) -> SentTables:
 
 
 def received(given: SearchTables | SentTables) -> SearchTables:
-    """Return tables that another process has sent, with what was left out."""
+    """Return tables that another process has sent, with the parts left out."""
     if isinstance(given, SearchTables):
         return given
     dynamics = Dynamics(given.model)

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 _ROUND = 0.001
 """Seconds between readings of the clock."""
 _STEPS = "mdm.solvers.online.kernel"
-"""The module of what is compiled."""
+"""The module of compiled steps."""
 
 
 class SearchResult(msgspec.Struct, frozen=True):
@@ -262,7 +262,7 @@ class TreeSearch(Kind):
         self._search: Search | None = None
 
     def mismatch(self, model: MDP) -> str | None:
-        """Return what keeps the search from being one for a model, as a sentence; None where it is."""
+        """Return why the search is none for a model, as a sentence; None where it is."""
         if model.false_negative != self.false_negative:
             return "the search and the ensemble differ in the false negative: give both the same model"
         return super().mismatch(model)
@@ -272,7 +272,7 @@ class TreeSearch(Kind):
         return KnownState() if self.input == "state" else BeliefTracker(observable(model), by_support=True)
 
     def parts(self) -> tuple[SearchTables | SentTables, dict[str, Any]]:
-        """Return what a `Search` is made of in another process, which finds its tables by `received`."""
+        """Return the parts of a `Search` in another process, which finds its tables by `received`."""
         tables = self._tables if self._mapped is None else sent(self._tables, self._mapped)
         return tables, self._arguments()
 
@@ -280,7 +280,7 @@ class TreeSearch(Kind):
         return {**self._options, "seed": self._seed}
 
     def parameters(self) -> list[Any]:
-        """Return what decides besides the information: limits, seed, and the policies that it goes by."""
+        """Return all that decides besides the information: limits, seed, and the policies that it goes by."""
         fallback: list[Any] = getattr(self.fallback, "parameters", list)()
         return [sorted(self._options.items()), self._seed, type(self.fallback).__name__, *fallback, *self._given]
 

@@ -1,6 +1,6 @@
 """The process that searches beside the loop, started by `SearchProcess`.
 
-It reads frames from its standard input, a length and as many bytes of pickle: first what the search is made of, then
+It reads frames from its standard input, a length and as many bytes of pickle: first the parts of the search, then
 questions. It writes such frames to its standard output: None when it is ready, then an answer to each question. A
 question that comes while it searches makes it answer the one before at once. It ends when its input does, so that it
 never outlives whoever started it, and searches at a lower priority, so that it leaves the loop its core.

@@ -1,4 +1,4 @@
-"""Condensation: a small plan that earns what a large set of alpha vectors promises, with values computed anew.
+"""Condensation: a small plan that keeps the promise of a large set of alpha vectors, with values computed anew.
 
 A vector is only worth what it says while the vectors that it was made of are there. So the vectors that are chosen at
 the beliefs of a good plan become nodes of a finite-state controller (E. A. Hansen, *Solving POMDPs by searching in
@@ -6,7 +6,7 @@ policy space*, UAI 1998): each has its action, and after each observation the no
 then believed, over all visits to the node, weighted by how likely and how soon they are. The controller's own values,
 those of a linear system, replace the vectors. Each of them is at most the value of its action followed by others of
 them, and so the policy that chooses by them earns no less than the greatest at the initial belief. A plan is improved
-by its own values: what follows each node is chosen anew among the nodes, while that makes it better.
+by its own values: the followers of each node are chosen again among the nodes, while that makes it better.
 
 Cost of a round: for each node the entries of T in its block, and for each observation the states that it is made in
 times the vectors to choose among.
@@ -44,23 +44,23 @@ CHOICE, EVALUATION = 5, 14
 _ROUNDS, _UNDAMPED = 60, 16
 """Rounds at most, and those in which nodes are chosen for the latest visits; after that it is for the mean of them."""
 _SETTLED = 1e-2
-"""The part of all visits from which on changes of what follows them count."""
+"""The part of all visits from which on changes after them count."""
 _SEARCH = 0.5
 """The part of the time that is left in which nodes are chosen; the rest is for their evaluation."""
 _PUSHES = 6
 _CHUNK = 2_000_000
-"""Numbers that are held at once for some nodes and what may follow them."""
+"""Numbers that are held at once for some nodes and their followers."""
 _CLOSE = 1e-10
-"""What the linear system's solution may lose at least, as a share of the rewards."""
+"""The least loss of the linear system's solution, as a share of the rewards."""
 _LOSS = 0.1
-"""The same, as a part of what a choice may lose."""
+"""The same, as a part of the loss of a choice."""
 _SOLUTION = 0.8
 """The part of the time for their evaluation in which the system is solved; the rest is for a backup that certifies."""
 _ROUNDING = 1e-13
 _FINER = 1e-2
-"""What may be lost when nodes are chosen among anew, as a part of what may be lost before."""
+"""The loss when nodes are chosen among again, as a part of the loss before."""
 _RARE = 1e-2
-"""What is lost where a rare observation is followed by anything is at most this part of what a choice may lose."""
+"""The loss where a rare observation is followed by anything is at most this part of the loss of a choice."""
 
 
 class Vectors(NamedTuple):
@@ -114,7 +114,7 @@ class _Sign(NamedTuple):
 
 
 class _Steps(NamedTuple):
-    """What may follow an action in a block: T to the arrivals that it reaches, its transpose, and the observations."""
+    """The effects of an action in a block: T to the arrivals that it reaches, its transpose, and the observations."""
 
     ahead: Matrix
     back: Matrix
@@ -232,7 +232,7 @@ class Controller:
 
         Args:
             visits: N x Y.
-            slack: What may be lost, for each visit, for a node that is used already, and for the one chosen before.
+            slack: The loss, for each visit, for a node that is used already, and for the one chosen before.
             goes_on: False ends it; some nodes are then followed as before.
 
         Returns:
@@ -304,7 +304,7 @@ class Controller:
         return result
 
     def of(self, vectors: Vectors, *, chosen: bool = False) -> Controller:
-        """Return the controller with other values of its nodes, with what was chosen or nothing chosen yet."""
+        """Return the controller with other values of its nodes, with its choices or none yet."""
         result = Controller(
             self._layout, vectors, self._defaults, self._after.copy() if chosen else None, self._kernels
         )
@@ -317,8 +317,8 @@ class Controller:
         None where there is no time for a backup of all nodes, which certifies them.
 
         Args:
-            part: Returns a function that tells whether there is time left of a share of what remains now.
-            loss: How far below the nodes' own values the bounds may be, but for what rounding loses.
+            part: Returns a function that tells whether there is time left of a share of the present rest.
+            loss: How far below the nodes' own values the bounds may be, but for rounding.
         """
         discount = self._layout.discount
         rewards = self._layout.rewards.reshape(-1, len(self._defaults), self._width)
@@ -335,7 +335,7 @@ class Controller:
         return self.vectors._replace(values=backed + lost - _ROUNDING * float(np.abs(backed).max()))
 
     def _ahead(self, values: Vector, goes_on: Callable[[], bool]) -> Vector:
-        """Return what the nodes' successors are worth, discounted, where each has some values."""
+        """Return the worth of the nodes' successors, discounted, where each has some values."""
         result = np.empty_like(values)
         if self._kernels is not None:
             count, size = len(values), self._kernels.nodes_at_once(self._layout)
@@ -415,7 +415,7 @@ def condensed(
     """Return the vectors of a small plan; None where there is no time or no room to evaluate one.
 
     The first plan is made of the vectors that are given. Its nodes are chosen among anew, by their own values, while
-    that makes it better by more than what may be lost.
+    that makes it better by more than the loss.
 
     Args:
         layout: The model.
@@ -423,11 +423,11 @@ def condensed(
         defaults: A vector for each block.
         start: The initial belief, X x Y: a row for each block.
         roots: The best vector in each block of the initial belief.
-        slack: What may be lost at a belief for a vector less.
-        after: What may follow each vector and observation, to begin with: the first plan is then made of it alone.
+        slack: The loss at a belief for a vector less.
+        after: The vector after each vector and observation, to begin with: the first plan is then made of it alone.
         kernels: Compiled counterparts of products of matrices.
         fits: Whether there is room for so many bytes.
-        part: Returns a function that tells whether there is time left of a share of what remains now.
+        part: Returns a function that tells whether there is time left of a share of the present rest.
     """
     best: Condensed | None = None
     controller = Controller(layout, vectors, defaults, after, kernels)
@@ -449,7 +449,7 @@ def condensed(
 
 
 def _settle(controller: Controller, start: Vector, roots: Indices, slack: float, goes_on: Callable[[], bool]) -> None:
-    """Choose what follows each node for the states that it is reached in, until neither changes.
+    """Choose the followers of each node for the states that it is reached in, until neither changes.
 
     All nodes choose at once, and so choices and visits may go round in circles. The mean of the visits comes to rest.
     """
@@ -492,9 +492,9 @@ def solved(ahead: Callable[[Vector], Vector], earned: Vector, begin: Vector, clo
     """Return the values with the smallest residual that were found.
 
     Args:
-        ahead: Returns what values are worth one step before: linear, and a contraction. Where it raises a
+        ahead: Returns the worth of values one step before: linear, and a contraction. Where it raises a
             `TimeoutError` there is no more time.
-        earned: What each step earns.
+        earned: The reward of each step.
         begin: The first values.
         close: A residual whose numbers are no greater is small enough.
     """

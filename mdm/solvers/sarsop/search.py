@@ -198,7 +198,7 @@ def _without_least(place: np.ndarray, weight: np.ndarray, begin: int, end: int, 
 def _expand(  # noqa: C901 - one pass, no calls
     layout: Layout, graph: Graph, scratch: Scratch, informed: np.ndarray, node: int, action: int, high: float
 ) -> None:
-    """Find the outcomes of an action at a belief. What they leave out is taken for the greatest value, ``high``."""
+    """Find the outcomes of an action at a belief. The rest is taken for the greatest value, ``high``."""
     edge = graph.first_edge[node] + action
     base = layout.first_state[graph.block[node]]
     predicted, touched = scratch.predicted, scratch.touched
@@ -422,10 +422,10 @@ def follow(
     end: int,
     result: np.ndarray,
 ) -> None:
-    """Write what follows some nodes of a controller, discounted: N x Y, of which rows ``begin`` to ``end``.
+    """Write the worth after some nodes of a controller, discounted: N x Y, of which rows ``begin`` to ``end``.
 
     ``after`` has the node after each node and observation, -1 for the one of ``defaults`` in the block of what is
-    observed; ``values`` has what each of them is worth, N x Y.
+    observed; ``values`` has the worth of each of them, N x Y.
     """
     num_arrivals = len(layout.state)
     for node in range(begin, end):

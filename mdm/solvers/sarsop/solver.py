@@ -90,17 +90,17 @@ _FIRST_PLAN, _LEAST_PLAN = 1.0, 0.2
 _PLANS = 0.15
 """The part of the time that goes into plans; half of it where they are of no use."""
 _FROM_ALL = 0.8
-"""The part of the time that is left for a plan of all vectors; the rest is for one of what is known to follow them."""
+"""The part of the time that is left for a plan of all vectors; the rest is for one of their known followers."""
 _SMALLER = 0.5
 """The part of the vectors that a plan has at most where it is expected to fit into memory."""
 _GAIN = 1e-3
-"""What a plan must raise the lower bound by, as a share of the gap, to be taken into the search."""
+"""The least raise of the lower bound by a plan, as a share of the gap, to be taken into the search."""
 _SHORT = 1.0
 """The seconds that a small model has to be solved in by plain Python before compiled code is called for."""
 _SMALL = 5_000
 """The entries of T and O up to which a model counts as small."""
 _FEWER = 5e-3, 5e-4, 5e-5, 0.0
-"""What a belief may lose for a vector less, as shares of the gap: each is tried where the one before is of no use."""
+"""The loss of a belief for a vector less, as shares of the gap: each is tried where the one before is of no use."""
 
 
 @makes(AlphaVectors, mixed=MixedAlphaVectors)
@@ -354,7 +354,7 @@ class _Search:
         self._kept_vectors = self.size
 
     def learn_followers(self, limits: Limits) -> None:
-        """Learn what follows each vector after each observation at the first belief that it is the best at.
+        """Learn the follower of each vector after each observation at the first belief that it is the best at.
 
         Where there is no room for that, it is not known.
         """
@@ -439,7 +439,7 @@ class _Search:
         return None
 
     def _plan(self, limits: Limits, slack: float, end: float, *, known: bool) -> Condensed | None:
-        """Return a plan; one that begins with what is known to follow each vector, or one of all vectors."""
+        """Return a plan; one that begins with the known followers of each vector, or one of all vectors."""
         graph = self._graph
         chosen = graph.is_active[: graph.counts[VECTORS]] > 0
         chosen[graph.default_vector] = True

@@ -8,25 +8,16 @@ plans, each agent on its own observations (``mdm.solve(model, "jesp", horizon=3)
 observations (``mdm.solve(model)``).
 """
 
-from mdm.problems.aloha import aloha
 from mdm.problems.box_pushing import box_pushing
-from mdm.problems.broadcast_channel import broadcast_channel
-from mdm.problems.dec_tiger import dec_tiger
 from mdm.problems.fire_fighting import fire_fighting, fire_fighting_graph
-from mdm.problems.forest import forest
-from mdm.problems.grid_world import grid_world
-from mdm.problems.hallway import hallway, hallway2
-from mdm.problems.load_unload import load_unload
+from mdm.problems.grids import grid_world, hallway, hallway2, tag
 from mdm.problems.machine_maintenance import machine_maintenance
-from mdm.problems.mars_rovers import mars_rovers
-from mdm.problems.meeting import grid_small, meeting
+from mdm.problems.pairs import broadcast_channel, recycling_robots, relay
 from mdm.problems.patrol import patrol
-from mdm.problems.recycling_robots import recycling_robots
-from mdm.problems.relay import relay
-from mdm.problems.river_swim import river_swim
 from mdm.problems.rock_sample import field_vision_rock_sample, rock_sample
-from mdm.problems.tag import tag
-from mdm.problems.tiger import tiger
+from mdm.problems.rovers import grid_small, mars_rovers, meeting
+from mdm.problems.small import aloha, forest, load_unload, river_swim
+from mdm.problems.tiger import dec_tiger, tiger
 
 __all__ = [
     "aloha",

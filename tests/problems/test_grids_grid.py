@@ -4,7 +4,7 @@ import pytest
 from sentences import refused
 
 from mdm import ModelError
-from mdm.problems.grid import Grid
+from mdm.problems.grids import Grid
 
 
 def test_cells_and_what_lies_beside_them():

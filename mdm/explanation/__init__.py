@@ -2,12 +2,17 @@
 
 from mdm.explanation.belief_change import BeliefChange, Move, moved, nearest_belief
 from mdm.explanation.case import Case, Update
+from mdm.explanation.changes import (
+    FactorChange,
+    ObservationChange,
+    Observed,
+    StateChange,
+    observation_changes,
+    state_changes,
+)
 from mdm.explanation.expectation import Chance, expected_next
-from mdm.explanation.explanation import Explanation, Weighed, explain
+from mdm.explanation.explanation import Explanation, Weighed, brief, explain, in_words
 from mdm.explanation.influence import Influence, influences, strongest
-from mdm.explanation.observation_change import ObservationChange, Observed, observation_changes
-from mdm.explanation.state_change import FactorChange, StateChange, state_changes
-from mdm.explanation.words import brief, in_words
 
 __all__ = [
     "BeliefChange",

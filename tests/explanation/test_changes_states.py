@@ -8,7 +8,7 @@ from sentences import refused
 
 import mdm
 from mdm import ModelError
-from mdm.explanation import state_change, state_changes
+from mdm.explanation import changes, state_changes
 from mdm.models import MDP, Factor, Space
 from mdm.policies import DeterministicPolicy, QTable, StagedPolicy, StatePolicy, StochasticPolicy
 from mdm.solvers.online import TreeSearch
@@ -81,7 +81,7 @@ def test_what_is_too_much(monkeypatch):
     search = TreeSearch(model, expansions=2)
     with refused(ModelError):
         state_changes(mdm.Controller(search, model).see(0).case())
-    monkeypatch.setattr(state_change, "_MOST", 4)
+    monkeypatch.setattr(changes, "_MOST_STATES", 4)
     with refused(ModelError):
         state_changes(mdm.Controller(DeterministicPolicy([0] * 9, 2), model).see(0).case())
 

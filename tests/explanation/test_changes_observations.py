@@ -10,7 +10,7 @@ from sentences import refused
 
 import mdm
 from mdm import ModelError
-from mdm.explanation import observation_change, observation_changes
+from mdm.explanation import changes, observation_changes
 from mdm.policies import FiniteStateController, JointController
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -60,7 +60,7 @@ def test_one_agents_observation():
 
 
 def test_what_is_too_much(monkeypatch):
-    monkeypatch.setattr(observation_change, "_MOST", 1)
+    monkeypatch.setattr(changes, "_MOST_WALKS", 1)
     controller = mdm.Controller(FiniteStateController([0], [[0, 0]]))
     controller.start()
     controller.observe(0)

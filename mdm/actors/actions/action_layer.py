@@ -110,6 +110,7 @@ class ActionLayer(Layer):
         ends: Told how an action has ended, by its name, binding, status and in words, whether it took time, and whether
             a later decision had asked it to; says whether it is given up.
         clears: Notified when a replaced life has ended, too; its end as ``preempted`` was reported before.
+        heeds: Says whether ``begins`` is to be told of each plain function, too; `count_others` asks it.
     """
 
     # The attributes that each decision reads or writes, close together: many ensembles do not all fit the cache.
@@ -147,6 +148,7 @@ class ActionLayer(Layer):
         self.begins: Callable[[str], None] = lambda _: None
         self.ends: Callable[[str, Binding, ActionStatus, str, bool, bool], bool] = lambda *_: False
         self.clears: Callable[[], None] = lambda: None
+        self.heeds: Callable[[], bool] = lambda: False
         self.lives: Lives[_Run] = Lives()
         self.names = names
         self.predicates = predicates
@@ -165,7 +167,6 @@ class ActionLayer(Layer):
         self._recent = self._latencies.pending
         # Whether any was abandoned or replaced, so that the next life may not be alone, or its beginning is heeded.
         self._others = False
-        self._heeded = False
         self._idle: list[Callable[[], None]] = []
         self._secured: Secured = lambda _: None
         self._secures: Callable[[], None] = lambda: None
@@ -213,13 +214,9 @@ class ActionLayer(Layer):
         """Return the name of this agent's component of a joint action."""
         return self.names[joint if self._component is None else self._component(joint)]
 
-    def heed(self, *, heeded: bool) -> None:
-        """Tell of the beginning of each plain function, too, or no more."""
-        self._heeded = heeded
-        self._count_others()
-
-    def _count_others(self) -> None:
-        self._others = bool(self._heeded or self.lives.replaced or self.lives.left)
+    def count_others(self) -> None:
+        """See whether the next plain function may be called without a life of its own."""
+        self._others = bool(self.lives.replaced or self.lives.left or self.heeds())
 
     @property
     def ended(self) -> dict[ActionStatus, int]:
@@ -591,7 +588,7 @@ class ActionLayer(Layer):
 
     def _forget(self, life: _Run) -> None:
         self.lives.forget(life)
-        self._count_others()
+        self.count_others()
 
     def _beside_left(self, life: _Run) -> _Run | None:
         """Return the abandoned life of the same action, if any; report the others that this one begins beside."""
@@ -633,7 +630,7 @@ class ActionLayer(Layer):
             if timer is not None:
                 timer.cancel()
         if replaced:  # that it was preempted is told already
-            self._count_others()
+            self.count_others()
             if status in _FAILED:
                 self.report("action", f"action {life.name!r}, which was replaced, {status.replace('_', ' ')}: {detail}")
             self.clears()

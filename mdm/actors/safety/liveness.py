@@ -305,6 +305,7 @@ class Liveness:
         ensemble.action.begins = self.began
         ensemble.action.ends = self.ended
         ensemble.action.clears = self.look
+        ensemble.action.heeds = lambda: self._again is not None or self.since is not None or self._tries.counting
 
     @property
     def idle(self) -> float:
@@ -376,7 +377,7 @@ class Liveness:
                 self._give_up(name, text, binding.sequel)
             elif due.pause is not None and (follows or not safety.deciding):
                 self._plan(due.pause, name, status)
-            self._heed()
+            ensemble.action.count_others()
         self.look()
         return due.gave_up
 
@@ -414,18 +415,13 @@ class Liveness:
         self._decisions = self._control.decisions
         self._why = f"a pause of {pause:g} s, for action {name!r} {status.replace('_', ' ')}"
         self._again = ensemble.call_later(pause, self._decide_again)
-        ensemble.action.heed(heeded=True)
+        ensemble.action.count_others()
 
     def _cancel_again(self) -> None:
         if self._again is not None:
             self._again.cancel()
             self._again = None
-            self._heed()
-
-    def _heed(self) -> None:
-        """Hear of the beginning of plain functions, too, while it ends a pause, a rest or a row of failures."""
-        heeded = self._again is not None or self.since is not None or self._tries.counting
-        self._ensemble.action.heed(heeded=heeded)
+            self._ensemble.action.count_others()
 
     def _decide_again(self) -> None:
         ensemble, safety = self._ensemble, self._ensemble.safety
@@ -481,7 +477,7 @@ class Liveness:
         if ensemble.predicates is not None:
             ensemble.predicates.hears_holds.append(self._on_hold)
         self._rest = ("" if self._end is None else self._chosen), self._meant
-        ensemble.action.heed(heeded=True)
+        ensemble.action.count_others()
         self._tell(idle=True, time=time)
         after = self._limit()
         if after is not None:
@@ -556,7 +552,7 @@ class Liveness:
             self._patience = None
         self._tell(idle=False, time=now)
         self.since = None
-        self._heed()
+        self._ensemble.action.count_others()
 
     def _tell(self, *, idle: bool, time: int) -> None:
         ensemble = self._ensemble

@@ -122,11 +122,6 @@ class Copy:
             self._kept = list(ownership.idle)
         self.facts = facts(team, ensemble, ownership, self.snapshot(), protocol)
 
-    @property
-    def running(self) -> bool:
-        """Whether it decides."""
-        return self._process.running
-
     def part(self, time: int, values: Iterable[int | None]) -> bytes:
         """Return this agent's part of a step: a value for each factor that it owns."""
         return _encode(Part(time, tuple(values)))

@@ -230,7 +230,7 @@ class TeamLayer(Layer):
     @property
     def holds(self) -> bool:
         """Whether this agent stays stopped beside a team that decides."""
-        return self.still and self.copy.running
+        return self.still and self.process.running
 
     @property
     def knows(self) -> object:
@@ -307,12 +307,12 @@ class TeamLayer(Layer):
             return
         if not self.team.event_driven:
             self._seen = [old if value is None else value for old, value in zip(self._seen, new, strict=True)]
-        elif self.copy.running:
+        elif self.process.running:
             self.propose_values(new, self._dispatcher.time)
 
     def _on_tick(self, tick: Tick) -> None:
         self.tick = tick.number
-        if not self.copy.running:
+        if not self.process.running:
             return
         if self.ownership.takes == "state":
             self.propose_values(self._own, self._dispatcher.time)

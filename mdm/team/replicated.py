@@ -458,7 +458,7 @@ class ReplicatedLayer(TeamLayer):
         if command is None or command == HOLD:
             self.keep()
             return
-        alone = self.copy.running and self.ensemble.mode == "stopped"
+        alone = self.process.running and self.ensemble.mode == "stopped"
         self.apply_command(command, commit.token, now, commit.by)
         if alone and self.ensemble.mode == "deciding":
             self.process.repeat(now)  # it does what was decided while it alone was stopped
@@ -466,7 +466,7 @@ class ReplicatedLayer(TeamLayer):
     @property
     def running(self) -> bool:
         """Whether the copy decides."""
-        return self.copy.running
+        return self.process.running
 
     def restore(self, snapshot: bytes) -> None:
         """Become another copy."""
@@ -486,7 +486,7 @@ class ReplicatedLayer(TeamLayer):
     def _resume(self, now: int) -> None:
         """Start or stop acting, by the copy that was restored and the commands of this agent."""
         self._saved = None
-        if self.copy.running and not self.still:
+        if self.process.running and not self.still:
             self.ensemble.safety.start(now)
         else:
             self.ensemble.safety.stop(now)

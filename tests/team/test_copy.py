@@ -50,9 +50,9 @@ def test_parts_are_put_together_and_decided_on_in_the_same_call():
         team, build = of_tigers()
         copy, ensemble = await copied(runtime, team, build)
         heard = probe(ensemble.channel("observation", Observation))
-        assert not copy.running
+        assert not ensemble.control.running
         await in_turn(ensemble, copy.command, BEGIN, 0)
-        assert copy.running
+        assert ensemble.control.running
         assert copy.begun
 
         def both():

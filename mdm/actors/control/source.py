@@ -335,12 +335,12 @@ class JointProcess:
     @property
     def acted(self) -> int | None:
         """The last joint action that was published in this episode, or None."""
-        return self._control.acted
+        return self._control.output.acted
 
     @property
     def blind(self) -> bool:
         """Whether the layer decides on states, and knows none."""
-        return self._control.blind
+        return self._control.takes_states and self._control.state is None
 
     def another(self) -> Controller:
         """Return another controller of the same policy, model and options."""

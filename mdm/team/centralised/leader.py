@@ -304,7 +304,7 @@ class CentralisedLeader(TeamLayer):
 
     def _command(self, command: str, token: str = "", by: str = "") -> None:
         self._on = ({}, (), command, token)
-        before, runs = self._last.step, self.copy.running
+        before, runs = self._last.step, self.process.running
         if command in BARS:
             self._barred = before + 1
         if command in STARTS:
@@ -324,7 +324,7 @@ class CentralisedLeader(TeamLayer):
         inputs, missing, command, token = self._on
         self._last = Decision(
             step=self._last.step + 1,
-            running=self.copy.running,
+            running=self.process.running,
             epoch=0 if action is None else action.epoch,
             action=None if action is None else action.index,
             impossible=controller.problem if controller.on_impossible == "safe_action" else None,

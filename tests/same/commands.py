@@ -110,6 +110,7 @@ def plain(text, folder):
     """Return a text without the folder of the call, and without times that it took, or that kernels took to compile."""
     text = re.sub(r"^.*: compiling, once on this machine.*\n", "", text, flags=re.MULTILINE)
     text = text.replace(str(folder), "FOLDER")
+    text = re.sub(r"[\d.e+,]+ steps a second", "SOME steps a second", text)
     return re.sub(r"\d+(\.\d+)? (ms|s|seconds)\b", "SOME s", text)
 
 

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from mdm.cli.interruption import Interruption
     from mdm.solvers import Progress
 
-__all__ = ["ProgressLine", "bound", "counting", "to_go", "work_shown"]
-
 _OFTEN = 0.1
 _FIRST = 2.0
 _SELDOM = 60.0

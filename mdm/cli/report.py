@@ -10,8 +10,6 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
-__all__ = ["as_json", "columns", "printable"]
-
 
 def as_json(value: Any) -> str:
     """Return one line of JSON; arrays become lists."""

@@ -15,37 +15,6 @@ if TYPE_CHECKING:
     from mdm.models.units import Unit
     from mdm.team.transport.access import Access
 
-__all__ = [
-    "DEBUG",
-    "DISCOUNT",
-    "DISCOUNT_OF",
-    "DURATIONS",
-    "FALSE_NEGATIVE",
-    "IMPORT",
-    "JSON",
-    "LATEST",
-    "SEED",
-    "Argument",
-    "UsageError",
-    "Verb",
-    "add_verb",
-    "argument",
-    "certificate",
-    "count",
-    "finite",
-    "given_file",
-    "limit",
-    "live_page",
-    "moment",
-    "number",
-    "page_hosts",
-    "port",
-    "seconds",
-    "seed",
-    "share",
-    "take_model",
-]
-
 LATEST = 10_000_000_000
 """Seconds beyond which nothing of a record is: some 300 years, which nanoseconds in 64 bits hold."""
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from mdm.maps.map import Lift, Map
     from mdm.maps.raster import Grid, Labels
 
-__all__ = ["MARGIN", "RADIUS", "Problem", "check", "examine", "examine_lifts", "missing"]
-
 RADIUS = 0.25
 """The radius of a robot, in metres, if nobody says another."""
 MARGIN = 0.3

@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     Mask = NDArray[np.bool_]
     Regions = NDArray[np.intp]
 
-__all__ = ["draft", "propose", "rooms"]
-
 _RISE = 0.3
 """Metres that a peak of clearance rises above a passage, or is none."""
 _SPECK = 0.15

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Vector
 
-__all__ = ["Edge", "Graph", "Node", "Pose", "tour"]
-
 _EXACT = 10
 """Places of which the shortest tour is found, in some tenths of a second."""
 _LEAST = 1e-9

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from mdm.maps.raster import Grid
 
-__all__ = ["Floors", "Lift", "Map", "joined", "place_of", "rides"]
-
 
 @dataclass(frozen=True, eq=False)
 class Map:

@@ -32,19 +32,6 @@ if TYPE_CHECKING:
     from mdm.maps.map import Map
     from mdm.models.matrices import Vector
 
-__all__ = [
-    "NEXT",
-    "POSITION",
-    "FloorFactor",
-    "arrivals",
-    "chances",
-    "durations",
-    "latch",
-    "model",
-    "sightings",
-    "visits",
-]
-
 POSITION = "position"
 """The factor of the place."""
 NEXT = "next"

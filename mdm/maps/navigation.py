@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from mdm.messages import Action
     from mdm.models.matrices import Vector
 
-__all__ = ["LiftNavigator", "Navigation", "Navigator", "Position", "ReportingNavigator"]
-
 
 class Navigator(Protocol):
     """What drives a robot: an ``async`` method that ends when the robot is there.

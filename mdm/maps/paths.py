@@ -21,21 +21,6 @@ if TYPE_CHECKING:
     from mdm.maps.raster import Grid, Labels
     from mdm.models.matrices import Vector
 
-__all__ = [
-    "PATH_MARGIN",
-    "WALL_GAP",
-    "Passage",
-    "Paths",
-    "drivable",
-    "leads",
-    "needed_clearance",
-    "passages",
-    "route_sentence",
-    "seen_from",
-    "undivided",
-    "widest",
-]
-
 PATH_MARGIN = 0.05
 """Metres that a robot needs on each side, beside its radius: in paths, in driving, and in what is checked."""
 WALL_GAP = 0.01

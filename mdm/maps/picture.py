@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from mdm.maps.paths import Passage
     from mdm.maps.raster import Frame, Grid, Labels
 
-__all__ = ["Picture", "around", "colour", "contrast", "stacked"]
-
 _FREE, _UNKNOWN, _OCCUPIED = (252, 252, 250), (226, 227, 230), (58, 62, 72)
 _INK, _PAPER, _MARK = (30, 33, 40), (255, 255, 255), (214, 30, 60)
 _BLACK = (0, 0, 0)

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.runtime import Supervision
 
-__all__ = ["PlaceBelief"]
-
 _QUIET = round(10e9)
 
 

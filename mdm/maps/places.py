@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from mdm.actors import PredicateManager
     from mdm.runtime import Supervision, Timer
 
-__all__ = ["Metres", "Places", "PlacesOptions", "PlacesSettings"]
-
 _QUIET = round(10e9)
 _SETTLES = round(10e9)
 """Nanoseconds near its goal after which a drive that has not ended counts as there all the same."""

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from mdm.models.matrices import Vector
 
-__all__ = ["Frame", "Grid", "Labels", "border_distance", "lookup"]
-
 _SLACK = 1e-9
 """Clearances are multiples of the resolution, and rounded."""
 _MOST = 65_535

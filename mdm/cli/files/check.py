@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
     Definitions = dict[str, tuple[Formula, ...]]
 
-__all__ = ["Findings", "grouped", "oddities", "report", "run", "stale"]
-
 _TOLD = 5
 _PLACES = 5
 _VARYING = re.compile(r"'[^']*'|\d[\d.e+-]*|; did you mean .*")

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from mdm.models import MDP
 
 
-__all__ = ["run"]
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Convert the file; return the exit status."""
     check_place(arguments.target, arguments.source, arguments.model)

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from mdm.team import Team
 
-__all__ = ["describe_model", "describe_policy", "is_policy", "kind_of", "run"]
-
 _NAMES = ("state_names", "action_names", "observation_names")
 _ROOM = 80
 """Characters of a line for names."""

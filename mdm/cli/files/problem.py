@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP
 
-__all__ = ["run"]
-
 _KINDS = {int: ("N", "a whole number"), float: ("X", "a number"), str: ("TEXT", "a text")}
 
 

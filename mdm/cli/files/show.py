@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from mdm.models import MDP, Space
     from mdm.models.matrices import Vector
 
-__all__ = ["run"]
-
 
 def run(arguments: argparse.Namespace) -> int:
     """Show the part; return the exit status."""

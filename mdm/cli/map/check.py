@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from mdm.maps.files.load import Parts
 
-__all__ = ["run"]
-
 _TOLD = 10
 """Problems of a kind that are told one by one."""
 _DRAWN = 50

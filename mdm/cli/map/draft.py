@@ -16,8 +16,6 @@ from mdm.maps.paths import passages, route_sentence, undivided, widest
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["goals", "run"]
-
 
 def goals(arguments: argparse.Namespace) -> int:
     """Propose the graph; return the exit status."""

@@ -28,20 +28,6 @@ if TYPE_CHECKING:
     from mdm.maps.paths import Passage
     from mdm.maps.raster import Grid
 
-__all__ = [
-    "building_picture",
-    "check_one_floor",
-    "check_output",
-    "floor_picture",
-    "grid_picture",
-    "inputs",
-    "keep",
-    "kinds",
-    "load",
-    "problem_picture",
-    "settle",
-]
-
 _DETAIL = 800
 """Pixels of the longer side of a detail."""
 _USUAL, _LARGEST = 1200, 3000

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.models.units import Unit
 
-__all__ = ["run"]
-
 _SUFFIXES = (".pomdpx", ".pgmx", ".npz")
 _SPEED = 0.5
 """Metres a second by which a tour of several floors weighs driving against lifts, if nobody says another speed."""

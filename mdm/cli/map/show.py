@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from mdm.maps.files.building import BuildingParts
     from mdm.maps.files.load import Parts
 
-__all__ = ["run"]
-
 _TOLD = 5
 """Widths of passages between two places that are told one by one."""
 

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP, Durations
 
-__all__ = ["Verdict", "claimed_value", "compare", "judge", "run"]
-
 _OWN = ("discount", "discount_of", "durations", "false_negative")
 _ROUNDING = 1e-6
 _DRAWN = 100

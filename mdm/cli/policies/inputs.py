@@ -16,15 +16,6 @@ if TYPE_CHECKING:
     from mdm.models import MDP, Durations
     from mdm.models.units import Unit
 
-__all__ = [
-    "hidden_times",
-    "load",
-    "load_durations_for",
-    "load_for",
-    "visibility",
-    "with_false_negatives",
-]
-
 _ALIKE = 1e-9
 """Discounts that differ by less count as the same."""
 

@@ -11,8 +11,6 @@ from mdm.errors import Error
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["run"]
-
 
 def run(arguments: argparse.Namespace) -> int:
     """Draw the picture; return the exit status."""

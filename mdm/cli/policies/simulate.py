@@ -20,8 +20,6 @@ from mdm.texts import counted
 if TYPE_CHECKING:
     import argparse
 
-__all__ = ["run"]
-
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate; return the exit status."""

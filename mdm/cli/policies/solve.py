@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from mdm.models import MDP
     from mdm.solvers import Progress, Solution
 
-__all__ = ["run"]
-
 _OPTIONS = ("horizon", "seed", "whole")
 """Options of some solvers only."""
 _LONG = 1.0

@@ -20,8 +20,6 @@ from mdm.cli.projects.examples import EXAMPLES
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-__all__ = ["Command", "commands", "run"]
-
 
 class Command(NamedTuple):
     """A verb, or the command itself, as shells see it.

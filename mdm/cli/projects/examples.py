@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
-__all__ = ["EXAMPLES", "Example", "making", "new", "run"]
-
 
 class Example(NamedTuple):
     """An example.

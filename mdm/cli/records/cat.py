@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
-__all__ = ["run", "traced"]
-
 _FIELDS = ("ensemble", "source", "actor", "channel")
 """The fields of messages that name an ensemble, or something of it, by a path."""
 

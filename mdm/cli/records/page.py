@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     import argparse
     from pathlib import Path
 
-__all__ = ["recorded_run", "run"]
-
 
 def run(arguments: argparse.Namespace) -> int:
     """Show the record until Ctrl-C; return the exit status."""

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Iterator
 
-__all__ = ["export", "repair", "run"]
-
 _OWN = {"mdm", "mdm.file", "mdm.end", "mdm.repaired"}
 _SHOWN = 4
 """Names of states, observations or actions that are told, of many."""

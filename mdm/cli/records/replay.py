@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from mdm.messages import Decision
     from mdm.replay import Replayed, Together
 
-__all__ = ["explain", "run"]
-
 _ROWS = 20
 
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from mdm.models import MDP
     from mdm.recording import Record
 
-__all__ = ["run"]
-
 
 def run(arguments: argparse.Namespace) -> int:
     """Count, print and write; return the exit status."""

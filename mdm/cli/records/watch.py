@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     from mdm.snapshots import RecordedRun
 
-__all__ = ["run"]
-
 _PERIOD = 0.25
 _PATIENCE = 5.0
 """Seconds that one picture waits for an ensemble and, of a team, for all agents: they come to its page one by one."""

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from mdm.config import System
     from mdm.models import MDP
 
-__all__ = ["definitions", "facts", "lines", "load_ensembles", "wiring"]
-
 _MOST = 64
 """Symbols that are told one by one."""
 

@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from mdm.models import Space
     from mdm.views.web import Page
 
-__all__ = ["page_hosts", "refuse_without_page", "run", "why_in"]
-
 _FAILURES = {"failed", "timed_out", "abandoned"}
 
 

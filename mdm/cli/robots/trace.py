@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
     from mdm.messages import Decision
 
-__all__ = ["run"]
-
 _OPTIONS = (
     "model",
     "policy",

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from mdm.formats.markup import Element
 
-__all__ = ["Launch", "Node", "name_of", "read_launch", "roots"]
-
 _SUBSTITUTION = re.compile(r"\$\(\s*(\w+)\s*([^)]*)\)")
 _MOST_INCLUDES = 1000
 _LONGEST = 100_000

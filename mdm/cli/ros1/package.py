@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP
 
-__all__ = ["run"]
-
 _MODELS = {".mdp", ".pomdp", ".dpomdp", ".pomdpx", ".pgmx"}
 _TAKEN = {"decision_period", "decision_horizon", "discount", "false_negative_obs", "mdm_agent_index"}
 _FOR_NOTHING = {"is_sparse", "cache_flat_models", "marginalize", "pm_id", "pm_update_rate", "use_sim_time"}

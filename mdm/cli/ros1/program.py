@@ -15,8 +15,6 @@ from pathlib import Path
 
 from mdm.formats.source import Inventory
 
-__all__ = ["Action", "Control", "Declaration", "Program", "Routine", "Text", "programs", "read_program"]
-
 Text = tuple[str | int, ...]
 """A text as its parts, one after the other: literals, and numbers of words of the command line."""
 

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from mdm.maps.files.load import Parts
     from mdm.maps.graph import Graph
 
-__all__ = ["BuildingParts", "load_building", "load_floors"]
-
 _Table = TypeVar("_Table", bound=msgspec.Struct)
 _PLACE = re.compile(r" \(at line (\d+), column (\d+)\)")
 

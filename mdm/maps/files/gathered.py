@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     Fail = Callable[[str], NoReturn]
 
-__all__ = ["Gathered"]
-
 _FAR = 1e9
 """Metres that are on no map: more than the way around the Earth."""
 

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from mdm.maps.raster import Labels
     from mdm.models.matrices import Vector
 
-__all__ = ["Image", "read_image", "save_labels"]
-
 _MOST = 100_000_000
 """Pixels of an image."""
 _PNG = b"\x89PNG\r\n\x1a\n"

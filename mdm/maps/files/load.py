@@ -37,18 +37,6 @@ if TYPE_CHECKING:
 
     from mdm.maps.graph import Node
 
-__all__ = [
-    "Parts",
-    "colours_by_name",
-    "colours_under_goals",
-    "frame_of",
-    "labels_of",
-    "load_colours",
-    "load_graph",
-    "load_map",
-    "load_parts",
-]
-
 _FAR = 1_000_000.0
 """Metres that no place reaches."""
 

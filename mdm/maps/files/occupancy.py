@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
     from mdm.maps.files.yaml_tree import Entry
 
-__all__ = ["free_grey", "image_of", "load_grid"]
-
 _MODES = ("trinary", "scale", "raw")
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
 _TRUTH = {"0": False, "1": True, "false": False, "true": True, "no": False, "yes": True}

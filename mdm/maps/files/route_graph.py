@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     from mdm.formats.source import Source
 
-__all__ = ["read_route_graph"]
-
 _TOLD = 5
 """Pairs of nodes on one point that are told."""
 _TAKEN = {

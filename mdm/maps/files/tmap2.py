@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from mdm.maps.files.yaml_tree import Entry
 
-__all__ = ["read_tmap2"]
-
 _TILT = 0.01
 """How much of a turn, as the sine of half its angle, may be about another axis than the vertical one."""
 _PLANNING, _RUNTIME = "restrictions_planning", "restrictions_runtime"

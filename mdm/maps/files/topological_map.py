@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from mdm.formats.markup import Element
     from mdm.formats.source import Source
 
-__all__ = ["read_topological_map", "save_graph"]
-
 
 def save_graph(graph: Graph, path: str | Path) -> None:
     """Write places, their goals and their ways as a `TopologicalMap`. Zones, tolerances and costs are left out.

@@ -15,8 +15,6 @@ from mdm.formats.source import Source, number
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["Entry", "read_yaml"]
-
 _MOST = 1_000_000
 """Values of a text, aliases counted with all that they stand for; the largest maps in use have some 100,000."""
 _DEPTH = 50

@@ -73,16 +73,11 @@ def argument(
     exclusive: bool = False,
     **options: Any,
 ) -> Argument:
-    """Return an argument.
+    """Return an argument: with its help, what parses its text, and more that argparse is told.
 
-    Args:
-        words: The names of an option and what it takes, as ``-o --output FILE``; without the latter it is a flag. Of
-            a positional argument its name and how the usage calls it: ``model MODEL``; ``[MODEL]`` may be left out,
-            ``MODEL...`` stands for one or more.
-        help: Its help.
-        type: Parses its text.
-        exclusive: Whether it stands in the place of others that are.
-        options: More that argparse is told.
+    The words are the names of an option and what it takes, as ``-o --output FILE``; without the latter it is a flag. Of
+    a positional argument they are its name and how the usage calls it: ``model MODEL``; ``[MODEL]`` may be left out,
+    ``MODEL...`` stands for one or more.
     """
     parts = words.split()
     names = tuple(part for part in parts if part.startswith("-")) or (parts[0],)
@@ -139,15 +134,9 @@ def number(
     apart: tuple[float, ...] = (),
     be: str = "was",
 ) -> Callable[[str], Any]:
-    """Return what parses an argument as a number of an interval.
+    """Return what parses an argument as a number from the least to the most, but for those ends that are apart.
 
-    Args:
-        expected: The numbers in words.
-        least: The least.
-        most: The greatest.
-        kind: Parses the text.
-        apart: Ends of the interval that are none of these numbers.
-        be: The verb after the words.
+    Another text is refused with the words for what was expected, and their verb.
     """
 
     def read(text: str) -> Any:
@@ -243,12 +232,7 @@ def take_model(arguments: argparse.Namespace) -> None:
 
 
 def live_page(shows: str, whose: str) -> tuple[Argument, ...]:
-    """Return the options of a page that shows a run live.
-
-    Args:
-        shows: Says of which agents.
-        whose: Says which certificate is taken where none is given.
-    """
+    """Return the options of a page that shows a run live; the texts say of which agents, and whose certificate."""
     return (
         argument("--page [PORT]", f"{shows} for this machine's browsers, at port PORT (8765)", port, const=8765),
         argument(
@@ -260,12 +244,7 @@ def live_page(shows: str, whose: str) -> tuple[Argument, ...]:
 
 
 def page_hosts(whose: str = "", *, prefix: str = "--page-") -> tuple[Argument, ...]:
-    """Return the options that open a page to other machines.
-
-    Args:
-        whose: Says which certificate is taken where none is given; empty for none.
-        prefix: What the names of the options begin with.
-    """
+    """Return the options that open a page to other machines; a text says whose certificate is shown by default."""
     files = "the page's certificate: NAME.pem, NAME.key.pem and authority.pem of a folder"
     return (
         argument(

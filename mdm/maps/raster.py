@@ -206,7 +206,7 @@ class Labels:
             if colour in of:
                 raise MapError(f"{of[colour]!r} and {name!r} have the same colour, {colour:#08x}: give each its own")
             of[colour] = name
-        indices = {colour: index for index, colour in enumerate(names.values(), 1)}
+        indices = {colour: index for index, colour in enumerate(of, 1)}
         found, inverse, counts = np.unique(colours, return_inverse=True, return_counts=True)
         new = np.array([indices.get(int(colour), 0) for colour in found], dtype=np.uint16)
         unnamed = {int(c): int(count) for c, count in zip(found, counts, strict=True) if int(c) not in indices}

@@ -80,44 +80,35 @@ def _check_usage(arguments: argparse.Namespace) -> None:
     """Refuse arguments that contradict each other."""
     if Path(arguments.output).suffix.lower() not in _SUFFIXES:
         raise Error(f"{arguments.output}: models of maps are written as {', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]}")
-    timed = arguments.period is not None or arguments.durations is not None
-    for wrong, why in [
-        (arguments.speed is None and arguments.period is not None, "--period needs --speed: how long do ways take?"),
-        (arguments.speed is None and arguments.durations is not None, "--durations needs --speed"),
-        (
-            arguments.speed is not None and not timed,
-            "--speed needs --period, for decisions at a fixed rate, or --durations, for decisions after each action",
+    speed, period, kept = arguments.speed, arguments.period, arguments.durations
+    refused = {
+        "--period needs --speed: how long do ways take?": speed is None and period is not None,
+        "--durations needs --speed": speed is None and kept is not None,
+        "--speed needs --period, for decisions at a fixed rate, or --durations, for decisions after each action": (
+            speed is not None and period is None and kept is None
         ),
-        (
-            arguments.period is not None and arguments.durations is not None,
-            "--period is for decisions at a fixed rate, --durations for decisions after each action: give one",
+        "--period is for decisions at a fixed rate, --durations for decisions after each action: give one": (
+            period is not None and kept is not None
         ),
-        (
-            arguments.period is not None and arguments.success is not None,
-            "with --period the speed tells the probabilities of success: leave --success out",
+        "with --period the speed tells the probabilities of success: leave --success out": (
+            period is not None and arguments.success is not None
         ),
-        (arguments.stages is not None and arguments.durations is None, "--stages is for --durations"),
-        (
-            arguments.radius is not None
-            and arguments.speed is None
-            and arguments.noise is None
-            and not arguments.visits,
-            "--radius is for --speed, --noise and --visit",
+        "--stages is for --durations": arguments.stages is not None and kept is None,
+        "--radius is for --speed, --noise and --visit": (
+            arguments.radius is not None and speed is None and arguments.noise is None and not arguments.visits
         ),
-        (
-            arguments.durations is not None and Path(arguments.durations).suffix.lower() != ".npz",
-            "--durations writes an archive: its file ends in .npz",
+        "--durations writes an archive: its file ends in .npz": (
+            kept is not None and Path(kept).suffix.lower() != ".npz"
         ),
-        (
-            arguments.durations is not None and Path(arguments.durations).resolve() == Path(arguments.output).resolve(),
-            "--durations and -o are the same file",
+        "--durations and -o are the same file": (
+            kept is not None and Path(kept).resolve() == Path(arguments.output).resolve()
         ),
-        (
-            arguments.durations is not None and arguments.discount == 1,
-            "with a --discount of 1 time costs nothing: leave --durations out",
+        "with a --discount of 1 time costs nothing: leave --durations out": (
+            kept is not None and arguments.discount == 1
         ),
-    ]:
-        if wrong:
+    }
+    for why, is_so in refused.items():
+        if is_so:
             raise UsageError(why)
     for option, names in (("latch", arguments.latches), ("reward", arguments.rewards)):
         given = [name for name, _ in names]

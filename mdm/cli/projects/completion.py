@@ -118,20 +118,26 @@ def _text(help_: str | None) -> str:
     return " ".join((help_ or "").replace("%%", "%").split())
 
 
+def _cases(known: list[Command]) -> tuple[str, list[tuple[str, tuple[str, ...]]]]:
+    """Return the pattern of all commands, and each option that takes a value, after its command, with its values."""
+    takers = [
+        (shlex.quote(f"{command.words} {name}"), choices)
+        for command in known
+        for names, _, takes, choices in command.options
+        if takes
+        for name in names
+    ]
+    return "|".join(shlex.quote(command.words) for command in known), takers
+
+
 def _bash(known: list[Command]) -> str:
     verbs = "\n".join(
         f"      {shlex.quote(command.words)}) verbs={shlex.quote(' '.join((*command.verbs, *command.values)))}; "
         f"options={shlex.quote(' '.join(name for names, *_ in command.options for name in names))} ;;"
         for command in known
     )
-    paths = "|".join(shlex.quote(command.words) for command in known)
-    values = "\n".join(
-        f"    {shlex.quote(f'{command.words} {name}')}) words={shlex.quote(' '.join(choices))}; given=1 ;;"
-        for command in known
-        for names, _, takes, choices in command.options
-        if takes
-        for name in names
-    )
+    paths, takers = _cases(known)
+    values = "\n".join(f"    {words}) words={shlex.quote(' '.join(choices))}; given=1 ;;" for words, choices in takers)
     return f"""# bash completion of mdm; eval "$(mdm completion bash)"
 _mdm() {{
   local current="${{COMP_WORDS[COMP_CWORD]}}" command=mdm verbs options words= given= place
@@ -166,14 +172,10 @@ def _zsh(known: list[Command]) -> str:
         f"      options=({described([(name, text) for names, text, *_ in command.options for name in names])}) ;;"
         for command in known
     )
-    paths = "|".join(shlex.quote(command.words) for command in known)
+    paths, takers = _cases(known)
     values = "\n".join(
-        f"    {shlex.quote(f'{command.words} {name}')})"
-        + (f" compadd -- {' '.join(map(shlex.quote, choices))}; return ;;" if choices else " _files; return ;;")
-        for command in known
-        for names, _, takes, choices in command.options
-        if takes
-        for name in names
+        f"    {words}) {' '.join(('compadd', '--', *map(shlex.quote, choices)) if choices else ('_files',))}; return ;;"
+        for words, choices in takers
     )
     return f"""#compdef mdm
 # zsh completion of mdm; eval "$(mdm completion zsh)" after compinit

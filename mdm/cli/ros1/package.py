@@ -164,14 +164,17 @@ class _Package:
         lines += [f"# not taken over: {self._told(note)}" for note in self.notes.lines()]
         lines += ["", 'tasks = ["robot:live"]  # tells what is sensed, and poses where there is a map', ""]
         lines += self._places(made)
-        events = [each for each in self.declarations.values() if each.event]
-        predicates = [each for each in self.declarations.values() if not each.event and not self._is_place(each)]
+        declared = [
+            each
+            for each in self.declarations.values()
+            if each.event or each.kind != "place" or each.name not in self._place_names
+        ]
         used = {name for ensemble in self.ensembles for names, _ in ensemble.states for name in names}
         seen = {name for ensemble in self.ensembles for names, _ in ensemble.observations for name in names}
         known = set(self.declarations) | set(self._place_names)
-        lines += ["[predicates]", *map(self._predicate, predicates)]
+        lines += ["[predicates]", *(self._declared(each) for each in declared if not each.event)]
         lines += [f"{_key(name)} = {{}}  # told by another program" for name in sorted(used - known)]
-        lines += ["", "[events]", *map(self._event, events)]
+        lines += ["", "[events]", *(self._declared(each) for each in declared if each.event)]
         lines += [f"{_key(name)} = {{}}  # raised by another program" for name in sorted(seen - known)]
         return "\n".join([*lines, *ensembles]) + "\n"
 
@@ -181,23 +184,15 @@ class _Package:
     def _was(self, what: str, place: str) -> str:
         return f"# was: {self._told(what)}, of {self._told(place)}"
 
-    def _is_place(self, declared: Declaration) -> bool:
-        return declared.kind == "place" and declared.name in self._place_names
-
-    def _predicate(self, declared: Declaration) -> str:
-        if declared.kind == "formula":
-            return f"{_key(declared.name)} = {json.dumps(declared.formula)}  {self._was('a formula', declared.place)}"
-        if declared.kind == "latch":
-            setter, reset = map(json.dumps, declared.turns)
-            table = f"{{ set = {setter}, reset = {reset}, initial = false }}"
-            return f"{_key(declared.name)} = {table}  {self._was(declared.about, declared.place)}"
-        about = declared.about or "a label of the map, which has no such place"
-        return f"{_key(declared.name)} = {{}}  {self._was(about, declared.place)}"
-
-    def _event(self, declared: Declaration) -> str:
-        if declared.kind == "formula":
-            return f"{_key(declared.name)} = {json.dumps(declared.formula)}  {self._was('a formula', declared.place)}"
-        return f"{_key(declared.name)} = {{}}  {self._was(declared.about, declared.place)}"
+    def _declared(self, each: Declaration) -> str:
+        """Return the line of a predicate or an event."""
+        given, about = "{}", each.about or ("" if each.event else "a label of the map, which has no such place")
+        if each.kind == "formula":
+            given, about = json.dumps(each.formula), "a formula"
+        elif each.kind == "latch" and not each.event:
+            setter, reset = map(json.dumps, each.turns)
+            given = f"{{ set = {setter}, reset = {reset}, initial = false }}"
+        return f"{_key(each.name)} = {given}  {self._was(about, each.place)}"
 
     # -- The map -------------------------------------------------------------------------------------------------
 

@@ -20,7 +20,7 @@ from patience import PATIENCE
 from places import ROOT
 
 from mdm import ModelError, Runtime, problems, run, save_model
-from mdm.cli import main, make_parser
+from mdm.cli import main
 from mdm.cli.projects.completion import commands
 from mdm.messages import ActionLife
 from mdm.models import MDP, POMDP, Factor, Space
@@ -80,7 +80,7 @@ def test_the_tables_of_pages_are_right_but_for_what_is_not_there(tmp_path, capsy
 
 def test_the_commands_of_the_readme_have_these_options():
     """Beside those in a block that runs: of each line the verb, and all that begins with dashes."""
-    parsers = {command.words: command for command in commands(make_parser(), "mdm")}
+    parsers = {command.words: command for command in commands()}
     lines = [line for text in blocks.texts("README.md", "console") for line in text.splitlines()]
     lines = [line.partition("#")[0].split() for line in lines if line.startswith("mdm ")]
     assert len(lines) > 20

@@ -64,6 +64,11 @@ class Verb(NamedTuple):
     usage: str | None = None
     settings: Mapping[str, Any] = {}
 
+    @property
+    def all_arguments(self) -> tuple[Argument, ...]:
+        """Its arguments with ``--debug``, which is the last one where the verb does not say another place."""
+        return self.arguments if self.verbs or DEBUG in self.arguments else (*self.arguments, DEBUG)
+
 
 def argument(
     words: str,
@@ -109,7 +114,7 @@ def add_verb(verbs: Any, name: str, line: str, verb: Verb, *, command: str = "")
             add_verb(kinds, each, below.line, below, command=command)
         return
     group: Any = None
-    for names, options, exclusive in (*verb.arguments, *(() if DEBUG in verb.arguments else (DEBUG,))):
+    for names, options, exclusive in verb.all_arguments:
         if exclusive and group is None:
             group = parser.add_mutually_exclusive_group()
         (group if exclusive else parser).add_argument(*names, **options)
@@ -188,7 +193,6 @@ def _unit(text: str) -> Unit:
 
 
 DEBUG = argument("--debug", "show the traceback of an error, and more in the log")
-"""Of every verb, its last argument where it does not say another place."""
 JSON = argument("--json", "one JSON object")
 SEED = argument("--seed S", "the same seed gives the same result", seed)
 DISCOUNT = argument("--discount G", "overrides the model's", share)

@@ -195,10 +195,9 @@ def rides(graph: Graph, source: str, target: str, *, speed: float = 0.5) -> tupl
         here = graph.node(place).goal
         for edge in graph.edges:
             if edge.source == place:
-                there = graph.node(edge.target).goal
-                lasts = (
-                    math.dist((here.x, here.y), (there.x, there.y)) / speed if edge.seconds is None else edge.seconds
-                )
+                there, lasts = graph.node(edge.target).goal, edge.seconds
+                if lasts is None:
+                    lasts = math.dist((here.x, here.y), (there.x, there.y)) / speed
                 after = taken if edge.lift is None else (*taken, edge)
                 heappush(queue, (seconds + lasts, next(pushed), edge.target, after))
     raise MapError(f"no ways and lifts lead from {source!r} to {target!r}")

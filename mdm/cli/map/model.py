@@ -14,7 +14,7 @@ from mdm.cli.map.floor import inputs, kinds, load, settle
 from mdm.cli.report import as_json, columns
 from mdm.cli.usage import UsageError, finite
 from mdm.config.functions import find_function
-from mdm.errors import Error, MapError
+from mdm.errors import Error
 from mdm.formats import save_durations, save_model
 from mdm.formats.target import check_place, write_text
 from mdm.maps import Floors, Map
@@ -50,10 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.start = building.start
         floor, files = building.whole(), [*map(str, building.files)]
     else:
-        parts = load(arguments)
-        if parts.problems:
-            raise MapError(parts.problems[0].text)
-        floor, files = Map(parts.labels, parts.graph, parts.grid), inputs(arguments)
+        floor, files = load(arguments).whole(), inputs(arguments)
     for target in (arguments.output, arguments.durations, arguments.robot):
         if target is not None:
             check_place(target, *files)

@@ -1,4 +1,4 @@
-"""``mdm completion``: scripts by which shells complete the arguments of the command, made from its parsers.
+"""``mdm completion``: scripts by which shells complete the arguments of the command, made from the tables of its verbs.
 
 A shell asks for its script at each start. So the names of problems and solvers are read from the sources of their
 modules, which are not imported: that would load numpy.
@@ -6,19 +6,28 @@ modules, which are not imported: that would load numpy.
 
 from __future__ import annotations
 
-import argparse
 import ast
+import importlib
 import inspect
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mdm
-from mdm.cli import make_parser
+from mdm.cli import VERBS
 from mdm.cli.projects.examples import EXAMPLES
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Callable, Iterator
+
+    from mdm.cli.usage import Verb
+
+
+Option = tuple[tuple[str, ...], str, bool, tuple[str, ...]]
+"""The names of an option, a line of help, whether it takes a value, and the values if they are known."""
+
+_HELP: Option = (("-h", "--help"), "show this help message and exit", False, ())
 
 
 class Command(NamedTuple):
@@ -27,58 +36,61 @@ class Command(NamedTuple):
     Args:
         words: The verb with those before it, such as ``mdm map draft``.
         verbs: Its own verbs, each with a line of help.
-        options: Its options, each with its names, a line of help, whether it takes a value, and the values if they are
-            known.
+        options: Its options.
         values: The values of its first positional argument, if they are known.
     """
 
     words: str
     verbs: dict[str, str]
-    options: list[tuple[tuple[str, ...], str, bool, tuple[str, ...]]]
+    options: list[Option]
     values: tuple[str, ...]
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the script of a shell; return the exit status."""
-    print(_SCRIPTS[arguments.shell](list(commands(make_parser(), "mdm"))))
+    print(_SCRIPTS[arguments.shell](list(commands())))
     return 0
 
 
-def commands(parser: argparse.ArgumentParser, words: str) -> Iterator[Command]:
-    """Yield a command and all below it."""
-    verbs: dict[str, str] = {}
+def commands() -> Iterator[Command]:
+    """Yield the command and all its verbs."""
+    version = (("--version",), "show program's version number and exit", False, ())
+    yield Command("mdm", {verb: _text(line) for verb, (_, line) in VERBS.items()}, [_HELP, version], ())
+    for name, (folder, _) in VERBS.items():
+        verb: Verb = importlib.import_module(f"mdm.cli.{folder}").VERBS[name]
+        yield from _commands(f"mdm {name}", verb)
+
+
+def _commands(words: str, verb: Verb) -> Iterator[Command]:
+    """Yield a verb and all below it."""
+    verbs = {name: _text(below.line) for name, below in verb.verbs.items()}
+    options: list[Option] = [_HELP]
     values: tuple[str, ...] = ()
-    options, below = [], []
-    for action in parser._actions:  # noqa: SLF001 - argparse has no other way to see what a parser takes
-        if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
-            verbs = {choice.dest: _text(choice.help) for choice in action._choices_actions}  # noqa: SLF001
-            below = [(each, f"{words} {name}") for name, each in action.choices.items()]
-        elif action.option_strings:
-            options.append(
-                (tuple(action.option_strings), _text(action.help), action.nargs != 0, _values(words, action))
-            )
+    for names, given, _ in verb.all_arguments:
+        known = _values(words, names[-1].strip("-"), given)
+        if names[0].startswith("-"):
+            takes = given.get("action") not in {"store_true", "store_const"}
+            options.append((names, _text(given["help"]), takes, known))
         else:
-            values = values or _values(words, action)
-    if words == "mdm problem":
-        known = list(_problems(words))
-        verbs = {problem.words.removeprefix("mdm problem "): line for problem, line in known}
-        yield Command(words, verbs, options, values)
-        yield from (problem for problem, _ in known)
-    else:
-        yield Command(words, verbs, options, values)
-    for each, its_words in below:
-        yield from commands(each, its_words)
+            values = values or known
+    problems = list(_problems(words)) if words == "mdm problem" else []
+    verbs |= {problem.words.removeprefix("mdm problem "): line for problem, line in problems}
+    yield Command(words, verbs, options, values)
+    yield from (problem for problem, _ in problems)
+    for name, below in verb.verbs.items():
+        yield from _commands(f"{words} {name}", below)
 
 
-def _values(words: str, action: argparse.Action) -> tuple[str, ...]:
+def _values(words: str, name: str, given: dict[str, Any]) -> tuple[str, ...]:
     """Return the values that an argument may have; none if they are not known."""
-    if words == "mdm solve" and action.dest == "solver":
+    if words == "mdm solve" and name == "solver":
         return (*_declared(_sources("solvers", "solve.py"), "SOLVERS"), "help")
-    if words == "mdm examples" and action.dest == "name":
+    if words == "mdm examples" and name == "name":
         return tuple(EXAMPLES)
-    if action.choices:
-        return tuple(map(str, action.choices))
-    forms = action.metavar.split("|") if isinstance(action.metavar, str) else ()  # such as event|RATE
+    if "choices" in given:
+        return tuple(given["choices"])
+    metavar = given.get("metavar")
+    forms = metavar.split("|") if isinstance(metavar, str) else ()  # such as event|RATE
     return tuple(form for form in forms if form.islower())
 
 
@@ -86,7 +98,7 @@ def _problems(words: str) -> Iterator[tuple[Command, str]]:
     """Yield each problem as a command with its parameters as options, and a line about it."""
     names = _declared(_sources("problems", "__init__.py"), "__all__")
     found = {node.name: node for node in _sources("problems", "*.py") if isinstance(node, ast.FunctionDef)}
-    common: list[tuple[tuple[str, ...], str, bool, tuple[str, ...]]] = [
+    common: list[Option] = [
         (("-o", "--output"), "the model to write", True, ()),
         (("-h", "--help"), "explain the problem and its parameters", False, ()),
         (("--debug",), "show the traceback of an error", False, ()),

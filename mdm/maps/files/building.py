@@ -21,7 +21,7 @@ from mdm.errors import FormatError, MapError
 from mdm.formats.source import Source
 from mdm.maps.files.load import load_parts
 from mdm.maps.files.occupancy import image_of
-from mdm.maps.map import Floors, Lift, Map, joined
+from mdm.maps.map import Floors, Lift, joined
 from mdm.texts import in_words
 
 if TYPE_CHECKING:
@@ -86,12 +86,10 @@ class BuildingParts:
         Raises:
             MapError: If they do not.
         """
-        maps = {}
         for name, parts in self.floors.items():
             if parts.problems:
                 raise MapError(f"floor {name!r}: {parts.problems[0].text}")
-            maps[name] = Map(parts.labels, parts.graph, parts.grid)
-        return Floors(maps, self.lifts, self.start)
+        return Floors({name: parts.whole() for name, parts in self.floors.items()}, self.lifts, self.start)
 
 
 def load_floors(path: str | PathLike[str], *, robot: Mapping[str, str] | None = None) -> Floors:

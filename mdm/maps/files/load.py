@@ -79,10 +79,7 @@ def load_map(
         MapError: If the files do not fit each other, such as a goal that lies outside the map; or if Pillow or PyYAML
             is missing where one of them is needed (`pip install 'markov-decision-making[maps]'`).
     """
-    parts = load_parts(graph, grid=grid, labels=labels, names=names, reach=reach, robot=robot)
-    if parts.problems:
-        raise MapError(parts.problems[0].text)
-    return Map(parts.labels, parts.graph, parts.grid)
+    return load_parts(graph, grid=grid, labels=labels, names=names, reach=reach, robot=robot).whole()
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +99,16 @@ class Parts:
     grid: Grid | None
     colours: NDArray[np.uint32] | None = None
     problems: tuple[Problem, ...] = ()
+
+    def whole(self) -> Map:
+        """Return the map.
+
+        Raises:
+            MapError: If the parts do not fit each other.
+        """
+        if self.problems:
+            raise MapError(self.problems[0].text)
+        return Map(self.labels, self.graph, self.grid)
 
 
 def load_parts(
@@ -185,7 +192,6 @@ def colours_by_name(
 ) -> tuple[dict[str, int], list[Problem]]:
     """Return the colours of the places of a graph by names that are given, and what is wrong with them."""
     problems: list[Problem] = []
-    chosen: dict[str, int] = {}
     of: dict[int, str] = {}
     for name, colour in names.items():
         if name not in graph.names:
@@ -196,9 +202,8 @@ def colours_by_name(
             problems.append(Problem("colours", text, (of[colour], name)))
         else:
             of[colour] = name
-            chosen[name] = colour
     there = set(np.unique(colours).tolist())
-    for name, colour in chosen.items():
+    for colour, name in of.items():
         if colour not in there:
             hint = f"; with opacity, as in this image, it is {colour + _OPAQUE}" if colour + _OPAQUE in there else ""
             problems.append(Problem("colours", f"no pixel has the colour of {name!r}, {colour}{hint}", (name,)))
@@ -207,13 +212,12 @@ def colours_by_name(
         for name in graph.names
         if name not in names
     ]
-    return chosen, problems
+    return {name: colour for colour, name in of.items()}, problems
 
 
 def colours_under_goals(graph: Graph, colours: NDArray[np.uint32], grid: Grid) -> tuple[dict[str, int], list[Problem]]:
     """Return for each place the colour that is under its goal, and what is wrong with these."""
     problems: list[Problem] = []
-    chosen: dict[str, int] = {}
     of: dict[int, str] = {}
     for node in graph.nodes:
         cell = grid.frame.cell(node.goal.x, node.goal.y)
@@ -230,8 +234,7 @@ def colours_under_goals(graph: Graph, colours: NDArray[np.uint32], grid: Grid) -
             problems.append(Problem("colours", text, (of[colour], node.name), [cell]))
         else:
             of[colour] = node.name
-            chosen[node.name] = colour
-    return chosen, problems
+    return {name: colour for colour, name in of.items()}, problems
 
 
 def load_colours(path: str | Path) -> dict[str, int]:

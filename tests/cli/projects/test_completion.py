@@ -11,7 +11,7 @@ import sys
 import pytest
 
 from mdm import problems
-from mdm.cli import VERBS, main, make_parser
+from mdm.cli import VERBS, main
 from mdm.cli.projects.completion import commands
 from mdm.cli.projects.examples import EXAMPLES
 from mdm.solvers import SOLVERS
@@ -85,7 +85,7 @@ def test_fish(script, words, expected):
 
 
 def test_every_verb_and_option_is_known():
-    known = {command.words: command for command in commands(make_parser(), "mdm")}
+    known = {command.words: command for command in commands()}
     assert set(known["mdm"].verbs) == set(VERBS)
     assert len(known) > 30
     for command in known.values():
@@ -96,7 +96,7 @@ def test_every_verb_and_option_is_known():
 
 
 def test_names_are_those_of_the_modules():
-    known = {command.words: command for command in commands(make_parser(), "mdm")}
+    known = {command.words: command for command in commands()}
     assert list(known["mdm problem"].verbs) == problems.__all__
     for name, line in known["mdm problem"].verbs.items():
         function = getattr(problems, name)

@@ -178,7 +178,7 @@ _HOMES = {
     "team": ("Team",),
     "version": ("__version__",),
 }
-OFFERS = {"record": "mdm.recording.recorder:recorder_of", "page": "mdm.views.web.page:page_of"}
+OFFERS = {"record": "mdm.recording.recorder:recorder_of", "page": "mdm.views.web.server:page_of"}
 """The function that makes the extension of an option of the runtime, which knows no package above it."""
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

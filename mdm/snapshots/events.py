@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from heapq import merge
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import msgspec
 
@@ -21,17 +21,11 @@ __all__ = ["KINDS", "Event", "Ring", "event_of", "predicate_event", "remedy_of",
 
 Kind = Literal["mode", "fault", "idle", "life", "decision", "predicate", "odd"]
 
-KINDS: tuple[Kind, ...] = ("mode", "fault", "idle", "life", "decision", "predicate", "odd")
+KINDS: tuple[Kind, ...] = get_args(Kind)
 
-_ROOM: dict[Kind, int] = {
-    "mode": 5_000,
-    "fault": 2_000,
-    "idle": 2_000,
-    "life": 20_000,
-    "decision": 20_000,
-    "predicate": 20_000,
-    "odd": 2_000,
-}
+_ROOM = {"mode": 5_000, "life": 20_000, "decision": 20_000, "predicate": 20_000}
+"""Events of a kind that are kept; of others fewer."""
+_LESS = 2_000
 
 
 def value_of(value: bool | None) -> str:
@@ -40,20 +34,20 @@ def value_of(value: bool | None) -> str:
 
 
 class Event(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
-    """What happened.
+    """An event of a run.
 
     Attributes:
         number: Counted from 1 on.
         time: In seconds since the run's second 0.
-        kind: What it is.
+        kind: Its kind.
         source: The ensemble's path; of a fault, the actor's; of a predicate, its manager's.
         name: The mode, the kind of the fault, the action, the predicate as the scene names it, or the rule by which
             something looks odd.
         detail: In words; of a decision, its cause.
         status: Of an action, ``running`` or how it ended; of an ensemble, ``idle`` or ``busy``; of a predicate,
-            ``true``, ``false`` or ``unknown``; of what looks odd, ``odd`` or ``over``.
+            ``true``, ``false`` or ``unknown``; of an oddity, ``odd`` or ``over``.
         life: The number of the action's life, of the decision, or of the spell over which something looks odd.
-        remedy: What to do about a fault.
+        remedy: The remedy of a fault.
         count: Of decisions, how many this one stands for.
         at: Of a decision, in which state or on which observation it was made, in words.
     """
@@ -72,7 +66,7 @@ class Event(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
 
 
 def remedy_of(kind: str) -> str:
-    """Return what to do about a kind of fault; empty where it is none of the library's."""
+    """Return the remedy of a kind of fault; empty where it is none of the library's."""
     return FAULTS[kind].remedy if kind in FAULTS else ""
 
 
@@ -109,7 +103,9 @@ class Ring:
 
     def __init__(self) -> None:
         self.number = 0
-        self._kept: dict[Kind, deque[tuple[int, Event, bytes]]] = {kind: deque(maxlen=_ROOM[kind]) for kind in KINDS}
+        self._kept: dict[Kind, deque[tuple[int, Event, bytes]]] = {
+            kind: deque(maxlen=_ROOM.get(kind, _LESS)) for kind in KINDS
+        }
         self._encode = msgspec.json.Encoder().encode
 
     def add(self, time: float, kind: Kind, source: str, name: str, **more: object) -> None:

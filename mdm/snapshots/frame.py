@@ -32,7 +32,7 @@ __all__ = [
 
 
 class CauseFrame(msgspec.Struct, frozen=True):
-    """A cause of a safe mode: its kind, in words, since when, and what to do about it."""
+    """A cause of a safe mode: its kind, in words, since when, and its remedy."""
 
     kind: str
     detail: str
@@ -55,13 +55,13 @@ class EnsembleFrame(msgspec.Struct, frozen=True, omit_defaults=True):
         mode: ``stopped``, ``deciding`` or ``safe``.
         since: The mode's beginning.
         causes: Why it is safe.
-        waiting: What keeps it from deciding, or from having something to do, by names.
+        waiting: The names of missing inputs or pauses that keep it from deciding.
         idle: Since when it has had nothing to do; None where it has.
         live: Its live actions.
         epoch: The number of its last decision; -1 before the first.
         action: The last decided action.
         decisions: How many there were.
-        odd: What looks odd, in words, though nothing has failed.
+        odd: Its oddities in words, though nothing has failed.
     """
 
     mode: str
@@ -96,7 +96,7 @@ class GridFrame(msgspec.Struct, frozen=True):
 
 
 class BeliefFrame(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A belief: its likeliest states by names, what the others have, how many states, and marginals of factors.
+    """A belief: its likeliest states by names, the rest of the others, the number of states, and marginals of factors.
 
     ``entropy`` is in bits.
     """
@@ -120,8 +120,8 @@ class Detail(msgspec.Struct, frozen=True, omit_defaults=True):
         decided: When that was.
         reward: The expected reward of the last decision.
         value: The expected return from here on, where the policy tells it.
-        belief: What was decided on.
-        search: What the search that decided has told.
+        belief: The belief that was decided on.
+        search: The counts of the search that decided.
         observations: The last observations by name with their times, the newest last.
         tally: How often each observation came, the most frequent first.
     """
@@ -298,7 +298,7 @@ class Scene(msgspec.Struct, frozen=True):
         predicates: All predicates.
         floors: The floors of the robot's map.
         control: Whether commands are taken.
-        remarks: What should be known of the run, such as that its record is torn.
+        remarks: Warnings about the run, such as that its record is torn.
     """
 
     version: str

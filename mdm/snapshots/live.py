@@ -1,7 +1,7 @@
-"""A running system as a source of snapshots: what its reducer is fed with, and what is asked of the actors besides.
+"""A running system as a source of snapshots: it feeds the reducers, and asks the actors what no message tells.
 
-Nothing subscribes to what decisions publish, which would cost each of them: between turns decisions are counted, and
-the last one is read. Modes, faults, idleness and actions that last are rare, and each of them is heard.
+No decision is heard, which would cost each of them: between turns decisions are counted, and the last one is read.
+Modes, faults, idleness and actions that last are rare, and each of them is heard.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _UNSEEN: Any = object()
 _ALL = 50
 """Ensembles up to which each frame looks at all: to look at one costs ten microseconds, and a thousand have turns."""
 _TURNS = 20
-"""Ensembles that have their turn in a frame, whatever has changed; a quarter of them where a second has passed."""
+"""Ensembles that have their turn in a frame, changed or not; a quarter of all where a second has passed."""
 _CHANGED = 100
 """Ensembles that have changed and are looked at in a frame: of more, the others are in the next ones.
 
@@ -55,25 +55,7 @@ several times a second, where a thousand ensembles decide all the time.
 
 
 class _Ensemble:
-    """An ensemble, what feeds its reducer, and its last frame for as long as nothing changes."""
-
-    __slots__ = (
-        "_frame",
-        "_key",
-        "_repeats",
-        "_rewards",
-        "_searches",
-        "_waiting",
-        "actions",
-        "decisions",
-        "detail",
-        "encoded",
-        "ensemble",
-        "path",
-        "reducer",
-        "stale",
-        "urgent",
-    )
+    """Feeds the reducer of an ensemble, and keeps its last frame for as long as nothing changes."""
 
     def __init__(self, ensemble: Ensemble, reducer: EnsembleReducer) -> None:
         controller = ensemble.controller
@@ -130,7 +112,7 @@ class _Ensemble:
         return observation
 
     def missed(self, now: int, *, lost: bool) -> list[Mode | Idle | ActionLife]:
-        """Return what would have been heard of the ensemble: before anybody looked, or where a message was lost."""
+        """Return messages in the place of those that nobody heard: before the first look, or lost ones."""
         ensemble, reducer = self.ensemble, self.reducer
         status = ensemble.status()
         since = status.idle_since
@@ -191,7 +173,7 @@ class LiveRun(Observer):
 
     Args:
         runtime: The runtime, which runs.
-        title: What it is called.
+        title: Its title.
         control: Whether commands are taken.
 
     Attributes:
@@ -232,7 +214,7 @@ class LiveRun(Observer):
         self.generation = 0
 
     def open(self) -> None:
-        """Hear what is rare."""
+        """Hear modes, faults, idleness and actions that last."""
         self._guard = self._runtime.observe(self)
 
     def close(self) -> None:
@@ -294,7 +276,7 @@ class LiveRun(Observer):
     # -- The scene -----------------------------------------------------------------------------------------------
 
     def scene(self) -> Scene:
-        """Return what there is; made anew where actors have come or gone."""
+        """Return the scene; another one where actors have come or gone."""
         self._look_around()
         assert self._scene is not None
         return self._scene
@@ -394,7 +376,7 @@ class LiveRun(Observer):
         )
 
     def encoded(self, close: Collection[str] = ()) -> bytes:
-        """Return how everything is, as JSON; what has not changed is not encoded again.
+        """Return how everything is, as JSON; an unchanged ensemble is not encoded again.
 
         Args:
             close: The paths of ensembles that are looked at closely.
@@ -558,7 +540,7 @@ _LAYER = {
     "commits": "steps committed",
     "late": "messages that came late",
 }
-"""What is told of an ensemble that a team decides, in words."""
+"""The facts of an ensemble that a team decides, in words."""
 
 
 def _teams(members: list[Member]) -> dict[str, dict[str, str]]:

@@ -1,11 +1,11 @@
-"""What looks odd in a run, in words, and from when to when: nothing has failed, and yet somebody should look.
+"""Oddities of a run in words, and from when to when each lasts: nothing has failed, and yet somebody should look.
 
-Each function judges what has happened lately and costs no more than that is long. They are heuristics: their limits lie
+Each function judges the last events, at a cost of the order of their number. They are heuristics: their limits lie
 where robots that do well do not come.
 
 Each rule can change its mind at few times alone: where something happens that it judges by, and where a threshold of
-its own is passed. It is asked at these, once all has come that has happened by then, so that nothing is sampled: a
-running system and its record have the same spells, and the cost is of the order of what happens.
+its own is passed. It is asked at these, once all messages until then have come, so that nothing is sampled: a running
+system and its record have the same spells, and the cost is of the order of the messages.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ _OWN, _OTHERS = 3, 2
 FEW, _RARE, _STILL = 20, 3, 10.0
 """Observations, those of a second kind among them, and the seconds over which a belief should have moved."""
 _SURE = 0.9
-"""The probability of the likeliest state from which on a belief may well stand still, whatever noise is observed."""
+"""The probability of the likeliest state from which on a belief may well stand still under noise."""
 MOVED = 1e-3
 """By how much the probability of the likeliest state changes at least where a belief moves."""
 
@@ -175,7 +175,7 @@ class Told(NamedTuple):
         number: The spell's, counted from 1 on by ensemble.
         rule: The rule.
         of: The action that it is of; empty for a belief.
-        text: What looked odd when it began, in words.
+        text: The oddity as it began, in words.
     """
 
     time: int
@@ -195,7 +195,7 @@ class Spells:
         gap: A break of so many nanoseconds at most ends no spell.
 
     Attributes:
-        open: The numbers of the spells over what looks odd now, by rule and action.
+        open: The numbers of the spells that go on, by rule and action.
     """
 
     def __init__(self, rules: Mapping[str, Callable[[int], Judged]], tell: Callable[[Told], object], gap: int) -> None:
@@ -214,12 +214,12 @@ class Spells:
         return bool(self.open) and any(key[0] == rule for key in self.open)
 
     def expect(self, rule: str, time: float) -> None:
-        """Have a rule asked at a time, if not before."""
+        """Ask a rule at a time, if not before."""
         self._due[rule] = min(self._due[rule], time)
         self._next = min(self._next, time)
 
     def judge(self, time: int, *rules: str) -> None:
-        """Have rules asked once all has come that happened by a time; what comes late is judged with the rest."""
+        """Ask rules about a time once all messages until then have come; late ones are judged with the rest."""
         for rule in rules:
             self.expect(rule, max(time, self._judged))
 

@@ -83,7 +83,7 @@ class RecordedRun:
     Args:
         record: The record.
         system: The actors of the run, built from its configuration and not started, where there is one.
-        title: What it is called.
+        title: Its title.
 
     Raises:
         Error: If there is no message in it.
@@ -220,7 +220,7 @@ class RecordedRun:
     # -- What a replay restores ----------------------------------------------------------------------------------
 
     def restore(self, transports: Mapping[str, ReplayTransport] | None = None) -> None:
-        """Have the values of predicates from a replay; outside of an event loop, in some of the time of the run.
+        """Restore the values of predicates by a replay; outside of an event loop, in some of the time of the run.
 
         Args:
             transports: Of a team's agent, those with which its member was built.
@@ -251,14 +251,14 @@ class RecordedRun:
         self._encoded = self._encode_events()
 
     def remark(self, text: str) -> None:
-        """Have something said of the run, once."""
+        """Add a remark on the run, once."""
         if text not in self._remarks:
             self._remarks.append(text)
 
     # -- The scene -----------------------------------------------------------------------------------------------
 
     def scene(self) -> Scene:
-        """Return what there is."""
+        """Return the scene."""
         head = self._record.head
         wall = int(head["wall"]) + self._epoch - int(head["epoch"]) if "wall" in head and "epoch" in head else 0
         declared = None if self._manager is None else self._manager.declared
@@ -318,7 +318,7 @@ class RecordedRun:
         return Detail() if decided is None else each.detail(time, self._seconds, self._belief(decided.message))
 
     def _belief(self, decision: Decision) -> Any:
-        """Return the belief of a decision, which the record is asked for anew."""
+        """Return the belief of a decision, read again from the record."""
         key = decision.ensemble, decision.time
         if key not in self._beliefs:
             self._beliefs[key] = self._read_belief(decision)

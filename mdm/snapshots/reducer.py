@@ -72,7 +72,7 @@ _SAFE = "safe action"
 
 
 class Track:
-    """What is known of one subject at each time: entries by their times.
+    """Entries of one subject by their times.
 
     Args:
         newest: How many entries are kept at least; None for all.
@@ -116,7 +116,7 @@ class Decided(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What is known of an ensemble beside what happens to it.
+    """The names and wiring of an ensemble, which no message tells.
 
     Attributes:
         space: Its states, where they have names.
@@ -152,7 +152,7 @@ UNKNOWN = Known(None, str)
 
 
 def known_of(ensemble: Ensemble, *, controller: Any) -> Known:
-    """Return what is known of an ensemble that is there, running or not, with the controller that may be asked."""
+    """Return names and wiring of an ensemble that exists, running or not, with the controller that may be asked."""
     symbols, action = ensemble.controller.symbols, ensemble.action
     pairs = zip(action.names, action.bindings, strict=True)
     return Known(
@@ -178,12 +178,12 @@ def expected_return(controller: Any, at: Any) -> float | None:
 
 
 class EnsembleReducer:
-    """What has happened to an ensemble.
+    """Reduces the messages of an ensemble to pictures of it.
 
     Args:
         path: Its path.
-        tell: Told when something begins to look odd, and when that is over.
-        known: What is known of it besides.
+        tell: Called when something begins to look odd, and when that is over.
+        known: Its names and wiring.
         whole: Keep all, for a picture of any time; else the newest.
         gap: A break of so many nanoseconds at most ends no spell.
 
@@ -197,7 +197,7 @@ class EnsembleReducer:
         outcomes: How each life has ended, those of plain functions with them.
         observed: The observations that were decided on.
         believes: Whether any decision has a belief.
-        version: Counts what has happened.
+        version: The number of messages so far.
         heard: Since when all ends of actions are heard; None where none was missed.
     """
 
@@ -234,7 +234,7 @@ class EnsembleReducer:
     # -- Messages ------------------------------------------------------------------------------------------------
 
     def add(self, message: Decision | ActionLife | Mode | Idle, count: int = 1, repeats: int | None = None) -> None:
-        """Take what has happened.
+        """Take a message.
 
         Args:
             message: The message.
@@ -377,12 +377,12 @@ class EnsembleReducer:
         return ({"": text}, times[-1] + _WINDOW) if text else ({}, inf)
 
     def odd(self, time: int) -> tuple[str, ...]:
-        """Return what looks odd at a time, in words."""
+        """Return the oddities at a time, in words."""
         rules = (self._repeated, self._lasting, self._unmoved)
         return tuple([text for rule in rules for text in rule(time)[0].values()])
 
     def odd_now(self, time: int) -> tuple[str, ...]:
-        """Return what looks odd now: nothing has happened later. Costs little where nothing is odd."""
+        """Return the oddities now: no later message has come. Costs little where nothing is odd."""
         self.spells.settle(time + 1)
         return self.odd(time) if self.spells.open else ()
 
@@ -396,8 +396,8 @@ class EnsembleReducer:
         Args:
             time: The time.
             seconds: Of a time, the seconds since the run's second 0.
-            odd: What looks odd then.
-            waiting: What it waits for, which no message tells.
+            odd: Its oddities then.
+            waiting: The inputs or pauses that it waits for.
         """
         mode: Mode | None = self.modes.at(time)
         idle: Idle | None = self.idles.at(time)
@@ -423,7 +423,7 @@ class EnsembleReducer:
             time: The time.
             seconds: Of a time, the seconds since the run's second 0.
             current: The belief that was decided on last; None where there is none.
-            more: What no message tells.
+            more: Facts that no message tells.
         """
         known = self.known
         place = self.decisions.place(time)

@@ -34,11 +34,10 @@ _OCCUPIED = 255
 
 def factors_of(space: Space | None, ensemble: Ensemble | None = None) -> tuple[FactorScene, ...]:
     """Return the factors of a space of states as a scene has them, and the predicates of an ensemble that tell them."""
-    layer = None if ensemble is None else ensemble.state
+    wired = () if ensemble is None or ensemble.state is None else ensemble.state.factors
+    told_by = {each.name: tuple(each.predicates) for each in wired}
     if space is None:  # of a policy without a model: the factors as they are wired
-        wired = [] if layer is None else [(each.name, tuple(each.predicates)) for each in layer.factors]
-        return tuple([FactorScene(name, (), told if len(told) <= _LISTED else ()) for name, told in wired])
-    told_by = {} if layer is None else {each.name: tuple(each.predicates) for each in layer.factors}
+        return tuple([FactorScene(name, (), names if len(names) <= _LISTED else ()) for name, names in told_by.items()])
     return tuple(
         [
             FactorScene(each.name, tuple(each.names), told_by.get(each.name, ()))

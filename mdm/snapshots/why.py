@@ -24,7 +24,7 @@ class Why(msgspec.Struct, frozen=True):
 
     Attributes:
         text: In words, a line a fact.
-        values: What each action was worth, the best one first; None where the policy does not weigh it.
+        values: The value of each action, the best one first; None where the policy does not weigh it.
         epoch: The number of the decision.
     """
 

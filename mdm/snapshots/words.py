@@ -56,7 +56,7 @@ def cause_in_words(cause: str, *, observed: str = "", changed: str = "", ended: 
     Args:
         cause: As in `Decision`; another word is returned as it is.
         observed: The observation, by name, where it is known.
-        changed: What has changed of the state, as `changes` says it.
+        changed: The change of the state, as `changes` says it.
         ended: Of a decision again, the life of an action that had ended.
     """
     if cause == "observation" and observed:

@@ -1,4 +1,4 @@
-"""A floor with what moves on it, as text for a terminal, as pictures and as films."""
+"""A floor with robots and people on it, as text for a terminal, as pictures and as films."""
 
 from __future__ import annotations
 
@@ -113,12 +113,12 @@ class FloorView:
         """Return the floor as lines of text. Names stand within their places, shortened where there is no room.
 
         Args:
-            marks: What is on it; of several in one character the last is shown.
+            marks: The marks on it; of several in one character the last is shown.
             trail: Where a robot has been, in metres: a dot at each, below names and marks.
             columns: How many characters it may be wide.
             rows: How many lines it may have.
             palette: The terminal's colours, by which places are told, two blocks a character; where there are none,
-                walls are ``#``. What lies outside of the walls has the terminal's own background.
+                walls are ``#``. Outside of the walls is the terminal's own background.
             stretch: How many times as wide as it is it may be drawn, to be as wide as it may.
         """
         scale = self._scaled(columns, rows, stretch)
@@ -226,7 +226,7 @@ class FloorView:
         """Return the floor as a picture of Pillow's.
 
         Args:
-            marks: What is on it: robots as discs with a nose, others as discs with a letter.
+            marks: The marks on it: robots as discs with a nose, others as discs with a letter.
             trail: Where a robot has been, in metres: a line.
             title: Lines below it.
             size: How long its longer side is, in pixels.
@@ -318,7 +318,7 @@ class Film:
 
 
 def _runs(inside: NDArray[np.bool_]) -> Iterator[tuple[int, int, int]]:
-    """Yield the row, the first column and the one after the last of what lies inside without a gap."""
+    """Yield the row, the first column and the one after the last of each stretch inside."""
     for row, line in enumerate(inside):
         edges = np.flatnonzero(np.diff(np.concatenate(([0], line.astype(np.int8), [0]))))
         for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
@@ -341,7 +341,7 @@ def _thin(walls: NDArray[np.float64], between: NDArray[np.float64]) -> NDArray[n
 
 
 def _outside(raster: NDArray[np.uint16], thick: float) -> NDArray[np.bool_]:
-    """Return which cells lie behind the walls: around all, or in a hollow; what stands within a place does not."""
+    """Return which cells lie behind the walls: around all, or in a hollow; furniture within a place does not."""
     empty: NDArray[np.bool_] = raster == 0
     parts, _ = scipy.ndimage.label(np.pad(empty, 1, constant_values=True))
     around: NDArray[np.bool_] = parts[1:-1, 1:-1] == parts[0, 0]
@@ -352,7 +352,7 @@ def _outside(raster: NDArray[np.uint16], thick: float) -> NDArray[np.bool_]:
 def _coloured(
     line: Sequence[str], labels: NDArray[np.int64], inks: dict[int, tuple[Ink, bool]], palette: Palette
 ) -> str:
-    """Return a line of signs with the colours of what is in the upper and the lower half of each."""
+    """Return a line of signs with the colours of the upper and the lower half of each."""
     parts: list[str] = []
     last = ""
     for column, sign in enumerate(line):

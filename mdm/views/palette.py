@@ -24,7 +24,7 @@ _READABLE = 4.5
 _LEVELS = (0, 95, 135, 175, 215, 255)
 _FIXED = [(red, green, blue) for red in _LEVELS for green in _LEVELS for blue in _LEVELS]
 _FIXED += [(grey, grey, grey) for grey in range(8, 248, 10)]
-"""What the numbers from 16 to 255 of a terminal with 256 colours mean; themes choose the first 16."""
+"""The colours with the numbers 16 to 255 of a terminal with 256; themes choose the first 16."""
 _WITHOUT = re.compile(r"|dumb|unknown|ansi|vt\d.*")
 """Terminals, as TERM names them, that have no 256 colours."""
 

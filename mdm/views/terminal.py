@@ -89,7 +89,7 @@ class Terminal:
         self._events.extend([event for event in events if event.kind != "predicate"])
 
     def picture(self, frame: Frame, *, height: int = 40, status: str = "") -> Any:
-        """Return a frame as what rich prints.
+        """Return a frame as an object that rich prints.
 
         Args:
             frame: The frame.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from mdm.views.web.page import Page
-from mdm.views.web.server import PORT, PageServer
+from mdm.views.web.server import PORT, Page, PageServer
 
 __all__ = ["PORT", "Page", "PageServer"]

@@ -5,7 +5,7 @@ lead here (DNS rebinding). So a request has to name this server, a socket has to
 both need a secret that only the printed address has told. No request but a message on the socket does anything.
 
 A page that is opened to other machines is encrypted by TLS, with a certificate of the team's authority. Who looks shows
-none, since browsers seldom have one: the secret of the page's address is what lets in, and goes through TLS alone. A
+none, since browsers seldom have one: the secret of the page's address lets in, and goes through TLS alone. A
 page answers to the names in its certificate, and to no other.
 """
 
@@ -90,7 +90,7 @@ class Access:
         """Return why a request is refused; None where it is answered.
 
         Args:
-            path: The path, with what is asked.
+            path: The path, with its query.
             headers: The headers, each of which is there once at most.
             socket: Whether a socket is to be opened.
         """
@@ -208,7 +208,7 @@ def trusting(authority: str | None) -> ssl.SSLContext:
 
 
 def _address(name: str) -> str | None:
-    """Return an address in its usual form; None for what is none."""
+    """Return an address in its usual form; None where it is none."""
     with suppress(ValueError):
         return str(ipaddress.ip_address(name.strip("[]\n")))
     return None

@@ -1,4 +1,7 @@
-"""The server of a page: its files, and the socket on which frames go out and nothing else comes in than is allowed."""
+"""The page of a run and its server: its files, and the socket on which frames go out and allowed messages come in.
+
+The page of a runtime is opened before its actors start, so that a start is seen, and closed behind their end.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +9,21 @@ import asyncio
 import importlib
 import logging
 import os
+import sys
 import time as times
 from collections import deque
 from contextlib import suppress
+from functools import partial
 from http import HTTPStatus
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
+from mdm.checks import is_whole
 from mdm.errors import Error
+from mdm.runtime import Extension, VirtualClock
+from mdm.snapshots import LiveRun
 from mdm.views.web.access import HEADERS, Access, encryption
 from mdm.views.web.listening import LOOPBACK, counted, listen
 from mdm.views.web.session import Aside, Reader
@@ -23,10 +31,13 @@ from mdm.views.web.session import Aside, Reader
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
+    from mdm.runtime import Runtime
+    from mdm.snapshots import RecordedRun
     from mdm.team.transport.access import Access as Certificate
-    from mdm.views.web.session import LiveSource, RecordSource, Said
+    from mdm.views.web.session import Said
+    from mdm.views.web.team import TeamRun
 
-__all__ = ["PORT", "PageServer", "pause"]
+__all__ = ["PORT", "Page", "PageServer", "check_port", "page_of", "pause"]
 
 PORT = 8765
 """The port where none is given."""
@@ -36,7 +47,7 @@ _RATE = 20.0
 _SHARE = 0.02
 """The share of the event loop's time that frames may take: those of large systems come less often."""
 _COSTS = 5
-"""Frames by the cheapest of which it is judged what one costs: another program may have held up any of them."""
+"""Frames of which the cheapest is taken as the cost: another program may have held up any of them."""
 _HEARTBEAT = 1.0
 """Seconds after which a running system is looked at though nobody else looks, so that its past has no gap."""
 _LARGEST = 16_384
@@ -61,7 +72,7 @@ class PageServer:
     """Serves the page of a running system, or of a record, at the loopback address, or with TLS at another one.
 
     Args:
-        source: What is shown.
+        source: The run.
         port: Where it listens; 0 for any that is free.
         host: A name or an address of this machine; ``0.0.0.0`` for all of its addresses.
         access: The certificate that it shows, by TLS: without one it listens at a loopback address alone.
@@ -77,7 +88,7 @@ class PageServer:
 
     def __init__(
         self,
-        source: LiveSource | RecordSource,
+        source: LiveRun | TeamRun | RecordedRun,
         *,
         port: int = PORT,
         host: str = LOOPBACK[0],
@@ -85,7 +96,7 @@ class PageServer:
         live: bool,
         control: bool = False,
         token: str | None = None,
-        renew: Callable[[], RecordSource] | None = None,
+        renew: Callable[[], RecordedRun] | None = None,
     ) -> None:
         self._source: Any = source
         self._renew = renew
@@ -225,7 +236,7 @@ class PageServer:
                 self._readers.discard(reader)
 
     async def _say(self, connection: Any, reader: Reader, said: Said) -> None:
-        """Answer a message; what cannot be answered ends the talk, and the robot goes on."""
+        """Answer a message; a failure ends the talk, and the robot goes on."""
         try:
             for answer in await reader.answers(said):
                 await connection.send(answer, text=True)
@@ -272,8 +283,107 @@ class PageServer:
         self._beat = loop.call_later(_HEARTBEAT, self._watch)
 
 
+def check_port(port: Any) -> int:
+    """Return a port that is given.
+
+    Raises:
+        Error: If it is none.
+    """
+    if not is_whole(port) or not 0 <= port < 65_536:
+        raise Error(f"a page's port is a whole number up to 65535, not {port!r}")
+    return int(port)
+
+
+def _print(address: str) -> None:
+    print(f"page: {address}", file=sys.stderr, flush=True)  # noqa: T201 - else nobody could open it
+
+
+class Page(Extension):
+    """A live page of a running system, for browsers of this machine, or with a certificate for those of others.
+
+    Hand it to a `Runtime`, or a port alone where the defaults will do. It listens at the loopback address, or with TLS
+    at another one, and is read alone, unless it takes commands. No decision waits for it longer than for one snapshot.
+
+    Args:
+        port: Where it listens; 0 for any port that is free.
+        host: Where it listens: a name or an address of this machine; ``0.0.0.0`` for all of its addresses.
+        access: The certificate that it shows to browsers, which names the host, its key, and the authority that they
+            trust, as agents of a team have them.
+        control: Take commands: start, stop, reset and release of ensembles, and predicates that no sensor tells.
+        title: The title of the page.
+        token: The secret in its address; by default that of the environment's ``MDM_PAGE_TOKEN``, by which an open page
+            finds back after a restart, else a random one.
+        announce: Called with the address; by default it is printed on standard error.
+
+    Raises:
+        Error: If ``websockets`` is not installed, which the extra ``page`` brings, the port is none, or a host that is
+            not loopback has no certificate, or one that browsers would not trust.
+    """
+
+    name = "the page"
+
+    def __init__(
+        self,
+        port: int = PORT,
+        *,
+        host: str = LOOPBACK[0],
+        access: Certificate | None = None,
+        control: bool = False,
+        title: str = "",
+        token: str | None = None,
+        announce: Callable[[str], object] = _print,
+    ) -> None:
+        port = check_port(port)
+        self._served = partial(PageServer, port=port, host=host, access=access, live=True, control=control, token=token)
+        encryption(host, access)
+        self._control = control
+        self._title = title
+        self._announce = announce
+        self._live: LiveRun | None = None
+        self._server: PageServer | None = None
+
+    async def open(self, runtime: Runtime) -> None:
+        """Show a runtime, which begins.
+
+        Raises:
+            Error: If the port is in use, the host none of this machine, or the runtime's time virtual.
+        """
+        if isinstance(runtime.clock, VirtualClock):
+            raise Error("a page needs real time: a run in virtual time is recorded, and shown by mdm page FILE.mcap")
+        live = LiveRun(runtime, title=self._title, control=self._control)
+        server = self._served(live)
+        await server.open()
+        live.open()
+        self._live, self._server = live, server
+        self._announce(server.address)
+
+    async def close(self) -> None:
+        """Show nothing more."""
+        if self._server is not None:
+            await self._server.close()
+        if self._live is not None:
+            self._live.close()
+        self._live = self._server = None
+
+    @property
+    def address(self) -> str:
+        """The address by which it opens, with its secret.
+
+        Raises:
+            Error: If it is not open.
+        """
+        if self._server is None:
+            raise Error("a page that is not open has no address")
+        return self._server.address
+
+
+def page_of(given: Any) -> Any:
+    """Return the page that is given as itself, or by its port."""
+    return given if hasattr(given, "open") and hasattr(given, "close") else Page(given)
+
+
 def pause(costs: Collection[float]) -> float:
-    """Return for how many seconds no frame is made, by what the last ones have cost."""
+    """Return for how many seconds no frame is made, by the costs of the last ones."""
     return min(max(1 / _RATE, min(costs) / _SHARE), _HEARTBEAT)
 
 
@@ -283,7 +393,7 @@ def _reason(text: str) -> str:
 
 
 def websockets() -> Any:
-    """Return what serves sockets.
+    """Return the parts of websockets that serve.
 
     Raises:
         Error: If it is not installed.

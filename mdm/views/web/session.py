@@ -1,4 +1,4 @@
-"""A browser that looks: what it may say, how often, and which frames it gets.
+"""A browser that looks: its messages, how often they may come, and which frames it gets.
 
 A browser says that it has drawn a frame before it gets another: one is in flight, and the newest one is sent. A browser
 that sleeps says nothing and gets nothing, and events wait for it in their ring.
@@ -8,18 +8,17 @@ from __future__ import annotations
 
 import asyncio
 import time as times
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
 
 from mdm.errors import Error
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Collection
+    from collections.abc import Awaitable, Callable
 
-    from mdm.snapshots import Frame, Scene
 
-__all__ = ["Allowance", "Aside", "LiveSource", "Reader", "RecordSource", "Said", "Source"]
+__all__ = ["Allowance", "Aside", "Reader", "Said"]
 
 _MOST_EVENTS = 1_000
 """Events that a message has at most."""
@@ -35,29 +34,27 @@ class _Said(msgspec.Struct, frozen=True, tag_field="say", tag=str.lower, forbid_
     pass
 
 
-class Drawn(_Said, frozen=True):
-    """A frame was drawn: send the next one, of ensembles at close range, with the events behind a cursor."""
-
+class _Shown(_Said, frozen=True, kw_only=True):
     cursor: Cursor = 0
     close: Paths = ()
 
 
-class At(_Said, frozen=True):
+class Drawn(_Shown, frozen=True):
+    """A frame was drawn: send the next one, of ensembles at close range, with the events behind a cursor."""
+
+
+class At(_Shown, frozen=True):
     """Send a record's frame of a second."""
 
     time: float
-    cursor: Cursor = 0
-    close: Paths = ()
 
 
-class Step(_Said, frozen=True):
+class Step(_Shown, frozen=True):
     """Send a record's frame of the next decision, fault or mode behind a second, or of the one before it."""
 
     kind: str
     time: float
     back: bool = False
-    cursor: Cursor = 0
-    close: Paths = ()
 
 
 class Why(_Said, frozen=True):
@@ -92,57 +89,12 @@ class Sense(_Said, frozen=True):
 
 
 Aside = Why | Course | Command | Sense
-"""What may take its time, and is answered beside the frames."""
+"""Messages whose answers may take their time, beside the frames."""
 
 Said = Drawn | At | Step | Why | Course | Command | Sense
 
 _decode = msgspec.json.Decoder(Said).decode
 _encode = msgspec.json.Encoder().encode
-
-
-class Source(Protocol):
-    """What is looked at."""
-
-    def scene(self) -> Scene:
-        """Return what stays as it is."""
-
-    async def explain(self, ensemble: str, time: float | None = None, /) -> Any:
-        """Return why an ensemble decided as it did."""
-
-
-class LiveSource(Source, Protocol):
-    """A running system."""
-
-    generation: int
-    ring: Any
-
-    def frame(self, close: Collection[str] = ()) -> Frame:
-        """Return how everything is."""
-
-    def encoded(self, close: Collection[str] = ()) -> bytes:
-        """Return how everything is, as JSON."""
-
-    def command(self, command: str, ensemble: str) -> Awaitable[None] | None:
-        """Command an ensemble; what is returned waits where another process carries it out."""
-
-    def sense(self, predicate: str, value: bool | None) -> Awaitable[None] | None:
-        """Set a predicate; the same."""
-
-
-class RecordSource(Source, Protocol):
-    """A record."""
-
-    def frame(self, seconds: float, close: Collection[str] = ()) -> Frame:
-        """Return how everything was."""
-
-    def step(self, kind: Any, seconds: float, *, back: bool = False) -> float:
-        """Return the time of the next event of a kind."""
-
-    def after(self, cursor: int, most: int) -> tuple[list[bytes], int]:
-        """Return the events behind a cursor."""
-
-    async def course(self, ensemble: str, first: float, last: float) -> Any:
-        """Return how an ensemble's decisions went over some time."""
 
 
 class Allowance:
@@ -173,7 +125,7 @@ class Reader:
     """One browser, or terminal.
 
     Args:
-        source: What it looks at.
+        source: The run that it looks at.
         newest: Of a running system, returns the number of the newest frame's scene, and the frame, encoded, when one is
             due; None for a record.
         control: Whether it may command.
@@ -218,10 +170,10 @@ class Reader:
         return said
 
     async def answers(self, said: Said) -> list[bytes]:
-        """Return what is answered to a message.
+        """Return the answers to a message.
 
         Raises:
-            Error: If it is about what there is none of, or what is shown has failed.
+            Error: If it asks for something that does not exist, or the frame cannot be made.
         """
         if isinstance(said, Command | Sense):
             return [_encode(await self._commanded(said))]

@@ -116,7 +116,7 @@ class _Agent:
                 await socket.say({"say": "drawn", "cursor": self._cursor, "close": close})
 
     def _tell_gone(self) -> None:
-        """Have the events say that nothing is known of the agent from now on."""
+        """Tell by events that nothing is known of the agent from now on."""
         assert self.scene is not None
         self._is_gone = True
         now, ring = self._team.now, self._team.ring
@@ -126,7 +126,7 @@ class _Agent:
             ring.add(now, "predicate", self.name, self.shown(predicate.name), status=value_of(None))
 
     def _tell_back(self, frame: Frame) -> None:
-        """Have the events say how the agent is that was gone."""
+        """Tell by events how the agent is that was gone."""
         assert self.scene is not None
         self._is_gone = False
         now, ring = self._team.now, self._team.ring
@@ -175,7 +175,7 @@ class _Agent:
             raise Error(f"agent {self.name!r} does not answer") from None
 
     async def command(self, message: dict[str, Any]) -> None:
-        """Have a command carried out.
+        """Carry out a command.
 
         Raises:
             Error: If the agent refuses it, does not answer in time, or too many commands came.
@@ -243,7 +243,7 @@ class TeamRun:
 
     Args:
         pages: The address of each agent's page, with its secret.
-        title: What the team is called.
+        title: The title of the team.
         control: Whether commands are taken, which each agent's page has to allow, too.
 
     Attributes:
@@ -282,7 +282,7 @@ class TeamRun:
         return [(agent, agent.scene) for agent in self._agents if agent.scene is not None]
 
     def scene(self) -> Scene:
-        """Return what there is of all agents."""
+        """Return the scenes of all agents as one."""
         ensembles: list[EnsembleScene] = []
         predicates: list[PredicateScene] = []
         floors: list[FloorScene] = []
@@ -345,7 +345,7 @@ class TeamRun:
         raise Error(f"there is no ensemble {ensemble!r}")
 
     async def command(self, command: str, ensemble: str) -> None:
-        """Have an ensemble's agent carry out a command.
+        """Command an ensemble, by its agent.
 
         Raises:
             Error: If there is no such ensemble, or its agent refuses the command, or does not answer in time.
@@ -353,7 +353,7 @@ class TeamRun:
         await self._agent_of(ensemble).command({"say": "command", "command": command, "ensemble": ensemble})
 
     async def sense(self, predicate: str, value: bool | None) -> None:
-        """Have an agent set a predicate, by its name in the scene.
+        """Set a predicate, by its name in the scene, at its agent.
 
         Raises:
             Error: If there is no such predicate, or its agent refuses to set it, or does not answer in time.

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mdm.controller import Controller
     from mdm.recording import Record
     from mdm.replay import Together
-    from mdm.replay.transport import ReplayTransport
+    from mdm.replay.exchange import ReplayTransport
     from mdm.stimuli import Stimulus
 
 __all__ = ["Rebuilt", "different_entry", "different_part", "rebuilt", "rebuilt_to_compare", "replay_team"]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 import typing
 from collections import Counter
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -16,12 +17,14 @@ from mdm import messages
 from mdm.errors import Error, FormatError
 from mdm.recording import schemas
 from mdm.recording.part import PART, Attachment, Gap, Part, Topic, number_in
+from mdm.recording.process import File
 from mdm.stimuli import Said, Stimulus
+from mdm.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-__all__ = ["FORMAT", "Attachment", "Decoding", "Gap", "Record", "Recorded", "Topic", "records_of"]
+__all__ = ["FORMAT", "Attachment", "Decoding", "Gap", "Record", "Recorded", "Topic", "records_of", "repair"]
 
 FORMAT = 1
 """The newest format of records that is known here."""
@@ -357,3 +360,36 @@ def _converted(value: Any, kind: Any) -> Any:
         except msgspec.ValidationError:
             pass
     return value
+
+
+def repair(record: Record, file: IO[bytes]) -> int:
+    """Write all that can be read of a record to one file; return the number of messages.
+
+    Args:
+        record: The record; of a split one, all files become one.
+        file: What it is written to, opened for writing bytes.
+
+    Raises:
+        Error: If mcap is not installed.
+    """
+    if importlib.util.find_spec("mcap") is None:
+        raise Error("records need mcap: pip install 'markov-decision-making[record]'")
+    written = File(file, f"mdm/{__version__}")
+    for name, mapping in record.metadata.items():
+        if name == "mdm.file":  # a whole of its own, which other files do not follow
+            written.metadata(name, {"record": f"{mapping.get('record', '')} repaired", "number": "0"})
+        else:
+            written.metadata(name, mapping)
+    for attachment in record.attachments:
+        written.attach(*attachment)
+    topics = {name: written.topic(*topic) for name, topic in record.topics.items()}
+    count = 0
+    for topic, time, sequence, data in record.raw():
+        written.add_message(topics[topic], time, data, time, sequence)
+        count += 1
+    if record.torn is not None or record.damage:
+        facts = {"torn": record.torn or "", "damage": "\n".join(record.damage), "unread": str(record.unread)}
+        facts["files"] = "\n".join(record.damaged_files)
+        written.metadata("mdm.repaired", {name: fact for name, fact in facts.items() if fact})
+    written.finish()
+    return count

@@ -44,8 +44,8 @@ from mdm.team.storage import Stored
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from mdm.replay.exchange import ReplayTransport
     from mdm.replay.player import Player
-    from mdm.replay.transport import ReplayTransport
     from mdm.runtime import Actor, Runtime
     from mdm.stimuli import Stimulus
 

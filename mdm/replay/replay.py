@@ -19,9 +19,8 @@ from mdm.recording import Record
 from mdm.recording.part import Gap
 from mdm.recording.recorder import environment
 from mdm.replay.driver import Driver, ReplayClock
-from mdm.replay.exchange import Exchange, Limit, Otherwise, Traffic
+from mdm.replay.exchange import Exchange, Limit, Otherwise, ReplayTransport, Traffic
 from mdm.replay.player import Difference, Player
-from mdm.replay.transport import ReplayTransport
 from mdm.runtime import Actor, Runtime, run
 from mdm.stimuli import Began, Finished, Joined, Received, Unsent
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from mdm.actors import Ensemble, PredicateManager
     from mdm.maps import Places
     from mdm.recording.reader import Record
-    from mdm.replay.transport import ReplayTransport
+    from mdm.replay.exchange import ReplayTransport
     from mdm.runtime import Actor, Runtime
     from mdm.snapshots.events import Event
     from mdm.snapshots.frame import EnsembleScene

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from mdm.replay.exchange import Exchange
-from mdm.replay.transport import ReplayTransport
+from mdm.replay.exchange import Exchange, ReplayTransport
 from mdm.stimuli import Finished, Received
 
 

@@ -16,8 +16,7 @@ from mdm.cli.report import as_json, printable
 from mdm.cli.usage import UsageError
 from mdm.errors import Error
 from mdm.formats.target import check_place, replacing
-from mdm.recording.reader import Record
-from mdm.recording.repair import repair as repaired
+from mdm.recording.reader import Record, repair as repaired
 from mdm.recording.table import Names, Row, names_of, rows
 from mdm.texts import counted
 

@@ -9,8 +9,7 @@ from records import HEAD, decision, encoded, official, written
 from sentences import refused
 
 from mdm.errors import Error
-from mdm.recording.reader import Record
-from mdm.recording.repair import repair
+from mdm.recording.reader import Record, repair
 
 SOUND, MESSAGES = damage.sound()
 

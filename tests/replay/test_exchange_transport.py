@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from mdm.replay.transport import ReplayTransport
+from mdm.replay.exchange import ReplayTransport
 from mdm.stimuli import Received
 
 

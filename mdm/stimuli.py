@@ -1,7 +1,7 @@
-"""Stimuli: what begins turns, as a record keeps it, so that a run can be repeated from them alone.
+"""Stimuli: the beginnings of turns, as a record keeps them, so that a run can be repeated from them alone.
 
-What the library derives from a stimulus is no stimulus: timers and what follows from them, predicates of places, ends
-of actions as events. ``time`` is that of the turn which the stimulus begins, in nanoseconds of the clock.
+Messages that the library derives from a stimulus are none: those of timers, predicates of places, ends of actions as
+events. ``time`` is that of the turn which the stimulus begins, in nanoseconds of the clock.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class _Stimulus(msgspec.Struct, frozen=True, gc=False, tag_field="kind", tag=str
 class Began(_Stimulus, frozen=True, gc=False):
     """An actor came to a step of its life: its start when `on_start` is called, ``run`` when `on_running` is.
 
-    An ensemble comes to its ``stop`` when its end begins, for good or before it starts anew; every actor comes to its
+    An ensemble comes to its ``stop`` when its end begins, for good or before it starts again; every actor comes to its
     ``end`` when it hears nothing more.
     """
 
@@ -171,7 +171,7 @@ class Lasts(_Stimulus, frozen=True, gc=False):
 class Ended(_Stimulus, frozen=True, gc=False):
     """The work of an action's life came to its end.
 
-    ``interrupted`` tells that a cancellation had reached it by then, ``error`` what it raised, where it did;
+    ``interrupted`` tells that a cancellation had reached it by then, ``error`` names its error, where it raised one;
     ``cancelled`` that it was cancelled, by whomever; ``abandoned`` that the life had ended long before.
     """
 
@@ -193,7 +193,7 @@ class Raised(_Stimulus, frozen=True, gc=False):
 
 
 class GoesOn(_Stimulus, frozen=True, gc=False):
-    """What an action's ``goes_on`` answered when the action was chosen again, by the decision of an epoch."""
+    """The answer of an action's ``goes_on`` when the action was chosen again, by the decision of an epoch."""
 
     ensemble: str
     epoch: int
@@ -239,7 +239,7 @@ class Joined(_Stimulus, frozen=True, gc=False):
     """An agent of a team began its link to the others, in a life of this number.
 
     ``facts`` are those that must be the same at all agents, by name: they refuse each other where one differs.
-    ``protocol`` is the version of what the agent says to them.
+    ``protocol`` is the version of the agent's messages to them.
     """
 
     agent: str
@@ -296,7 +296,7 @@ class Answered(_Stimulus, frozen=True, gc=False):
 
 
 class Acknowledged(_Stimulus, frozen=True, gc=False):
-    """A layer had the chance to acknowledge a step to its team, behind what followed at once from the step."""
+    """A layer had the chance to acknowledge a step to its team, behind the immediate consequences of the step."""
 
     actor: str
 

@@ -1,4 +1,4 @@
-"""Records: what happened in a run, so that it can be looked at and run again."""
+"""Records of runs, to be looked at and run again."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Reads one file of a record: what is whole of it, where it is damaged, and where it is torn.
+"""Reads one file of a record: its sound parts, and where it is damaged or torn.
 
-It is read from its start, record by record as the MCAP specification lays them out, so that what its process could not
-complete is read as well. Where a chunk has a checksum, as ours have, its messages are taken if that holds. Other
+It is read from its start, record by record as the MCAP specification lays them out, so that a file without its end
+is read as well. Where a chunk has a checksum, as ours have, its messages are taken if that holds. Other
 programs may leave out all that is optional in MCAP: chunks, checksums (0 means that none is given), indices, a summary.
 Behind damage it goes on where the next record begins: as the damaged one tells, else as the summary does, else at the
 next bytes that are a chunk whose checksum holds. The numbers of messages tell how many are lost.
@@ -73,7 +73,7 @@ class Attachment(NamedTuple):
 
 
 class _Chunk(NamedTuple):
-    """Where a chunk is, or messages are that follow each other without one, and what is in it."""
+    """The place and the content of a chunk, or of messages that follow each other without one."""
 
     offset: int
     length: int
@@ -309,7 +309,7 @@ class Part:
             self._damaged.clear()
 
     def _check_end(self, file: IO[bytes], content: bytes, crc: int) -> None:
-        """Check what follows the data; no message is there."""
+        """Check the end of the file, behind the data; no message is there."""
         rest = file.read()
         if content not in {bytes(4), struct.pack("<I", crc)} and not (self.holes or self._damaged):
             self._find_damaged_index(file)
@@ -497,7 +497,7 @@ class Part:
 
 
 def _between(before: int, after: int) -> int:
-    """Return how many numbers are left out between those of two messages, which begin anew after 32 bits."""
+    """Return how many numbers are left out between those of two messages, which begin again after 32 bits."""
     step = (after - before) % 2**32
     if not 0 < step < 2**31:
         raise _Torn("a chunk is not in its place")
@@ -545,7 +545,7 @@ COMPRESSIONS = frozenset(_MODULES)
 def decompressor(compression: str) -> Callable[[bytes, int], bytes]:
     """Return a function that decompresses a frame to a size.
 
-    What it returns is at most a byte longer, whatever the frame claims to hold, and it raises `ValueError` for what is
+    Its result is at most a byte longer, for all that the frame claims to hold. It raises `ValueError` where that is
     no whole frame.
 
     Args:

@@ -1,8 +1,9 @@
-"""The process that writes a record: frames in by a pipe, a file out, and what fails by a second pipe.
+"""The process that writes a record: frames in by a pipe, a file out, and failures by a second pipe.
 
-It runs apart from the robot, so that compression and slow disks cost the robot nothing, and so that what it was sent
-is kept where the robot's process is killed. `RecordWriter` runs this file, which loads neither numpy nor the rest of
-the library. It has a session of its own, and ends when the pipe does: signals that end programs are for the robot.
+It runs apart from the robot, so that compression and slow disks cost the robot nothing, and so that the frames that it
+has are kept where the robot's process is killed. `RecordWriter` runs this file, which loads neither numpy nor other
+parts of the library. It has a session of its own, and ends when the pipe does: signals that end programs are for the
+robot.
 
 A frame is a byte that tells its kind, the length of the rest in four bytes, and the rest. Numbers are little-endian.
 """
@@ -66,7 +67,7 @@ class Claimed(OSError):
 
 
 class Gone(Claimed):
-    """A file is no longer what was written to it."""
+    """A file has lost some of its content."""
 
 
 class Kept(Claimed):
@@ -101,7 +102,7 @@ def claim(path: str, *, keep: bool = False) -> int:
 
 
 class _Stream:
-    """A file to which whole records are written: what does not fit leaves no trace.
+    """A file to which whole records are written: one that does not fit leaves no trace.
 
     Args:
         descriptor: The open file.
@@ -181,7 +182,7 @@ class File:
     """One file of a record, written by the official library.
 
     Args:
-        stream: What it is written to.
+        stream: Its bytes go there.
         library: The program that writes it, and its version.
         chunk: Bytes of messages that are compressed together.
         folder: Where indexes are kept until the file is complete; in memory where none is given.
@@ -297,7 +298,7 @@ class _Output:
         self.dirty = True
 
     def check(self) -> None:
-        """Raise `Gone` where the file is no longer what was written."""
+        """Raise `Gone` where the file has lost some of its content."""
         self._stream.check()
 
     def _finish(self) -> None:
@@ -308,12 +309,12 @@ class _Output:
             self.leave()
 
     def leave(self) -> None:
-        """Let go of the file, which gives back the room of one that was removed, and of what is kept beside it."""
+        """Let go of the file, which gives back the room of one that was removed, and of its indexes."""
         self._file.leave()
         self._stream.close()
 
     def synchronise(self) -> None:
-        """Put on the disk what was written."""
+        """Put all on the disk."""
         self.dirty = False
         self._file.flush()
         os.fsync(self._stream.descriptor)
@@ -391,7 +392,7 @@ class _Recorder:
         return position
 
     def second(self) -> None:
-        """Do what is due every second."""
+        """Do the work of every second."""
         if self._output is not None:
             self._try(self._output.synchronise if self._output.dirty else self._output.check)
         self._tell()
@@ -412,7 +413,7 @@ class _Recorder:
 
 
 def _apply(output: _Output, kind: int, data: bytes) -> None:
-    """Do what a frame says that is no message."""
+    """Carry out a frame that is no message."""
     if kind == TOPIC:
         name, schema_name, schema = json.loads(data)
         output.topic(name, schema_name, schema.encode())

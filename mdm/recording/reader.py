@@ -66,8 +66,8 @@ class Record:
     Attributes:
         path: The path of the first file.
         paths: All files.
-        metadata: The named strings. ``mdm`` has the head: the format, versions, clock and epoch; ``ensemble NAME`` what
-            an ensemble was made of: digests, names, its seed.
+        metadata: The named strings. ``mdm`` has the head: the format, versions, clock and epoch; ``ensemble NAME``
+            the digests, names and seed of an ensemble.
         attachments: The attached files.
         topics: The topics by name.
         counts: How many messages each topic has.
@@ -125,7 +125,7 @@ class Record:
 
     @property
     def flaws(self) -> tuple[str, ...]:
-        """What is not there of the run, a sentence each: where it is torn or damaged, what is lost without a place."""
+        """The flaws of the record, a sentence each: where it is torn or damaged, and losses without a place."""
         told = [] if self.torn is None else [self.torn if self.grows else f"{self.torn}: what follows is not there"]
         told += self.damage
         left_out = [name for name in self.damaged_files if repr(name) not in "".join(self.damage)]
@@ -234,7 +234,7 @@ class Record:
     def raw(
         self, topics: Iterable[str] | None = None, since: int | None = None, until: int | None = None
     ) -> Iterator[tuple[str, int, int, bytes]]:
-        """Yield what `messages` does as tuples, messages as the bytes of their JSON."""
+        """Yield the same as `messages` as tuples, messages as the bytes of their JSON."""
         names = None if topics is None else set(topics)
         for name in names or ():
             if name not in self.topics:
@@ -317,7 +317,7 @@ class Decoding:
         self._decoders: dict[str, msgspec.json.Decoder[Any]] = {}
 
     def decode(self, schema_name: str, data: bytes) -> Any:
-        """Return a message: a struct, or what JSON has where its type is unknown or has other fields."""
+        """Return a message: a struct, or plain JSON where its type is unknown or has other fields."""
         kind = self._kinds.get(schema_name)
         if kind is None:
             return msgspec.json.decode(data)
@@ -344,7 +344,7 @@ def _restore(kind: Any, value: Any) -> Any:
 
 
 def _converted(value: Any, kind: Any) -> Any:
-    """Return a struct from what JSON has; without one that fits, the value as it is.
+    """Return a struct made of plain JSON; without one that fits, the value as it is.
 
     JSON has null for numbers that are none, or infinite: they are restored as not a number.
     """
@@ -367,7 +367,7 @@ def repair(record: Record, file: IO[bytes]) -> int:
 
     Args:
         record: The record; of a split one, all files become one.
-        file: What it is written to, opened for writing bytes.
+        file: A file that is open for writing bytes.
 
     Raises:
         Error: If mcap is not installed.

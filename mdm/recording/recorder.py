@@ -1,7 +1,7 @@
-"""The recorder: keeps what a runtime notes, and has it written to a file.
+"""The recorder: an observer that keeps a run in a file.
 
-What happens is appended to a list within its turn; it is encoded between turns, in slices so short that no decision
-waits for long, and written by a process of its own (see `RecordWriter`).
+It appends events to a list within their turn, encodes them between turns, in slices so short that no decision waits for
+long, and lets a process of its own write them (see `RecordWriter`).
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ class Recorder(Extension):
         """Begin the record of a runtime.
 
         Raises:
-            Error: If the file cannot be written, what writes it is not installed, or this has recorded a run before.
+            Error: If the file cannot be written, mcap is not installed, or this has recorded a run before.
         """
         if self._runtime is not None:
             raise Error(f"{self.path}: a Recorder is for one run: make a new one for each runtime")
@@ -159,7 +159,7 @@ class Recorder(Extension):
             self._looks = self._loop.call_later(_LOOK, self._look)
 
     def on_end(self) -> None:
-        """Complete the file; what has not been written after some seconds is lost."""
+        """Complete the file; messages that are not written after some seconds are lost."""
         if self._looks is not None:
             self._looks.cancel()
         try:
@@ -212,7 +212,7 @@ class Recorder(Extension):
         channel.subscribe(self._guard(lambda message: self._put((_SENT, number, message))))
 
     def _write(self, slice_: int | None = _SLICE) -> None:
-        """Encode what was noted, for so many nanoseconds, or all of it; what fails is lost, and the rest goes on."""
+        """Encode waiting items, for so many nanoseconds, or all; one that fails is lost, and the others go on."""
         items, self._items = self._items, []
         until = None if slice_ is None else times.perf_counter_ns() + slice_
         for number, item in enumerate(items):
@@ -231,7 +231,7 @@ class Recorder(Extension):
         self._complain()
 
     def _send(self) -> None:
-        """Send what is encoded to the process that writes, and say how much is lost."""
+        """Send encoded messages to the process that writes, and say how many are lost."""
         lost = self._lost
         self._writer.skip(lost - self._skipped)
         self._skipped = lost
@@ -357,7 +357,7 @@ class Recorder(Extension):
             self._put((_DECIDED, output, decision))
 
     def on_control(self, output: Deciding) -> None:
-        """Keep what an ensemble decides by, in the record's head."""
+        """Keep the digests and names of an ensemble, in the record's head."""
         if output.ensemble not in self._controlled:
             self._controlled.add(output.ensemble)
             facts = {"configuration": output.configuration, **output.digests()}
@@ -385,7 +385,7 @@ _NAMED = 10_000
 
 
 def _plain(value: object) -> object:
-    """Return what JSON has for a value: lists for arrays, numbers for numpy's."""
+    """Return a value as JSON has it: lists for arrays, numbers for numpy's."""
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, np.generic):

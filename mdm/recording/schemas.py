@@ -2,7 +2,7 @@
 
 It wants an object at the root and one plain type a field: no references, unions, null, tuples or arrays of arrays. A
 schema is therefore a projection: an optional field has its type, a choice of words is a string, an array of numbers is
-one, and what has no plain type is left out: it is in the messages all the same.
+one, and a field without a plain type is left out: it is in the messages all the same.
 """
 
 from __future__ import annotations

@@ -88,18 +88,18 @@ def names_of(record: Record) -> dict[str, Names]:
 
 
 class Row(msgspec.Struct):
-    """A decision, and what became of it.
+    """A decision and its consequences.
 
     Args:
         decision: The decision.
         state: The name of its state, if it has one.
         observation: The name of its observation, likewise.
         true_state: The state of the simulated world by then, None where none is told.
-        true_reward: What the simulated world has paid for it, likewise; of several steps the sum.
+        true_reward: The reward that the simulated world has paid for it, likewise; of several steps the sum.
         life: The number of the action's life that it began, or went on with.
         end: How that life ended, None where it did not, or went on with a later decision.
         ended: When, in nanoseconds.
-        detail: What was said of the end.
+        detail: The end in words.
     """
 
     decision: Decision
@@ -174,7 +174,7 @@ class _Table:
             row.true_reward = paid.value
 
     def pay(self, ensemble: str, reward: Reward) -> None:
-        """Take in what the world pays, which it may before the decision is told, or when the next one replaces it."""
+        """Take in a reward of the world, which may come before its decision, or when the next one replaces that."""
         for row in (self._latest.get(ensemble), self._before.get(ensemble)):
             if row is not None and row.decision.epoch == reward.epoch:
                 row.true_reward = (row.true_reward or 0.0) + reward.value

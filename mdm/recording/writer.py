@@ -48,7 +48,7 @@ _FRAME = process.HEADER.pack
 
 
 class RecordStatistics(msgspec.Struct, frozen=True):
-    """What became of the messages of a record.
+    """Counts of the messages of a record.
 
     Args:
         messages: Those that were taken, to be written.
@@ -126,7 +126,7 @@ class RecordWriter:
         self._ear = -1
 
     def open(self) -> None:
-        """Begin the record; what stands in its way is told here, before a robot runs.
+        """Begin the record; obstacles are told here, before a robot runs.
 
         Raises:
             Error: If mcap is not installed.
@@ -307,7 +307,7 @@ class RecordWriter:
             self.flush()
 
     def _hear(self) -> None:
-        """Take in what the process says."""
+        """Take in the process's reports."""
         if self._ear < 0:
             return
         try:
@@ -340,7 +340,7 @@ class RecordWriter:
         self._discard()
 
     def _discard(self) -> None:
-        """Drop what waits."""
+        """Drop all that waits."""
         self._buffer.clear()
         self._limit = -1
         self._lost = self._messages - self._written
@@ -356,9 +356,9 @@ class RecordWriter:
         )
 
     def close(self, seconds: float = 2.0) -> None:
-        """Send what waits, and wait until the file is complete: for so many seconds, at most.
+        """Send the rest, and wait until the file is complete: for so many seconds, at most.
 
-        Past these seconds, what the process was sent is still written, and what waits here is dropped.
+        Past these seconds, the process still writes all that it has, and the rest is dropped.
         """
         if self._process is None:
             return

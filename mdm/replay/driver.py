@@ -1,4 +1,4 @@
-"""What plays a record: it starts the actors that a run has started, and gives them each stimulus at its time."""
+"""The driver of a replay: it starts the actors that a run has started, and gives them each stimulus at its time."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ class Driver:
             await self._teammates.give(stimulus)
 
     def _cut_or_resume(self, stimulus: Cut | Resumed) -> None:
-        """Have a turn that is cut short go on; forget a cut to whose place no turn has come."""
+        """Go on with a turn that is cut short; forget a cut to whose place no turn has come."""
         cuts, dispatcher = self._player.cuts, self._runtime.dispatcher
         if isinstance(stimulus, Resumed):
             if dispatcher.active:
@@ -158,7 +158,7 @@ class Driver:
     # -- Actors ------------------------------------------------------------------------------------------------------
 
     def _ask(self, began: Began) -> None:
-        """Stop or start anew an actor at the top, where the program has done so."""
+        """Stop an actor at the top or start it again, where the program has done so."""
         for top in self._tops:
             if top.path == began.actor and not top.failing:
                 if began.step == "stop" and top.life == "running":
@@ -175,13 +175,13 @@ class Driver:
         await self._runtime.start(top)
 
     def _fail(self, failed: Failed) -> None:
-        """Have an actor fail, unless it has with another, or by itself."""
+        """Let an actor fail, unless it has with another, or by itself."""
         actor = next((one for one in descendants(self._runtime.root) if one.path == failed.actor), None)
         if actor is not None and not actor.failing:
             actor.fail(AsRecordedError(failed.error))
 
     async def _end(self, ended: Ended) -> None:
-        """Have the task of an action end as it did."""
+        """End the task of an action as it did end."""
         found = self._player.stand_ins.get((ended.ensemble, ended.life))
         if found is None or found[1].done:
             return
@@ -198,7 +198,7 @@ class Driver:
     # -- What was said -----------------------------------------------------------------------------------------------
 
     async def _repeat(self, said: Said) -> None:
-        """Publish what was said outside of turns; what was said within one has its place there."""
+        """Publish a message from outside of turns; one from within a turn has its place there."""
         player = self._player
         if said.where == "outside":
             self._say(said)
@@ -213,7 +213,7 @@ class Driver:
             self._say(said)
 
     def _watch(self) -> bool:
-        """Say what was said at this place of the running turn; return whether it was cut short there."""
+        """Publish the messages of this place of the running turn; return whether it was cut short there."""
         # Several ticks have one time, and each a turn of its own: what was said behind the last waits for that.
         runtime, player = self._runtime, self._player
         while player.turns:
@@ -231,7 +231,7 @@ class Driver:
         return True
 
     def _say(self, said: Said) -> None:
-        """Publish what was said, on its channel, in the present turn or as the beginning of one."""
+        """Publish a message again, on its channel, in the present turn or as the beginning of one."""
         kind = getattr(messages, said.type, None)
         if kind is None or not isinstance(said.message, kind):
             return  # of a type that only the program knew
@@ -255,7 +255,7 @@ class Teammates:
         self._runtime, self._player, self._transports = runtime, player, transports
 
     async def give(self, stimulus: Stimulus) -> None:
-        """Give what came from teammates, or from outside to the team; another stimulus is none of these.
+        """Give a stimulus from teammates, or from outside to the team; ignore another one.
 
         Raises:
             PartedError: If it is a message that is not known any more.
@@ -291,7 +291,7 @@ class Teammates:
             await asyncio.sleep(0)
 
     def _command(self, commanded: Commanded) -> None:
-        """Have a command carried out that was asked for from outside."""
+        """Carry out a command that was asked for from outside."""
         layer = self._layer(commanded.ensemble)
         if layer is not None:
             order: Any = commanded.command
@@ -299,7 +299,7 @@ class Teammates:
             self._runtime.dispatcher.deliver(turn, commanded.token)
 
     def _recall(self, recalled: Recalled) -> None:
-        """Have a layer begin as an earlier process of its agent had stopped."""
+        """Let a layer begin as an earlier process of its agent had stopped."""
         layer = self._layer(recalled.ensemble)
         if layer is not None:
             stored = msgspec.json.decode(recalled.stored, type=Stored)
@@ -310,13 +310,13 @@ class Teammates:
         return next((one for one in layers if one.ensemble.name == ensemble), None)
 
     def _answer(self, answered: Answered) -> None:
-        """Have an actor take the answer that it got."""
+        """Give an actor the answer that it got."""
         for actor in descendants(self._runtime.root):
             if isinstance(actor, PredicateSubscriber) and actor.path == answered.actor:
                 actor.repeat_answer(answered.body)
 
     def _acknowledge(self, acknowledged: Acknowledged) -> None:
-        """Have a layer acknowledge a step where it did."""
+        """Let a layer acknowledge a step where it did."""
         for actor in descendants(self._runtime.root):
             if isinstance(actor, ReplicatedLayer) and actor.path == acknowledged.actor:
                 actor.repeat_acknowledgement()

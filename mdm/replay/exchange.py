@@ -7,8 +7,8 @@ sender's replay has sent it. Where all wait, none of these messages will be sent
 With another configuration (`Otherwise`), the message of a number stands in place of the one that had it. As long as the
 agents send under the same keys at the same times as they did, this is a run that the team would have had on the same
 network: with the same delays and losses, and the same input of its sensors. Once an agent sends otherwise, nothing says
-when its teammates would receive that, and what they would send then: `Traffic.limits` says up to when each of them
-cannot have received any of it.
+when its teammates would receive that, and how they would answer: `Traffic.limits` says up to when each of them cannot
+have received any of it.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Limit(NamedTuple):
 
     Attributes:
         time: By the clock of the record, in nanoseconds.
-        reason: Why, in words: what an agent would not have sent so, behind which the others may have received it.
+        reason: Why, in words: a message that an agent would not have sent so, and that others may have received.
     """
 
     time: int
@@ -85,7 +85,7 @@ class Traffic:
 
     Args:
         sides: The records by their names.
-        sent: What each agent sent until its run began to end, in its order.
+        sent: The messages of each agent until its run began to end, in its order.
     """
 
     def __init__(self, sides: Mapping[str, Side], sent: Mapping[Life, Sequence[Sent]]) -> None:
@@ -179,7 +179,7 @@ _Way = tuple[str, "Life", _Content]
 
 
 class PartedError(Error):
-    """Of a replay nothing can be told from here on: what it receives is not known."""
+    """Nothing can be told of a replay from here on: its next message is not known."""
 
 
 class Exchange:
@@ -240,7 +240,7 @@ class Exchange:
         self._look_whether_all_wait()
 
     def send(self, agent: str, incarnation: int, key: str, body: bytes, *, answer: bool = False) -> None:
-        """Have a message that was sent come to those who wait for it; an answer is in the record of who asked."""
+        """Bring a message to those who wait for it; an answer is in the record of who asked."""
         life = agent, incarnation
         if (time := self._now[life]()) < self._until[life]:
             self._log[life].append(Sent(time, key, body, answer))
@@ -282,7 +282,7 @@ class Exchange:
 
     @property
     def traffic(self) -> Traffic:
-        """What was sent."""
+        """All messages that were sent."""
         return Traffic(self._sides, self._log)
 
     @property
@@ -341,7 +341,7 @@ class Otherwise:
     """Carries messages between agents of another configuration, in place of those that were sent.
 
     Args:
-        traffic: What was sent with the configuration that the agents had.
+        traffic: The messages that were sent with the configuration that the agents had.
     """
 
     def __init__(self, traffic: Traffic) -> None:
@@ -368,7 +368,7 @@ class Otherwise:
         self._running += 1
 
     def leave(self, name: str) -> None:
-        """Let the agents of a record send nothing more: what they sent then, and did not send now, never comes."""
+        """Let the agents of a record send nothing more: messages that they sent only then never come."""
         self._running -= 1
         for life in self._traffic.sides[name].lives:
             sent, then = self._sent[life], self._traffic.sent[life]
@@ -379,7 +379,7 @@ class Otherwise:
         self._look_whether_all_wait()
 
     def send(self, agent: str, incarnation: int, key: str, body: bytes, *, answer: bool = False) -> None:
-        """Have a message come in place of the one of its number; behind one that is not like that, nothing does."""
+        """Bring a message in place of the one of its number; behind one that is not like that, nothing comes."""
         life = agent, incarnation
         side = self._traffic.side_of[life]
         time = self._now[life]()
@@ -398,7 +398,7 @@ class Otherwise:
             waiting.permit.set_result(None)
 
     async def comes(self, received: Received, incarnation: int, *, heard: bool = True) -> Received:
-        """Return what is received in place of a message, once it was sent.
+        """Return the message in place of one that was received, once it was sent.
 
         Raises:
             PartedError: If it is not known.
@@ -447,28 +447,28 @@ class Otherwise:
         return PartedError()
 
     def _part(self, life: Life) -> None:
-        """Take it that no further message of an agent is known."""
+        """Note that no further message of an agent is known."""
         self._parted.add(life)
         for waiting in [each for each in self._waiting if each.life == life]:
             self._waiting.remove(waiting)
             waiting.permit.set_exception(self._parting(waiting.side))
 
     def _look_what_was_missed(self, side: str) -> None:
-        """Find agents of a record that have not sent by now what they had sent before."""
+        """Find agents of a record whose next message is overdue."""
         for life in self._traffic.sides[side].lives:
             sent, then = self._sent[life], self._traffic.sent[life]
             if life not in self._parted and len(sent) < len(then) and then[len(sent)].time < self._now[life]():
                 self._miss(life)
 
     def _miss(self, life: Life) -> None:
-        """Take it that an agent does not send its next message."""
+        """Note that an agent does not send its next message."""
         old = self._traffic.sent[life][len(self._sent[life])]
         side = self._traffic.side_of[life]
         self._limit(side, Limit(old.time, f"{life[0]} sent a message under {old.key}, and does not"))
         self._part(life)
 
     def _look_whether_all_wait(self) -> None:
-        """Have one that waits for ever stop, where all do."""
+        """Stop one that waits for ever, where all do."""
         if self._waiting and len(self._waiting) == self._running:
             first = min(self._waiting, key=lambda waiting: waiting.received.sent)
             self._waiting.remove(first)
@@ -477,16 +477,16 @@ class Otherwise:
 
 
 class ReplayTransport:
-    """Carries what a record has to one agent.
+    """Carries the messages of a record to one agent.
 
     Args:
         agent: The agent.
         incarnation: The number of its recorded life.
         unsent: The numbers of its messages that were held back.
-        protocol: The version of what it said.
+        protocol: The version of its messages.
 
     Attributes:
-        exchange: What brings its messages to other agents that are replayed together with it, where there is one.
+        exchange: Brings its messages to other agents that are replayed together with it, where there are any.
     """
 
     def __init__(
@@ -545,11 +545,11 @@ class ReplayTransport:
         return True
 
     def subscribe(self, expression: str, handler: Callable[[Sample], None]) -> None:
-        """Have a handler called with each recorded message under the keys of an expression."""
+        """Call a handler with each recorded message under the keys of an expression."""
         self._handlers[expression] = handler
 
     def serve(self, key: str, answer: Callable[[bytes], bytes]) -> None:
-        """Have a function called with each recorded request under a key; nobody hears the answer."""
+        """Call a function with each recorded request under a key; nobody hears the answer."""
         self._answering[key] = answer
 
     def serves(self, key: str) -> bool:
@@ -570,7 +570,7 @@ class ReplayTransport:
         return {}
 
     def watch(self, handler: Callable[[Mapping[str, int]], None]) -> None:
-        """Have a handler called with the live agents."""
+        """Call a handler with the live agents."""
         self._watchers.append(handler)
 
     def supervise(self, failed: Callable[[BaseException], None], report: Callable[[str, str], None]) -> None:

@@ -1,4 +1,4 @@
-"""Input that is given to a running system from outside: what a record says was said, and the stimuli of `mdm trace`."""
+"""Input that is given to a running system from outside: by a replay, and by `mdm trace`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The player of a replay: it answers what the record says, and compares what is decided."""
+"""The player of a replay: it answers as the record does, and compares decisions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from mdm.stimuli import (
     Behind,
     Cut,
     Delays,
-    Ended,
     Finished,
     GoesOn,
     Kept,
@@ -147,7 +146,7 @@ class Player(Choices, Observer):
         differences: Those found so far, in the order of the record's decisions.
         found: The time by which each of these was found: when it was made in the replay, else when in the record.
         count: How many decisions the record has.
-        made: When decisions were made in the replay, which may be behind the time of what they are made on.
+        made: When decisions were made in the replay, which may be behind the time of their stimulus.
         paired: The same, of those that stand beside one of the record.
         missed_by: Until when those of the record had been made that were not made.
         stopped: Whether the replay stopped before the end of the record.
@@ -210,7 +209,6 @@ class Player(Choices, Observer):
         self._lasted: set[int] = set()
         self._at_once: dict[str, tuple[int, int]] = {}
         self._kept: dict[tuple[str, int], tuple[dict[str, bool | None], dict[str, int]]] = {}
-        self._ended: set[tuple[str, int]] = set()
         self._goes_on: dict[tuple[str, int, int], bool] = {}
         self._overs = {(over.ensemble, over.epoch, over.time) for over in stimuli if isinstance(over, Over)}
         self._delays = Delays()
@@ -224,7 +222,6 @@ class Player(Choices, Observer):
         self._draws: dict[str, str] = {}
         # Work that has not been waited for to take its first step.
         self.fresh: list[tuple[StandIn, Work]] = []
-        self._layers: dict[str, ActionLayer] = {}
         ticks = 0
         for stimulus in stimuli:
             if isinstance(stimulus, Ticked):
@@ -233,7 +230,7 @@ class Player(Choices, Observer):
             self._sort(stimulus, ticks)
 
     def _sort(self, stimulus: Stimulus, ticks: int) -> None:
-        """Put what answers a question where it is found when that is asked."""
+        """Put the answer to a question where it is found when that is asked."""
         if isinstance(stimulus, Said):
             self._sort_said(stimulus, ticks)
         elif isinstance(stimulus, Raised):
@@ -250,11 +247,9 @@ class Player(Choices, Observer):
             self._kept[stimulus.actor, stimulus.time] = stimulus.values, stimulus.times
         elif isinstance(stimulus, Began):
             self._begins[stimulus.actor, stimulus.step] += 1
-        elif isinstance(stimulus, Ended):
-            self._ended.add((stimulus.ensemble, stimulus.life))
 
     def _sort_said(self, said: Said, ticks: int) -> None:
-        """Put what was said within calls and turns where it has its place."""
+        """Put a message of calls and turns where it has its place."""
         if said.where == "call":
             self._said[said.ensemble, said.life].append(said)
         elif said.where == "turn":
@@ -310,7 +305,7 @@ class Player(Choices, Observer):
     def kept(
         self, actor: str, values: dict[str, bool | None], times: dict[str, int], time: int
     ) -> tuple[dict[str, bool | None], dict[str, int]]:
-        """Return what sensors had told before the actor's start."""
+        """Return the values that sensors had told before the actor's start."""
         return self._kept.get((actor, time), ({}, {}))
 
     # -- Input -----------------------------------------------------------------------------------------------------
@@ -337,13 +332,12 @@ class Player(Choices, Observer):
     # -- Actions -----------------------------------------------------------------------------------------------------
 
     def acts(self, ensemble: str, layer: Any) -> None:
-        """Have the layer call a stand-in for each of its functions."""
+        """Put a stand-in in the place of each of the layer's functions."""
         acting: ActionLayer = layer
-        self._layers[ensemble] = acting
         acting.substitute(lambda binding: self._call(ensemble, acting.started, id(binding)))
 
     def _call(self, ensemble: str, life: int, binding: int) -> Any:
-        """Do what the function of a life did within its call."""
+        """Repeat the call of the function of a life."""
         for said in self._said.get((ensemble, life), ()):
             self.say(said)
         raised = self._raised.get((ensemble, life))
@@ -374,7 +368,7 @@ class Player(Choices, Observer):
                 stand_in.release()
 
     def goes_on(self, ensemble: str, epoch: int, time: int, ask: Callable[[], bool]) -> bool:
-        """Return what the action's function answered."""
+        """Return the answer of the action's function."""
         return self._goes_on.get((ensemble, epoch, time), False)
 
     def over(self, ensemble: str, epoch: int, time: int, over: bool) -> bool:
@@ -384,11 +378,11 @@ class Player(Choices, Observer):
     # -- Decisions ---------------------------------------------------------------------------------------------------
 
     def draw_from(self, ensemble: str, draws: str) -> None:
-        """Have the policy of an ensemble draw as it did; before that starts."""
+        """Let the policy of an ensemble draw as it did; before that starts."""
         self._draws[ensemble] = draws
 
     def controls(self, output: Deciding) -> None:
-        """Have an ensemble's policy draw, where it does, from where it did."""
+        """Let an ensemble's policy draw, where it does, from where it did."""
         draws = self._draws.pop(output.ensemble, "")
         if draws:
             output.draw_from(draws)
@@ -442,9 +436,9 @@ class Player(Choices, Observer):
             self.found.append(by)
 
     def comes_to(self, place: int) -> None:
-        """Take it that the replay comes to a stimulus, by its place: decisions before it are made, or late.
+        """Come to a stimulus, by its place: decisions before it are made, or late.
 
-        One that comes late is no difference; one that never comes is one, with what had led to it.
+        One that comes late is no difference; one that never comes is one, with the stimuli that had led to it.
         """
         due = self._due
         while due and due[0][2] <= place:
@@ -454,7 +448,7 @@ class Player(Choices, Observer):
                 self._overdue[number] = tuple(self.since)
 
     def missed(self, until: int, *, overdue: bool = False) -> None:
-        """Take it that decisions of the record up to a time are not made any more, and compare no further ones.
+        """Count decisions of the record up to a time that were not made as missed, and compare no further ones.
 
         Args:
             until: The time.
@@ -486,7 +480,7 @@ class _Command(asyncio.Future[None]):
     """Waits for the next command; whoever cancels the stand-in has no say in when that ends.
 
     Args:
-        cancel: What is told of a cancellation.
+        cancel: Called with no argument at a cancellation.
     """
 
     def __init__(self, cancel: Callable[[], bool]) -> None:
@@ -520,7 +514,7 @@ class StandIn:
         return True
 
     def release(self) -> None:
-        """Have the next cancellation end it."""
+        """Let the next cancellation end it."""
         self._released = True
 
     def __await__(self) -> Generator[Any, None, None]:
@@ -542,7 +536,7 @@ class StandIn:
         return self._over
 
     async def do(self, command: Callable[[], object]) -> None:
-        """Have something done within the task, and wait until it is."""
+        """Do something within the task, and wait until it is done."""
         done = asyncio.get_running_loop().create_future()
         self._commands.append((command, done))
         if self._waiting is not None and not self._waiting.done():

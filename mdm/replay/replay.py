@@ -1,7 +1,7 @@
-"""A replay: the stimuli of a record are given to the same system anew, in virtual time, and its decisions compared.
+"""A replay: the stimuli of a record are given to the same system again, in virtual time, and its decisions compared.
 
-Timers and what follows from them come about as they did, for a turn has the time of its stimulus and a timer its due
-time. Users' functions are not called: stand-ins last as long as they did, and say what they said.
+Timers and their consequences come about as they did, for a turn has the time of its stimulus and a timer its due
+time. Users' functions are not called: stand-ins last as long as they did, and publish the same messages.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _BITS = ("numpy", "numba", "blas", "machine")
 
 
 class Replayed(msgspec.Struct, frozen=True):
-    """What became of a replay.
+    """The result of a replay.
 
     Attributes:
         recorded: How many decisions the record has by the time at which the run began to end.
@@ -46,11 +46,11 @@ class Replayed(msgspec.Struct, frozen=True):
         differences: Those that were not the same, the first one first.
         exact: Whether numbers were compared bit by bit, for the environment is that of the record; else to 1e-9.
         lost: How many messages the record lacks.
-        gap: The first place at which it lacks some: what is behind is not replayed, nor counted here.
+        gap: The first place at which it lacks some: messages behind it are not replayed, nor counted here.
         different: How many were not the same, also where not all of them are kept.
         stopped: Whether it stopped at the last difference that was asked for, before the end of the record.
         limit: Of an agent of a team that is replayed with another configuration, from when on nothing can be told, and
-            why, where that is so: all numbers are of what was before.
+            why, where that is so: all numbers are of the time before.
     """
 
     recorded: int
@@ -70,10 +70,10 @@ class Replayed(msgspec.Struct, frozen=True):
 
 
 class Together(msgspec.Struct, frozen=True):
-    """What became of the replay of a team.
+    """The result of the replay of a team.
 
     Attributes:
-        agents: What became of each agent's.
+        agents: The result of each agent's.
         received: How many messages came from agents that were replayed, too, as long as their records go.
         unlike: Those of them that the replay of their sender had not sent by then.
         unrepeated: How many more came on channels of the program's own, of which a replay runs nothing.
@@ -135,12 +135,12 @@ def replay(
     listen: Callable[[Runtime], object] = lambda _: None,
     by_time: bool = False,
 ) -> Replayed:
-    """Run what a record has once more, in virtual time, and compare every decision.
+    """Run a record once more, in virtual time, and compare every decision.
 
     Args:
         record: The record, or its file.
         actors: The system, or the actors at the top, built as for the run and not started. The functions of actions are
-            not called. A world needs a seed; actors of one's own that tell what sensors see are left out.
+            not called. A world needs a seed; actors of one's own that set sensors are left out.
         most: How many differences are kept; at the last of them the replay ends.
         transports: Of agents of a team, those that `transports_of` returned, with which their members were built.
         listen: Called with the runtime before it begins, to subscribe to channels that the record does not keep.
@@ -167,12 +167,12 @@ def replay_together(
     most: int = 100,
     as_recorded: Together | None = None,
 ) -> Together:
-    """Run once more what the agents of a team have recorded, all in one process, and compare every decision.
+    """Run the records of a team's agents once more, all in one process, and compare every decision.
 
-    What one agent received of another is what the other's replay has sent. It comes when the record says that it came,
-    and the one replay waits until the other has sent it.
+    A message that one agent received of another is sent by the other's replay. It comes when the record says that it
+    came, and the one replay waits until the other has sent it.
 
-    Agents of another configuration, one for all, are compared with those that ran: what the team would have decided on
+    Agents of another configuration, one for all, are compared with those that ran: so the team would have decided on
     the input of its sensors as it was. Their messages take the places of those that were sent, with their delays and
     losses. Where an agent would have sent otherwise, at another time or under another key, nothing is told any more of
     it, nor of the others once they may have received that: `Replayed.limit` says from when on.
@@ -214,10 +214,10 @@ def replay_together(
 
 
 def _traffic(as_recorded: Together) -> Traffic:
-    """Return what was sent by agents of the configuration that they had.
+    """Return the messages of agents of the configuration that they had.
 
     Raises:
-        Error: If they did not decide and send what is recorded: then nothing is known of what others would.
+        Error: If they did not decide and send as recorded: then nothing is known of others.
     """
     if as_recorded.traffic is None or not as_recorded.same:
         raise Error(
@@ -277,7 +277,7 @@ class _Again:
             )
 
     def replayed(self, limit: Limit | None = None, most: int = sys.maxsize) -> Replayed:
-        """Return what became of it, up to a limit; with so many differences."""
+        """Return the result, up to a limit; with so many differences."""
         player = self._player
         made, expected, found, by = len(player.made), player.count, player.differences, player.found
         record, last = self._record, self.stimuli[-1].time
@@ -304,7 +304,7 @@ def _no_beginning(record: Record) -> Error:
 def _contents(record: Record) -> tuple[list[Stimulus], list[tuple[Decision, int, int]]]:
     """Return the stimuli, and the decisions as a player takes them.
 
-    Decisions behind the run's end are none of them, though the time of what they were made on may lie before it.
+    Decisions behind the run's end are none of them, though the time of their stimulus may lie before it.
     """
     stimuli: list[Stimulus] = []
     decisions: list[tuple[Decision, int, int]] = []
@@ -326,7 +326,7 @@ def _contents(record: Record) -> tuple[list[Stimulus], list[tuple[Decision, int,
 
 
 def _unbroken(record: Record, *topics: str) -> Iterator[Recorded]:
-    """Yield the messages up to the first one that is missing: what those behind follow from is not known."""
+    """Yield the messages up to the first one that is missing: those behind it follow from that."""
     for each in record.messages(_there(record, *topics)):
         if record.gap is not None and each.sequence > record.gap.sequence:
             return

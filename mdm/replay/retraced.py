@@ -1,8 +1,8 @@
-"""Decisions of a record, retraced: a controller alone takes in what the record says it has, and decides the same.
+"""Decisions of a record, retraced: a controller alone takes in the recorded input, and decides the same.
 
-No run is repeated: what one ensemble has decided on is in its decisions, from the first of the episode on. Where
+No run is repeated: the input of an ensemble is in its decisions, from the first of the episode on. Where
 beliefs are recorded, they are compared; one that does not follow from those before it is taken as the record has it,
-and what came before is then not known. Cost: an update of the information for each decision of the episode.
+and earlier influences are then not known. Cost: an update of the information for each decision of the episode.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def retraced(controller: Controller, decisions: list[Decision], place: int, *, o
         controller: One of the same model, policy and options, which is not in use.
         decisions: Those of its ensemble.
         place: Which one.
-        otherwise: Whether the controller is another one, and chooses what it would have decided.
+        otherwise: Whether the controller is another one, and chooses by itself.
 
     Raises:
         ModelError: If a decision is none of this controller's.
@@ -109,9 +109,9 @@ def retraced(controller: Controller, decisions: list[Decision], place: int, *, o
 
 
 def redecided(controller: Controller, decisions: list[Decision]) -> Iterator[tuple[Decision, Step]]:
-    """Yield each decision with what another controller decides in the same state, or on the same belief.
+    """Yield each decision with another controller's, in the same state or on the same belief.
 
-    Each is decided by itself: what follows is what has followed in the run, whatever the controller decides.
+    Each is decided by itself: the run goes on as it did, not as the controller decides.
 
     Args:
         controller: Another one of as many states, actions and observations, which is not in use.
@@ -127,7 +127,7 @@ def redecided(controller: Controller, decisions: list[Decision]) -> Iterator[tup
 
 
 def _followed(controller: Controller, decisions: Iterable[Decision]) -> Iterator[Decision]:
-    """Yield the decisions of a controller, which has taken in then what each was made on."""
+    """Yield the decisions of a controller, which has taken in the input of each by then."""
     controller.reset()
     for decision in decisions:
         if decision.epoch < 0:

@@ -92,7 +92,7 @@ class Sharing:
         return loan.place
 
     async def lend(self, actor: Actor) -> None:
-        """Have an actor live for those who reserved it; an error of its start is raised here."""
+        """Start an actor for those who reserved it, where it does not live; an error of its start is raised here."""
         loan = self._loans.get(actor)
         if loan is None:
             return
@@ -188,8 +188,8 @@ class TakenName(Error):
 class Actor:
     """A unit that handles messages, one at a time and to completion.
 
-    Subclass it and override the hooks. Handlers are plain functions that must neither block nor await; what takes
-    time goes to `spawn`, and its end comes back as a turn of its own. Its own attributes that are not for subclasses
+    Subclass it and override the hooks. Handlers are plain functions that must neither block nor await; slow work
+    goes to `spawn`, and its end comes back as a turn of its own. Its own attributes that are not for subclasses
     begin with two underscores, so that a subclass may call its own as it likes; a subclass that hides a public one is
     refused.
 
@@ -300,7 +300,7 @@ class Actor:
 
     @own
     def failing(self) -> bool:
-        """Whether it has failed: it is about to stop or to start anew, or has stopped for good."""
+        """Whether it has failed: it is about to stop or to start again, or has stopped for good."""
         return self.life in {"failed", "restarting"} or self.__request in {"restart", "fail"}
 
     @own
@@ -332,7 +332,7 @@ class Actor:
         self.__children.insert(0 if first else len(self.__children), child)
 
     def share(self, actor: Actor) -> None:
-        """Have an actor that nobody has started live in the runtime, ahead of this one's children and until it ends.
+        """Share an actor that nobody has started: it lives in the runtime, from before this one's children to its end.
 
         Several may use one: it lives as long as one of them does, and its failure is theirs. Call this in `on_start`.
         """

@@ -164,7 +164,7 @@ class Subscription(Generic[T]):
 
 
 class Topics:
-    """A topic of a channel's messages, with its subscribers; they are looked up anew when they change.
+    """A topic of a channel's messages, with its subscribers; they are looked up again when they change.
 
     Args:
         names: The topics.
@@ -426,7 +426,7 @@ class Channel(Generic[T]):
         topics.version = self._version
 
     def _changed(self) -> None:
-        """Take it that subscriptions have come or gone."""
+        """Note that subscriptions have come or gone."""
         self.heard = bool(self._subscriptions)
         self._sole = self._general[0] if len(self._subscriptions) == len(self._general) == 1 else None
         self._version += 1
@@ -474,11 +474,11 @@ class Channel(Generic[T]):
         self.last = None
 
     def claim(self) -> None:
-        """Take it that the channel is an actor's, which lives."""
+        """Note that the channel is an actor's, which lives."""
         self._deserted = None
 
     def desert(self, unused: Callable[[Channel[T]], object]) -> None:
-        """Take it that its actor has ended: call ``unused`` when nobody listens any more."""
+        """Note that its actor has ended: call ``unused`` when nobody listens any more."""
         self._deserted = unused
         if not self.heard:
             unused(self)

@@ -297,7 +297,7 @@ class Dispatcher:
         def now() -> int:
             """Return the running turn's time; outside of turns, and from other threads, the clock's.
 
-            What a timer calls by itself, outside of turns, happens when that was due.
+            A timer's own call, outside of turns, happens when that was due.
             """
             time = self.time
             if time >= 0:
@@ -374,14 +374,14 @@ class Dispatcher:
     def wait(self, items: tuple[tuple[Subscription[Any], Any], ...]) -> None:
         """Hand messages of other input to subscribers while a turn is cut short, behind all that it has published.
 
-        Were they handed over sooner, what was published before them would undo them, for who takes both.
+        Were they handed over sooner, earlier messages would undo them, for who takes both.
         """
         self._note_waiting()
         self._turns_behind += 1
         self.queue.extend(items)
 
     def _take(self, subscription: Subscription[Any], message: object) -> None:
-        """Have other input handled while a turn is cut short; what it leads to waits as messages do that come then."""
+        """Handle other input while a turn is cut short; its consequences wait as messages do that come then."""
         self._note_waiting()
         self._turns_behind += 1
         try:
@@ -431,7 +431,7 @@ class Dispatcher:
         self._resume_later()
 
     def run(self, budget: int = _SLICE) -> None:  # noqa: C901 - hot path, no calls
-        """Run a turn: deliver what is queued, and what that leads to.
+        """Run a turn: deliver the queue, and all that this leads to.
 
         Hot path: a hop costs about 0.2 µs, of which the handler's call is half.
 
@@ -597,7 +597,7 @@ class Dispatcher:
     def _come_to_a_place(self) -> bool:
         """Deliver messages until a handler has published something by which a record can say where the turn was cut.
 
-        What comes then stands behind that when the run is repeated, too. Where handlers of the program alone publish to
+        Later input stands behind that when the run is repeated, too. Where handlers of the program alone publish to
         each other, which nothing repeats, any place will do.
         """
         place, queue = self.observers.place, self.queue
@@ -632,7 +632,7 @@ class Dispatcher:
             self._resume_later()
 
     def _go_on(self) -> None:
-        """Run the rest of a turn that was cut short, or what was left between turns, at the present time."""
+        """Run the rest of a turn that was cut short, or messages left between turns, at the present time."""
         now = self.clock.now()
         if now >= self.clock.due and self.clock.firing < 0:
             self.clock.fire_before(now)  # as before any stimulus
@@ -640,7 +640,7 @@ class Dispatcher:
         self.resume(now, starved=waited > self.starved_after * 1e9)
 
     def resume(self, time: int, *, starved: bool) -> None:
-        """Go on with the turn that is cut, and with what has come meanwhile, as of a time.
+        """Go on with the turn that is cut, and with all input since, as of a time.
 
         Args:
             time: The time.
@@ -756,7 +756,7 @@ class Dispatcher:
         return message
 
     def waited(self, time: int) -> int:
-        """Return for how long what the turn of a time is on had waited before, in nanoseconds: input of threads."""
+        """Return for how many nanoseconds the stimulus of a turn, at a time, had waited before: input of threads."""
         delivered, since = self.told
         return time - since if time >= delivered else 0
 
@@ -843,7 +843,7 @@ class _Circle:
         self._edges: dict[tuple[str, str], set[str]] = {}
 
     def look(self) -> bool:
-        """Note what the message delivered last has led to, before the next one; the turn is not cut there."""
+        """Note the consequences of the message delivered last, before the next one; the turn is not cut there."""
         queue = self._dispatcher.queue
         if self._head is not None:
             # What a handler publishes stands behind all that waited by then.

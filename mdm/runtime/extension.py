@@ -1,7 +1,7 @@
-"""Extensions: what is optional in a runtime, opened before its actors and closed behind them.
+"""Extensions: the optional parts of a runtime, opened before its actors and closed behind them.
 
 The runtime names none of them. One that an option stands for, such as ``record="run.mcap"``, is made by a function that
-the package `mdm` offers by name, so that the runtime loads what lies above it where it is asked for, and knows none.
+the package `mdm` offers by name, so that the runtime loads such a package where it is asked for, and knows none.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ __all__ = ["Extension", "extension_of"]
 
 
 class Extension(Observer):
-    """Lives as long as a runtime does, and hears what happens in it: subclass it, and hand it to a `Runtime`.
+    """Lives as long as a runtime does, and observes it: subclass it, and hand it to a `Runtime`.
 
-    Override what you need: `open` and `close`, and the methods of an `Observer`.
+    Override `open`, `close` and the methods of an `Observer`, as far as you need them.
     """
 
     async def open(self, runtime: Runtime) -> None:

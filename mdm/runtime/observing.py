@@ -1,4 +1,4 @@
-"""Observing a run: who hears what happens in it, and who answers what only the world knows.
+"""Observing a run: who hears its events, and who answers its questions to the world.
 
 Both are objects that are always there. The `Observers` of a runtime call those who listen, each guarded: nothing that
 an observer does reaches a turn. Its `Choices` are the world's, unless a replay answers in its place.
@@ -17,7 +17,7 @@ from mdm.runtime.supervision import describe
 from mdm.stimuli import Behind, Cut, Delays, Ended, Lasts, Said, count_messages
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from mdm.messages import ActionLife, Decision, Idle, Mode, StateChange
     from mdm.runtime.channel import Channel, Subscription
@@ -30,11 +30,11 @@ __all__ = ["Acting", "Choices", "Deciding", "Guard", "Observer", "Observers", "n
 
 
 class Observer:
-    """Hears what happens in a runtime: subclass it, override what you want to hear, and hand it to `Runtime.observe`.
+    """Hears the events of a runtime: subclass it, override some methods, and hand it to `Runtime.observe`.
 
     Each method is called on the event loop, within the turn in which something happens, and must be quick. One that
-    raises changes nothing: the runtime counts it, and makes one fault ``observer`` of the first. What is not overridden
-    costs nothing.
+    raises changes nothing: the runtime counts it, and makes one fault ``observer`` of the first. A method
+    that is not overridden costs nothing.
 
     Attributes:
         name: The observer in faults, such as ``the record``; empty for that of its class.
@@ -43,7 +43,7 @@ class Observer:
     name: str = ""
 
     def on_stimulus(self, stimulus: Stimulus) -> None:
-        """Hear what begins a turn, or what happened in it that could not be known before (`mdm.stimuli`)."""
+        """Hear the beginning of a turn, or an event in it that does not follow from that (`mdm.stimuli`)."""
 
     def on_decision(self, decision: Decision) -> None:
         """Hear a decision."""
@@ -93,10 +93,10 @@ class Observer:
 
 
 class Choices:
-    """Answers what a run cannot know by itself, as the world does; a replay answers as its record does.
+    """Answers a run's questions to the world, as that does; a replay answers as its record does.
 
     Attributes:
-        repeats: Whether the run is repeated: what users' code and other processes did comes from its record.
+        repeats: Whether the run is repeated: its record stands for users' code and for other processes.
     """
 
     repeats = False
@@ -269,7 +269,7 @@ class Observers:
     # -- Who observes --------------------------------------------------------------------------------------------------
 
     def add(self, observer: Observer) -> Guard:
-        """Let an observer hear what happens from now on; return what guards it, the same at each call."""
+        """Let an observer hear all that follows; return its guard, the same at each call."""
         for known in self._guards:
             if known.observer is observer:
                 return known
@@ -304,7 +304,7 @@ class Observers:
         look()
 
     def _connect(self) -> None:
-        """Find who hears what."""
+        """Connect each event with those who hear it."""
         stimuli, self.stimulus = self._all("on_stimulus")
         messages, self.message = self._all("on_message")
         self.hears_lives, self.life = self._all("on_life")
@@ -400,7 +400,7 @@ class Observers:
 
 
 def name_of(observer: Observer) -> str:
-    """Return what faults call an observer."""
+    """Return the name of an observer in faults."""
     return observer.name or type(observer).__name__
 
 
@@ -416,33 +416,6 @@ class Acting(Protocol):
     @property
     def calls(self) -> int:
         """The number of the life whose function is being called; 0 where none is."""
-
-
-class Symbols(Protocol):
-    """The names of states, actions and observations, where there are some."""
-
-    @property
-    def state_space(self) -> Names | None:
-        """The states."""
-
-    @property
-    def action_space(self) -> Names | None:
-        """The actions."""
-
-    @property
-    def observation_space(self) -> Names | None:
-        """The observations."""
-
-
-class Names(Protocol):
-    """Symbols with names."""
-
-    def __len__(self) -> int:
-        """Return their number."""
-
-    @property
-    def names(self) -> Sequence[str]:
-        """By index."""
 
 
 class Deciding(Protocol):
@@ -466,10 +439,10 @@ class Deciding(Protocol):
         """Return the digests of its model, its policy and its options, each by itself."""
 
     def parts(self) -> dict[str, str]:
-        """Return what these are made of, by names in words."""
+        """Return the digests of their parts, by names in words."""
 
     @property
-    def symbols(self) -> Symbols:
+    def symbols(self) -> Any:
         """The names of its states, actions and observations."""
 
     @property
@@ -481,7 +454,7 @@ class Deciding(Protocol):
         """The state of the random numbers by which its policy draws actions; empty where it does not."""
 
     def draw_from(self, draws: str) -> None:
-        """Have the policy draw on from that state."""
+        """Let the policy draw on from that state."""
 
     def name_of(self, action: int) -> str:
         """Return the name of an action."""

@@ -114,11 +114,11 @@ class Runtime:
             at one instant end the runtime.
         signals: Whether signals end the runtime; by default in the main thread, under a wall clock.
         record: The file, such as ``run.mcap``, to which the run is recorded, or a `Recorder` with options of its own.
-            It needs the extra ``record``. What cannot be recorded is told by a fault, and lets the run go on.
+            It needs the extra ``record``. A fault tells where it fails, and the run goes on.
         page: The port of a page for browsers of this machine, which shows the run live, or a `mdm.views.web.Page` with
             options of its own. It needs the extra ``page``, and real time.
-        extensions: What else lives as long as the runtime, see `Extension`: they open in this order, behind the record
-            and before the page, and close in reverse.
+        extensions: Further objects that live as long as the runtime, see `Extension`: they open in this order, behind
+            the record and before the page, and close in reverse.
 
     Raises:
         Error: If ``emergency`` cannot be called so, the times contradict each other, or one of ``extensions`` is none.
@@ -127,8 +127,8 @@ class Runtime:
     Attributes:
         ending: Whether it ends: no decided action starts any more.
         starved: Why other input has waited for too long for a turn that goes on; empty where none has.
-        observers: All who hear what happens.
-        extensions: What lives as long as the runtime, in the order of opening.
+        observers: All who observe the run.
+        extensions: All that live as long as the runtime, in the order of opening.
         recorder: The one that records the run; None where none does.
         page: The page that shows it; None where there is none.
     """
@@ -252,7 +252,7 @@ class Runtime:
         return tuple(self._channels.values())
 
     def observe(self, observer: Observer) -> Guard:
-        """Let an observer hear what happens from now on; return what counts its losses, and cancels it."""
+        """Let an observer hear all that follows; return its guard, which counts its errors and has `cancel`."""
         return self.observers.add(observer)
 
     def _count_observers(self) -> None:
@@ -326,7 +326,7 @@ class Runtime:
             loop.go_on()
 
     def limit_starving(self, seconds: float) -> None:
-        """Have a turn that was cut go on for so many seconds while other input comes, where nothing else was given."""
+        """Let a turn that was cut go on for so many seconds while other input comes, where nothing else was given."""
         self.dispatcher.starved_after = seconds if self._starved_after is None else self._starved_after
 
     def _tell_all(self, tell: Callable[[Actor], object]) -> None:
@@ -370,7 +370,7 @@ class Runtime:
         self._emergency.call(reason)
 
     def add_emergency(self, emergency: Callable[[], object]) -> None:
-        """Have another function called as ``emergency``, after those before it; each is called once.
+        """Call another function as ``emergency``, after those before it; each is called once.
 
         Where there was none, the watchdog calls it as soon as it reports.
 
@@ -448,7 +448,7 @@ class Runtime:
             opened.pop_all()
 
     async def _close_extensions(self) -> None:
-        """Close the extensions that are open, the last one first; tell of those that cannot be closed."""
+        """Close the extensions that are open, the last one first; a fault names one that cannot be closed."""
         while self._opened:
             extension, guard = self._opened.pop()
             with anyio.CancelScope(shield=True):
@@ -493,7 +493,7 @@ class Runtime:
             raise self._failure
 
     async def _stop_tree(self, tree: asyncio.Task[None]) -> None:
-        """Stop the actors in order and close everything, the last of these first, past whatever raises."""
+        """Stop the actors in order and close everything, the last of these first, past all errors."""
         async with AsyncExitStack() as closing:
             later = closing.callback
             later(self._signals.close)

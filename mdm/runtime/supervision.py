@@ -53,7 +53,7 @@ class ActorFailure(Error):
 
 
 class Restart(msgspec.Struct, frozen=True):
-    """Start a failed actor anew, at most ``limit`` times ``within`` seconds; one time more escalates.
+    """Start a failed actor again, at most ``limit`` times ``within`` seconds; one time more escalates.
 
     Attributes:
         limit: Restarts allowed in the window.

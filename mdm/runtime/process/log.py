@@ -49,7 +49,7 @@ class FirstFailures(Observer):
         self._tell = runtime.observe(self).tell
 
     def on_end(self) -> None:
-        """Write out what waits, within a bound."""
+        """Write out the waiting lines, within a bound."""
         if self._writer is not None:
             self._writer.close()
 
@@ -129,14 +129,14 @@ class Log(Observer):
         self._writer.put(self._fault, fault)
 
     def write(self, event: str, facts: Callable[[], Mapping[str, object]]) -> None:
-        """Write a line behind those of what was published before, with facts that are made on the log's thread."""
+        """Write a line behind those of earlier messages, with facts that are made on the log's thread."""
         if self._guard is None:
             self._early.append((event, facts))
             return
         self._writer.put(lambda make: self._logger.info(event, **make()), facts)
 
     def on_end(self) -> None:
-        """Write out what waits, within a bound."""
+        """Write out the waiting lines, within a bound."""
         self._writer.close()
 
     def statistics(self) -> LogStatistics:

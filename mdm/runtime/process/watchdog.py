@@ -47,7 +47,7 @@ class Emergency:
         self._threads: list[threading.Thread] = []
 
     def add(self, function: Callable[[], object]) -> None:
-        """Have a function called, once each time, with those before it."""
+        """Call a function, too, once each time, behind those before it."""
         if function not in self._functions:
             self._functions += (function,)
 

@@ -55,7 +55,7 @@ class Writer:
         self._thread = thread
 
     def put(self, write: Callable[[Any], object], message: object) -> None:
-        """Have a message written: by the thread, or at once where there is none."""
+        """Write a message: by the thread, or at once where there is none."""
         if self._thread is None:
             self._call(write, message)
         elif self._queue.qsize() < _BOUND:

@@ -269,7 +269,7 @@ class Clock(ABC):
         return self._heap[0][1] if self._heap else 0
 
     def fire_before(self, when: int) -> None:
-        """Fire what comes before a stimulus of that time: all timers due by then, but for ticks of its own instant."""
+        """Fire the timers that come before a stimulus of that time: all due ones but ticks of its own instant."""
         self._fire(when, when)
 
     def fire_first(self) -> None:
@@ -363,7 +363,7 @@ class WallClock(Clock):
         self._leap(WallClock.corrected)
 
     def _resume(self) -> None:
-        """Leap where the machine was suspended, so that what is too old is so before the next input counts."""
+        """Leap where the machine was suspended, so that old values expire before the next input counts."""
         assert self._resumes is not None
         with suppress(OSError):  # which says that the machine was suspended, or its time set
             os.read(self._resumes, 8)

@@ -123,7 +123,7 @@ class VirtualEventLoop(asyncio.SelectorEventLoop):
         return self._virtual.looks
 
     def go_on(self) -> None:
-        """Have time pass though something is left to do: what ends beside a circle waits for timers, too."""
+        """Let time pass though something is left to do: work beside a circle waits for timers, too."""
         self._virtual.step = _STEP
 
     def time(self) -> float:
@@ -168,7 +168,7 @@ class VirtualClock(Clock):
 
     Args:
         epoch: The time in nanoseconds that it shows at the start of its event loop, such as that at which a record
-            begins: ticks are aligned to multiples of their period from 0 on, whatever this is.
+            begins: ticks are aligned to multiples of their period from 0 on all the same.
     """
 
     def __init__(self, *, epoch: int = 0) -> None:

@@ -186,7 +186,7 @@ class Steps:
 
     Attributes:
         begin: The step of the episode at which the knowledge begins; None before the first step here.
-        last_of: The last step that each agent has told of.
+        last_of: The last step that each agent has reported.
         before: How many experiences were of steps before the first one here.
     """
 
@@ -267,7 +267,7 @@ class CommunicatingLayer(TeamLayer):
     """The last layer of an ensemble in a communicating team.
 
     At each tick the agent observes, shares the choice of its communication policy, hears the others, and decides: as
-    soon as all live agents have told of the step, or the team's deadline after the tick is over.
+    soon as all live agents have reported the step, or the team's deadline after the tick is over.
 
     Args:
         team: The team.
@@ -341,13 +341,13 @@ class CommunicatingLayer(TeamLayer):
             self.ensemble.safety.start(self.runtime.now())
 
     def update_live(self, _link: Link) -> None:
-        """Take note of who is live: who has just come is told of the episode; nobody waits for who is gone."""
+        """Take note of who is live: newcomers get the episode, and nobody waits for who is gone."""
         self._send()
         self._close()
 
     @property
     def unmet(self) -> bool:
-        """Whether it waits for others: never, for each agent decides on what it knows."""
+        """Whether it waits for others: never, for each agent decides on its own knowledge."""
         return False
 
     def pause(self) -> None:
@@ -613,7 +613,7 @@ class CommunicatingLayer(TeamLayer):
         problem = self.knowledge.own.problem
         if unapplied and problem is not None:
             self._report_once("history", agent, f"not everything that {agent} said counts: {problem}")
-        if counts and self.stage is Stage.LISTENING:  # and the policy may answer, behind what else has just arrived
+        if counts and self.stage is Stage.LISTENING:  # and the policy may answer, behind all that has just arrived
             self.stage = Stage.ANSWERING
             turn: Subscription[None] = Subscription(None, self, self._share)
             self.runtime.dispatcher.deliver_behind(turn, None)

@@ -133,11 +133,11 @@ class Configuration:
         return True
 
     def refuse(self, other: str, told: str) -> None:
-        """Take it that this agent is refused, because of a difference to another."""
+        """Refuse this agent, because of a difference to another."""
         self._outranking[other] = self.last_refusal = told
 
     def agree(self, other: str) -> bool:
-        """Take it that another agent has no other configuration any more, or is gone; return whether it had one."""
+        """Forget that another agent has another configuration: it agrees, or is gone; return whether it had one."""
         if self.differing.pop(other, None) is None:
             return False
         del self._heard_at[other]
@@ -145,7 +145,7 @@ class Configuration:
         return True
 
     def expire(self, before: int) -> bool:
-        """Take it that agents are gone that were last heard to differ before a time; return whether there are any."""
+        """Forget agents that were last heard to differ before a time; return whether there are any."""
         gone = [other for other, heard in self._heard_at.items() if heard < before]
         for other in gone:
             self.agree(other)
@@ -185,7 +185,7 @@ def facts(team: Team, ensemble: Ensemble, ownership: Ownership, start: bytes, pr
         ensemble: The ensemble.
         ownership: Its factors, and their owners.
         start: The copy as it begins.
-        protocol: The version of what the agents say to each other.
+        protocol: The version of the agents' messages.
     """
     controller, own_deadline = ensemble.controller, ensemble.status().deadline
     return {
@@ -228,7 +228,7 @@ def _words(controller: Controller) -> dict[str, str]:
 
 
 def _sizes(name: str, sizes: Mapping[str, object]) -> str:
-    listed = [f"{count} {what}" for what, count in sizes.items() if count is not None]
+    listed = [f"{count} {kind}" for kind, count in sizes.items() if count is not None]
     return f"{name} of {', '.join(listed)}" if listed else name
 
 

@@ -226,7 +226,7 @@ class Copy:
     def _state(self, said: Mapping[str, Part], silent: set[str], time: int) -> State | None:
         """Return the joint state of a step; None where events alone make steps and it is the same as before."""
         ownership = self.ownership
-        # Clocks may differ: each counts from its agent's first word, and anew when it comes back; it may have been set.
+        # Clocks may differ: each counts from its agent's first message, and from its return; it may have been set.
         before = self._now
         for agent, part in said.items():
             if agent in self._gone or agent not in self._ahead:

@@ -77,10 +77,10 @@ class Recollection:
     at most ``window`` steps late.
 
     The belief is updated by joint actions, of which an agent knows its own component alone. In place of another
-    agent's it takes what that agent told; else what its own controller decides for it, on all that is known *now* of
-    that step: a teammate that runs the same policy is expected to have done what the best guess of its information
-    demands. So the information depends on what is known, and not on the order in which it came. The agent's own
-    component is always what it did, even if it would decide otherwise by now. Without communication the assumption is
+    agent's it takes that agent's word; else the decision of its own controller for it, on all that is known *now* of
+    that step: a teammate that runs the same policy is expected to have followed the best guess of its information. So
+    the information depends on all that is known, and not on the order in which it came. The agent's own component is
+    always the one that it did, even if it would decide otherwise by now. Without communication the assumption is
     wrong wherever a teammate acted on what it alone saw, and the belief is an approximation until it tells.
 
     Args:
@@ -237,7 +237,7 @@ class Recollection:
 
         Args:
             component: Its own component of the joint action, by index; None where that is not known: it is then taken
-                to be what the controller decides for it.
+                to be the controller's decision for it.
         """
         self._started()
         if self.agent is not None:
@@ -407,9 +407,9 @@ class SharedHistory(msgspec.Struct, frozen=True):
 class Knowledge:
     """The knowledge of one agent, its decisions by that, and its messages to the others.
 
-    It keeps two recollections: the agent's own, of all it observed and heard; and the *common* one, of what has been
-    shared alone, by itself or others, which all know as far as messages arrive. At each step the agent observes, shares
-    what its communication policy chooses, hears what others share, may share once more as long as it hears something
+    It keeps two recollections: the agent's own, of all it observed and heard; and the *common* one, of the experiences
+    that were shared, by itself or others, which all know as far as messages arrive. At each step the agent observes,
+    shares the choice of its communication policy, hears the others, may share once more as long as it hears something
     new, and decides.
 
     Args:
@@ -428,7 +428,7 @@ class Knowledge:
         agent: The agent's index.
         communication: The communication policy.
         own: The recollection of all that the agent knows.
-        common: That of what has been shared; None if the communication policy does not use it.
+        common: That of all that has been shared; None if the communication policy does not use it.
         unshared: The agent's own history that is not shared yet, in the order of steps.
         last_shared: The last experience that was shared; None before.
 

@@ -69,7 +69,7 @@ class TeamLayer(Layer):
         lost: The teammates that are lost.
         tick: The number of the last tick.
         commands: The outcomes of commands.
-        storage: Where what it obeys outlives the process; None where it does not. Set before the start.
+        storage: Where the stop that it obeys outlives the process; None where it does not. Set before the start.
         stopped: The stop that it obeys.
         reported_held: Whether it has reported that it stays stopped.
     """
@@ -148,7 +148,7 @@ class TeamLayer(Layer):
         if link.refusal is not None:
             self.pause()
         safety = self.ensemble.safety
-        if "missing_teammate" in safety.modes.causes and not self.unmet:  # wait no longer: the team says what is next
+        if "missing_teammate" in safety.modes.causes and not self.unmet:  # wait no longer: the team decides
             now = self.runtime.now()
             safety.stop(now)
             safety.reopen(_UNMET, now)
@@ -157,7 +157,7 @@ class TeamLayer(Layer):
 
     @property
     def absence(self) -> str:
-        """Who is not there whose factors of the state are unknown, and what to do, in words; empty where nobody is."""
+        """The missing agents whose factors of the state are unknown, and a remedy, in words; empty where none is."""
         state, live = self.ensemble.state, self.link.live
         known = () if state is None else state.joint
         pairs = zip(self.ownership.owners, known, strict=False)
@@ -207,14 +207,14 @@ class TeamLayer(Layer):
 
         self.call_later(_FAREWELL, tell)
 
-    # -- What a kind of team does --------------------------------------------------------------------------------
+    # -- Each kind of team ---------------------------------------------------------------------------------------
 
     def propose(self, part: bytes | None, now: int) -> None:
         """Propose this agent's part of the next step; None where it saw nothing."""
         raise NotImplementedError
 
     def request(self, command: str, token: str) -> None:
-        """Have all agents carry out a command that was asked for here.
+        """Order a command that was asked for here, at all agents.
 
         Args:
             command: ``start``, ``stop``, ``reset`` or ``resume``.
@@ -239,11 +239,11 @@ class TeamLayer(Layer):
 
     @property
     def term(self) -> int:
-        """The number of the term that it takes part in, or of what is one in its kind of team."""
+        """The number of the term that it takes part in, or of its like in another kind of team."""
         raise NotImplementedError
 
     def memory(self) -> bytes | None:
-        """Return what it takes to obey the present stop in another process; None where it obeys none."""
+        """Return the present stop, for another process to obey; None where it obeys none."""
         raise NotImplementedError
 
     def obey(self, memory: bytes) -> None:
@@ -258,10 +258,10 @@ class TeamLayer(Layer):
         """Update the live agents."""
         raise NotImplementedError
 
-    # -- What the own layers say ---------------------------------------------------------------------------------
+    # -- The own layers ------------------------------------------------------------------------------------------
 
     def command(self, command: Literal["start", "stop", "reset", "resume"], token: str | None = None) -> None:
-        """Have the team carry out a command that was asked for here; a stop stops this agent at once, too.
+        """Order a command that was asked for here, at the whole team; a stop stops this agent at once, too.
 
         Args:
             command: The command.
@@ -347,10 +347,10 @@ class TeamLayer(Layer):
             if not self.lost:
                 self.process.repeat(now)
 
-    # -- What outlives the process -------------------------------------------------------------------------------
+    # -- Over the end of the process -----------------------------------------------------------------------------
 
     def keep(self, by: str = "") -> None:
-        """Have what is obeyed outlive the process.
+        """Keep the stop that is obeyed over the end of the process.
 
         Args:
             by: Of a new stop, the agent that was asked for it.

@@ -139,7 +139,7 @@ class Link(Actor):
     # -- Life ----------------------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
-        """Have failures of the transport's handlers be this actor's, and dropped messages reported."""
+        """Take failures of the transport's handlers as this actor's, and report dropped messages."""
         transport, facts = self.transport, dict(self.configuration.facts)
         joined = (self.agent, transport.incarnation, facts, transport.protocol)
         self.runtime.observers.tell(Joined, self.runtime.now(), *joined)
@@ -426,7 +426,7 @@ class Link(Actor):
             self._notify(changed=refused)
 
     def _on_tick(self, tick: Tick) -> None:
-        if not tick.missed:  # else what came meanwhile has yet to be heard
+        if not tick.missed:  # else messages that came meanwhile have yet to be heard
             now = self.runtime.now()
             silent = [agent for agent in self._beats if now - self._heard_at.get(agent, 0) > self._lease]
             for agent in silent:
@@ -455,7 +455,7 @@ class Link(Actor):
         self._notify(changed=True)
 
     def whereabouts(self, agent: str) -> str:
-        """Return in words what is known of an agent that is not live."""
+        """Return in words where an agent is that is not live."""
         if agent in self.joined:
             return "is lost"
         if agent in self.left:

@@ -180,7 +180,7 @@ class Member(Actor):
     # -- Life ----------------------------------------------------------------------------------------------------
 
     def prepare(self, runtime: Runtime) -> None:
-        """Have predicate managers follow the other agents; call this before starting one of them."""
+        """Make predicate managers follow the other agents; call this before starting one of them."""
         for followed in self._followed:
             followed.prepare(runtime)
 

@@ -43,7 +43,7 @@ _OFFERS = (Command, Component)
 _AWAITED = (Component, Applied)
 """Messages that a leader awaits; until the last of them has come, each changes only the number that it awaits."""
 _BEHIND = (Entries, Snapshot)
-"""Messages that tell of steps which others took before."""
+"""Messages with steps that others took before."""
 
 
 class Stage(Enum):
@@ -152,7 +152,7 @@ class ReplicatedLayer(TeamLayer):
         """Listen to the own layers and to the other agents."""
         self._timer = self._age = None
         self._unsent = 0
-        if self._saved is not None:  # the ensemble has failed, and begins anew: the team has gone on
+        if self._saved is not None:  # the ensemble has failed, and begins again: the team has gone on
             self.restore(self._saved)
             self._resume(self.runtime.now())
         super().on_start()
@@ -364,7 +364,7 @@ class ReplicatedLayer(TeamLayer):
                 self.report_void(asked.token, reason)
 
     def _report_all(self) -> None:
-        """Report what the agreement has for a person."""
+        """Report the events of the agreement to a person."""
         agreement = self.agreement
         reports, agreement.reports = agreement.reports, []
         for kind, text in reports:
@@ -461,7 +461,7 @@ class ReplicatedLayer(TeamLayer):
         alone = self.process.running and self.ensemble.mode == "stopped"
         self.apply_command(command, commit.token, now, commit.by)
         if alone and self.ensemble.mode == "deciding":
-            self.process.repeat(now)  # it does what was decided while it alone was stopped
+            self.process.repeat(now)  # it acts on the decision that was made while it alone was stopped
 
     @property
     def running(self) -> bool:

@@ -1,4 +1,4 @@
-"""The storage: what an agent remembers of commands and safe modes over the end of its process, in one small file.
+"""The storage: an agent's memory of commands and safe modes over the end of its process, in one small file.
 
 The file is written before a command is confirmed: whole, synchronised to disk, and put in the place of the last one.
 It is there only while there is something to remember.
@@ -41,7 +41,7 @@ class StoredStop(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         by: The agent that was asked for it.
         term: The number of the term in which it was, or of the episode, or of the controller's life.
         since: When the agent stopped, in nanoseconds since 1970.
-        memory: What the team's layer needs to obey it, in a form of its own.
+        memory: The stop as the team's layer needs it to obey, in a form of its own.
     """
 
     by: Name
@@ -59,7 +59,7 @@ class StoredStop(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Stored(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What is remembered of an ensemble.
+    """The memory of an ensemble.
 
     Args:
         stop: The stop that it obeys; None where it obeys none.
@@ -99,7 +99,7 @@ def path_of(folder: str | Path, team: str, agent: str) -> Path:
 
 
 def read(path: Path, team: str, agent: str, ensembles: Iterable[str]) -> dict[str, Stored]:
-    """Return what a file remembers, by ensemble; nothing where there is no file.
+    """Return the memory of a file, by ensemble; nothing where there is no file.
 
     Raises:
         Error: If it cannot be read, is another's, of a newer program, or damaged.
@@ -161,7 +161,7 @@ def _replace(path: Path, data: bytes) -> None:
 
 
 def forget(folder: str | Path, team: str, agent: str) -> str | None:
-    """Remove an agent's file; return in words what is forgotten, None where there is nothing.
+    """Remove an agent's file; return its content in words, None where there is nothing.
 
     Raises:
         Error: If it cannot be removed.
@@ -229,7 +229,7 @@ class Storage(Actor):
         self._writer.close(_CLOSE)
 
     def recall(self, ensemble: str) -> Stored:
-        """Return what is remembered of an ensemble."""
+        """Return the memory of an ensemble."""
         return NOTHING if self._repeats else self._stored.get(ensemble, NOTHING)
 
     def keep(self, ensemble: str, stored: Stored) -> None:

@@ -260,11 +260,11 @@ class Team:
     # -- Commands ------------------------------------------------------------------------------------------------
 
     async def start(self, **options: Any) -> tuple[Confirmation, ...]:
-        """Have the team decide, from outside; see `stop`."""
+        """Start the team, from outside; see `stop`."""
         return await self._command("start", **options)
 
     async def stop(self, **options: Any) -> tuple[Confirmation, ...]:
-        """Have the team decide no more, from outside: said to every agent.
+        """Stop the team, from outside: the command goes to every agent.
 
         Args:
             options: ``ensemble``, by default the only one; ``seconds`` to wait for each agent's state, by
@@ -281,7 +281,7 @@ class Team:
         return await self._command("stop", **options)
 
     async def reset(self, **options: Any) -> tuple[Confirmation, ...]:
-        """Have the team begin a new episode, from outside; see `stop`."""
+        """Begin a new episode of the team, from outside; see `stop`."""
         return await self._command("reset", **options)
 
     async def release(self, **options: Any) -> tuple[Confirmation, ...]:

@@ -103,7 +103,7 @@ class Crew:
             ending.cancel()
 
     def end(self) -> None:
-        """Have all agents end in order."""
+        """End all agents in order."""
         self._ending.set()
         for process in self._processes.values():
             if process.stdin is not None:
@@ -134,19 +134,19 @@ class Crew:
                 return
             self.failures[agent] += 1
             wait = budget.delay(time.monotonic_ns())
-            what = _how(status)
+            text = _how(status)
             if self._ending.is_set():
-                what += " when it was to end"
+                text += " when it was to end"
             elif agent not in self._up:
-                what += " before it was up, and is not started again"
+                text += " before it was up, and is not started again"
             elif wait is None:
-                what += f", and is not started again: it was {_RESTARTS} times within {_WITHIN:g} s"
+                text += f", and is not started again: it was {_RESTARTS} times within {_WITHIN:g} s"
             else:
-                self._console.tell(agent, "failed", f"{what}, and is started again in {wait:g} s", status=status)
+                self._console.tell(agent, "failed", f"{text}, and is started again in {wait:g} s", status=status)
                 with suppress(TimeoutError):
                     await asyncio.wait_for(self._ending.wait(), wait)
                 continue
-            self._console.tell(agent, "failed", what, status=status)
+            self._console.tell(agent, "failed", text, status=status)
             return
 
     async def _run(self, agent: str) -> int:

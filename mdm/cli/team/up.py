@@ -78,7 +78,7 @@ def _page_options(arguments: argparse.Namespace) -> dict[str, Any] | None:
 
 
 def _add_pages(commands: Mapping[str, list[str]], port: int, *, control: bool) -> dict[str, str]:
-    """Have each agent's process serve a page of its own, which that of the team looks at; return their addresses.
+    """Let each agent's process serve a page of its own, which that of the team looks at; return their addresses.
 
     Raises:
         Error: If there are not enough ports, or what serves pages is not installed.

@@ -208,7 +208,7 @@ class Agreement:
         elif isinstance(message, Stale) or (term > state.term and sender == term.leader):
             self._hear_of(term, now)
         else:
-            # Of an older term: a sender that takes part in that is told of the present one.
+            # Of an older term: answer a sender that takes part in that with the present one.
             self.late += 1
             if isinstance(message, Begin | Commit | Component | Command | Applied):
                 self._send(sender, Stale(self.state.term))
@@ -315,7 +315,7 @@ class Agreement:
                     state.fetching = None
                     joined = self._ballot.joined.get(sender)
                     if not (message.commits or joined is None or contains(self.log.lineage, joined.lineage[-1])):
-                        self._call(now)  # it has not what it joined with: have all answer anew
+                        self._call(now)  # it has not the history that it joined with: call all again
                     else:
                         self._join_own(now)
             case Snapshot() if sender == state.fetching:

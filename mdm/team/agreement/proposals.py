@@ -58,8 +58,8 @@ class Proposals:
     """An agent's own components and commands, in their order.
 
     A component that was offered for a step counts for that step alone. Where the step went without it, an event is
-    offered anew for the next one, and a reading of a fixed rate is dropped, since the next is on its way. Where a
-    command became the step, which takes no components, both are offered anew.
+    offered again for the next one, and a reading of a fixed rate is dropped, since the next is on its way. Where a
+    command became the step, which takes no components, both are offered again.
 
     A command counts in the term in which it was asked for. A stop beats a start or reset that was asked for before it,
     here at once, elsewhere when it is applied there.
@@ -163,7 +163,7 @@ class Proposals:
         return any(asked.token == token and asked.command in BARS for asked in self.commands)
 
     def hold(self, token: str, term: Term) -> None:
-        """Have a hold be the next command of this agent."""
+        """Put a hold before the other commands of this agent."""
         self.commands.appendleft(Asked(HOLD, token, term))
         self.commanded = None
 
@@ -237,7 +237,7 @@ class Hold:
 
     @property
     def standstill(self) -> Standstill | None:
-        """What is to outlive the process; None where the agent acts."""
+        """The stop, for the next process to obey; None where the agent acts."""
         return Standstill(self.last, self.at, self.held in {Held.KEPT, Held.RECALLED_KEPT}) if self.still else None
 
     def recall(self, standstill: Standstill) -> None:

@@ -269,12 +269,6 @@ class CommunicatingLayer(TeamLayer):
     At each tick the agent observes, shares the choice of its communication policy, hears the others, and decides: as
     soon as all live agents have reported the step, or the team's deadline after the tick is over.
 
-    Args:
-        team: The team.
-        ensemble: The ensemble, whose control layer it leads.
-        link: The connection of this agent to the others.
-        placement: Where the ensemble's layers are.
-
     Raises:
         ConfigError: If the ensemble cannot be one of a communicating team.
 
@@ -367,7 +361,7 @@ class CommunicatingLayer(TeamLayer):
         if self.episode is not None or self.stops.last:
             return
         first = next((agent for agent in self._agents if agent in self.link.live), self.agent)
-        if self.refusal is None and first == self.agent:
+        if self.link.refusal is None and first == self.agent:
             self.request("start", "")
         else:
             self.call_later(self.team.lease, self._begin)
@@ -376,7 +370,7 @@ class CommunicatingLayer(TeamLayer):
         """Begin an episode, or end it, at all agents."""
         if command == "stop":
             self.stops.take(self.agent, self.link.transport.incarnation)
-        if self.refusal is not None:
+        if self.link.refusal is not None:
             if token:
                 self.report_void(token, f"{self.agent} takes no part in the team")
             return
@@ -489,7 +483,9 @@ class CommunicatingLayer(TeamLayer):
         self.tick = tick.number
         if self._first_tick is None:
             self._first_tick = tick.number
-        if self.refusal is not None or self.episode is None or not self._decides or tick.number < self.episode.origin:
+        if self.link.refusal is not None or self.episode is None or tick.number < self.episode.origin:
+            return
+        if not self._decides:
             return
         self._decide()
         step, steps = tick.number - self.episode.origin, self.steps
@@ -590,7 +586,7 @@ class CommunicatingLayer(TeamLayer):
         if (reason := _is_impossible(word, self.team, self.runtime.now())) is not None:
             self.drop(sample, reason)
             return
-        if word.configuration != self._configuration or self.refusal is not None:
+        if word.configuration != self._configuration or self.link.refusal is not None:
             return  # the link says so
         agent = sample.owner
         self._receive_stops(word)
@@ -631,7 +627,7 @@ class CommunicatingLayer(TeamLayer):
         episode = self.episode
         return CommunicatingStatistics(
             **msgspec.structs.asdict(super().statistics()),
-            role="refused" if self.refusal is not None else "joining" if episode is None else "talking",
+            role="refused" if self.link.refusal is not None else "joining" if episode is None else "talking",
             term=0 if episode is None else episode.number,
             step=self.steps.present,
             digest=of_parts([self.process.snapshot()]),

@@ -67,6 +67,7 @@ class TeamLayer(Layer):
         copy: This agent's copy of it, and its input.
         commits: Where each step is told; set before the start.
         lost: The teammates that are lost.
+        own: The present values of this agent's state factors.
         tick: The number of the last tick.
         commands: The outcomes of commands.
         storage: Where the stop that it obeys outlives the process; None where it does not. Set before the start.
@@ -95,14 +96,15 @@ class TeamLayer(Layer):
         self.tick = 0
         self.commands = Commands(self.agent, link.transport.incarnation)
         self._places = self.ownership.of[self.agent]
-        self._own: tuple[int | None, ...] = (None,) * len(self._places)
+        self.own: tuple[int | None, ...] = (None,) * len(self._places)
         self._seen: list[int | None] = [None] * len(self._places)
         self.reported_held = False
         self.storage: Storage | None = None
         self.stopped: StoredStop | None = None
         self._lasting: tuple[Cause, ...] = ()
         self._hears: list[Subscription[Any]] = []
-        link.serve(link.key(ensemble.name, "configuration"), lambda _: msgspec.msgpack.encode(self.copy.facts))
+        facts = msgspec.msgpack.encode(self.copy.facts)
+        link.transport.serve(link.key(ensemble.name, "configuration"), lambda _: facts)
 
     # -- Life ----------------------------------------------------------------------------------------------------
 
@@ -139,11 +141,6 @@ class TeamLayer(Layer):
         self.malformed += 1
         self.link.refuse_sample(sample, reason)
 
-    @property
-    def refusal(self) -> str | None:
-        """Why this agent cannot take part in the team; None where it can."""
-        return self.link.refusal
-
     def _on_live(self, link: Link) -> None:
         if link.refusal is not None:
             self.pause()
@@ -171,7 +168,7 @@ class TeamLayer(Layer):
     @property
     def awaited(self) -> tuple[str, ...]:
         """The agents that are not there and without which nothing is decided; none where it is decided."""
-        if self.refusal is not None or getattr(self.statistics(), "role", "") not in {"joining", "waiting"}:
+        if self.link.refusal is not None or getattr(self.statistics(), "role", "") not in {"joining", "waiting"}:
             return ()
         return tuple(agent for agent in self.team.names if agent not in self.link.live)
 
@@ -182,7 +179,7 @@ class TeamLayer(Layer):
 
     def miss(self, text: str) -> None:
         """Be safe until the teammates that were never met come, or a person asks for a start."""
-        if self.unmet and not self.still and self.stopped is None and self.refusal is None:
+        if self.unmet and not self.still and self.stopped is None and self.link.refusal is None:
             self.ensemble.safety.wait("missing_teammate", text, self.runtime.now())
 
     def pause(self) -> None:
@@ -285,19 +282,14 @@ class TeamLayer(Layer):
         """Offer the values of this agent's factors."""
         self.propose(self.copy.part(now, values), now)
 
-    @property
-    def own(self) -> tuple[int | None, ...]:
-        """The present values of this agent's state factors."""
-        return self._own
-
     def forget(self) -> None:
         """Discard the observations since the last tick: a command has come between."""
         self._seen = [None] * len(self._places)
 
     def _on_own_state(self, state: State) -> None:
         own = tuple(state.values[place] for place in self._places)
-        if own != self._own:
-            self._own = own
+        if own != self.own:
+            self.own = own
             if self.team.event_driven:
                 self.propose_values(own, self._dispatcher.time)
 
@@ -315,7 +307,7 @@ class TeamLayer(Layer):
         if not self.process.running:
             return
         if self.ownership.takes == "state":
-            self.propose_values(self._own, self._dispatcher.time)
+            self.propose_values(self.own, self._dispatcher.time)
         elif any(value is not None for value in self._seen):
             seen = self._seen
             self.forget()

@@ -99,6 +99,7 @@ class Link(Actor):
         left: Those who have left in order, with the incarnation that has.
         joined: The agents that have been live, with the incarnation that was last, and have not left in order since.
         opened: Whether the transport is open.
+        leaving: Whether this agent has said that it leaves.
         met: Whether more than half of the agents, this one included, have been live at once in this life; or a person
             has said that it goes on without them.
         configuration: Which agents have another configuration.
@@ -120,7 +121,7 @@ class Link(Actor):
         self._left_at: dict[str, int] = {}
         self._doubles: dict[str, tuple[str, int]] = {}
         self._since = 0
-        self._leaving = False
+        self.leaving = False
         self._refused: set[str] = set()
         self._strangers: set[str] = set()
         self._seen: Mapping[str, int] = {}
@@ -167,14 +168,9 @@ class Link(Actor):
 
     def send_farewell(self) -> None:
         """Announce that this agent leaves in order: it sends nothing more, and the others do not wait for it."""
-        if self.opened and not self._leaving:
+        if self.opened and not self.leaving:
             self.transport.put(self.key(FAREWELL), b"", priority="step")
-        self._leaving = True
-
-    @property
-    def leaving(self) -> bool:
-        """Whether this agent has said that it leaves."""
-        return self._leaving
+        self.leaving = True
 
     @property
     def refusal(self) -> str | None:
@@ -208,7 +204,7 @@ class Link(Actor):
 
         One that is too large for every receiver is reported, once for each key.
         """
-        if not self.opened or self._leaving:
+        if not self.opened or self.leaving:
             return False
         self._puts += 1
         try:
@@ -277,10 +273,6 @@ class Link(Actor):
             for known in (self._watching, *self._heard.values()):
                 if subscription in known:
                     known.remove(subscription)
-
-    def serve(self, key: str, answer: Callable[[bytes], bytes]) -> None:
-        """Answer requests under a key of this agent."""
-        self.transport.serve(key, answer)
 
     def ask(self, expression: str, body: bytes = b"", *, seconds: float = 1.0) -> Awaitable[dict[str, bytes]]:
         """Ask all who serve the keys of an expression; the answers come by agent."""
@@ -527,7 +519,7 @@ class Clocks(Actor):
         # Of agents that are too far off: whether this one's own clock had been put right when that was told.
         self._off: dict[str, bool] = {}
         self._behind = False
-        link.serve(link.key("clock"), lambda _: _TIME.pack(self.time()))
+        link.transport.serve(link.key("clock"), lambda _: _TIME.pack(self.time()))
 
     def on_start(self) -> None:
         """Ask the others for their time."""

@@ -95,12 +95,6 @@ class ReplicatedStatistics(ActorStatistics, frozen=True):
 class ReplicatedLayer(TeamLayer):
     """The last layer of an ensemble in a replicated team: all of its agents have the same controller.
 
-    Args:
-        team: The team.
-        ensemble: The ensemble, whose control layer it leads.
-        link: The connection of this agent to the others.
-        placement: Where the ensemble's layers are.
-
     Raises:
         ConfigError: If the ensemble cannot be replicated.
 
@@ -348,13 +342,10 @@ class ReplicatedLayer(TeamLayer):
         if self._alone is not None:
             (command, token), self._alone = self._alone, None
             self.request(command, token)
-        elif self._role == "leading" and not self.copy.begun and not self.still and not self._begins:
+            return
+        waits = any(asked.command == BEGIN for asked in self.agreement.proposals.commands)
+        if self._role == "leading" and not (self.copy.begun or self.still or waits):
             self.request(BEGIN, "")
-
-    @property
-    def _begins(self) -> bool:
-        """Whether this agent has asked for the first start."""
-        return any(asked.command == BEGIN for asked in self.agreement.proposals.commands)
 
     def _report_void(self) -> None:
         """Report the commands, asked for here, that will be no step."""
@@ -405,7 +396,7 @@ class ReplicatedLayer(TeamLayer):
 
     def _on_patience(self) -> None:
         waits = self._role in {"joining", "waiting"} and not self._is_kept_out  # of which the member tells
-        if waits and not self.copy.begun and self.refusal is None:
+        if waits and not self.copy.begun and self.link.refusal is None:
             here, needed = self.link.live or {self.agent: 0}, self.agreement.majority
             who = (
                 f"of team {self.team.name!r} {len(here)} of {len(self.team.names)} agents are here ({', '.join(here)})"
@@ -497,7 +488,7 @@ class ReplicatedLayer(TeamLayer):
         agreement = self.agreement
         return ReplicatedStatistics(
             **msgspec.structs.asdict(super().statistics()),
-            role="refused" if self.refusal is not None else "waiting" if self.unmet else agreement.role,
+            role="refused" if self.link.refusal is not None else "waiting" if self.unmet else agreement.role,
             term=agreement.state.term.number,
             leader=agreement.leader,
             step=agreement.step,

@@ -42,12 +42,6 @@ class CentralisedFollower(TeamLayer):
     """The layer at an agent for which another one decides: it proposes its input, and has its part of decisions done.
 
     Where the controller is not there, the ensemble is safe, until it decides again.
-
-    Args:
-        team: The team.
-        ensemble: The ensemble, whose control layer it leads.
-        link: The connection of this agent to the others.
-        placement: Where the ensemble's layers are.
     """
 
     def __init__(self, team: Team, ensemble: Ensemble, link: Link, placement: Placement) -> None:
@@ -257,12 +251,13 @@ class CentralisedFollower(TeamLayer):
 
     def assess(self, now: int) -> None:
         """Go safe, hold or go on, by who is there; the way back from a lost controller is its next decision."""
-        if self.refusal is None and not self._here and self._last is not None:
+        if self.link.refusal is None and not self._here and self._last is not None:
             self.ensemble.safety.endanger("lost_controller", f"agent {self._controller!r} is not there", now)
         super().assess(now)
 
     def _on_patience(self) -> None:
-        if self._last is None and self.refusal is None and self._controller not in self.link.configuration.differing:
+        link = self.link
+        if self._last is None and link.refusal is None and self._controller not in link.configuration.differing:
             self.report("waiting", f"cannot act: agent {self._controller!r}, which decides, is not there")
 
     def statistics(self) -> CentralisedStatistics:
@@ -270,7 +265,7 @@ class CentralisedFollower(TeamLayer):
         role = "following" if self._last is not None else "joining"
         return CentralisedStatistics(
             **msgspec.structs.asdict(super().statistics()),
-            role="refused" if self.refusal is not None else role if self._here else "waiting",
+            role="refused" if self.link.refusal is not None else role if self._here else "waiting",
             leader=self._controller,
             step=0 if self._last is None else self._last.step,
             digest="" if self._last is None else self._last.digest,

@@ -63,12 +63,6 @@ class CentralisedLeader(TeamLayer):
     At a fixed rate it decides when all live agents have sent their parts since the last tick, or the deadline after
     the tick is over. Else it decides on each part as it comes.
 
-    Args:
-        team: The team.
-        ensemble: The ensemble, whose control layer it leads.
-        link: The connection of this agent to the others.
-        placement: Where the ensemble's layers are.
-
     Attributes:
         beginning: How far it is from its first decision.
         asked: The commands that were asked of this life of it.
@@ -127,7 +121,7 @@ class CentralisedLeader(TeamLayer):
 
     def _begin(self) -> None:
         """Begin to decide, once all are there or were waited for, unless most of them have another configuration."""
-        if self.beginning is Beginning.READY or self.refusal is not None or self._waits or self._outvoted:
+        if self.beginning is Beginning.READY or self.link.refusal is not None or self._waits or self._outvoted:
             return
         self.beginning = Beginning.READY
         self._command(STOP if self._stopped else BEGIN)
@@ -160,7 +154,7 @@ class CentralisedLeader(TeamLayer):
 
     def request(self, command: str, token: str) -> None:
         """Carry out a command at all agents."""
-        if self.refusal is not None:
+        if self.link.refusal is not None:
             self.asked = self.asked.after(command, void=True)
             self._stopped = self._stopped or command == STOP  # as this agent has by now, whatever the others do
             self.report_void(token, f"{self.agent} takes no part in the team")
@@ -203,7 +197,7 @@ class CentralisedLeader(TeamLayer):
 
     def propose(self, part: bytes | None, now: int) -> None:
         """Collect this agent's own part."""
-        if self.refusal is not None:
+        if self.link.refusal is not None:
             return
         if not self.team.event_driven:
             self._open = self.tick
@@ -215,7 +209,7 @@ class CentralisedLeader(TeamLayer):
             self._decide({self.agent: part})
 
     def _on_proposal(self, sample: Sample) -> None:
-        if self.refusal is not None:
+        if self.link.refusal is not None:
             return
         try:
             proposal = decode_proposal(sample.body)
@@ -381,7 +375,7 @@ class CentralisedLeader(TeamLayer):
         """Return where it stands."""
         ready = self.beginning is Beginning.READY
         role = "leading" if ready else "waiting" if self.unmet else "joining"
-        refused = self.refusal is not None or not (ready or self._waits or not self._outvoted)
+        refused = self.link.refusal is not None or not (ready or self._waits or not self._outvoted)
         return CentralisedStatistics(
             **msgspec.structs.asdict(super().statistics()),
             role="refused" if refused else role,

@@ -74,7 +74,7 @@ class Answers(Actor):
         self._validity = validity
         for ensemble in self._ensembles:
             for call in CALLS:
-                link.serve(link.key(ensemble, call), self._answering(ensemble, call))
+                link.transport.serve(link.key(ensemble, call), self._answering(ensemble, call))
 
     def _answering(self, name: str, call: str) -> Callable[[bytes], bytes]:
         function = getattr(self, f"_{call}", None)

@@ -108,7 +108,7 @@ class PredicatePublisher(Actor):
         self._topics = []
         if not self._serves:
             self._serves = True
-            self._link.serve(self._link.key(PREDICATES, "follow"), self._take)
+            self._link.transport.serve(self._link.key(PREDICATES, "follow"), self._take)
         self._listen()
         self.every(4 / self._link.team.max_age, lambda _: self._send_all())
 

@@ -148,7 +148,7 @@ class Exports(Actor):
             channel = self.runtime.channel(f"{above}/{name}" if above else name, wire.type, retain=retain)
             self.subscribe(channel, self._sender(name, wire))
             if not self._serves:
-                self._link.serve(self._link.key(*name.split("/")), self._answer(channel, wire))
+                self._link.transport.serve(self._link.key(*name.split("/")), self._answer(channel, wire))
         self._serves = True
 
     def _sender(self, name: str, wire: Wire) -> Callable[[Any], None]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from mdm.controller.construction import seeded
-from mdm.controller.controller import Controller
+from mdm.controller.controller import Controller, seeded
 from mdm.controller.step import Step
 
 __all__ = ["Controller", "Step", "seeded"]

@@ -1,18 +1,43 @@
-"""What a snapshot of a controller holds, which may come from another process."""
+"""What comes to a controller from outside: beliefs of a user's own tracker, and snapshots, maybe of another process."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
 from mdm.beliefs.tracker import checked_support
-from mdm.controller.foreign_belief import checked_belief
 from mdm.errors import ModelError
 
-__all__ = ["Held", "check_counts", "check_information", "opened"]
+if TYPE_CHECKING:
+    from mdm.models.matrices import Vector
+
+__all__ = ["Held", "check_counts", "check_information", "checked_belief", "copied", "opened"]
+
+
+def checked_belief(belief: Any, size: int | None) -> Vector:
+    """Return a copy of the belief of a user's tracker, which may change its own in place; refuse an invalid one."""
+    try:
+        array = copied(belief)
+    except (TypeError, ValueError):
+        raise ModelError(f"the tracker's belief is not an array of numbers, but {belief!r}") from None
+    if array.shape != (array.size if size is None else size,):
+        raise ModelError(f"the tracker's belief has the shape {array.shape}, but there are {size} states")
+    if not (np.isfinite(array).all() and (array >= 0).all() and abs(array.sum() - 1) < 1e-6):
+        raise ModelError(
+            "the tracker's belief is not a distribution: its numbers are negative, not finite, or do not sum to 1"
+        )
+    return array
+
+
+def copied(belief: Any) -> Vector:
+    """Return a belief as an immutable array of its own."""
+    array = np.array(belief, dtype=np.float64)
+    array.flags.writeable = False
+    return array
+
 
 _MOST = (1 << 62) - 1
 _ONE = 1 + 1e-6

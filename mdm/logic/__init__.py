@@ -1,8 +1,7 @@
 """Three-valued propositional logic: formulas, their text form, and incrementally updated networks."""
 
-from mdm.logic.declarations import similar
 from mdm.logic.formula import Formula, P
-from mdm.logic.network import Change, Network
+from mdm.logic.network import Change, Network, similar
 from mdm.logic.parser import parse
 from mdm.logic.threshold import Threshold, parse_threshold
 

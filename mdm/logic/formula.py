@@ -203,11 +203,26 @@ class Not(Formula):
         return f"not {self._text(self.parts[0], 5)}"
 
 
-class And(Formula):
+class _Binary(Formula):
+    """Two parts with a word between them, of which the left one may be alike; of an implication the right one."""
+
+    __slots__ = ()
+    word = ""
+
+    def __str__(self) -> str:
+        left, right = self.parts
+        right_first = self.word == "implies"
+        return (
+            f"{self._text(left, self._level + right_first)} {self.word} "
+            f"{self._text(right, self._level + (not right_first))}"
+        )
+
+
+class And(_Binary):
     """True if both parts are."""
 
     __slots__ = ()
-    _level = 4
+    _level, word = 4, "and"
 
     def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
         """Return false if a part is false, else unknown if a part is unknown, else true."""
@@ -216,30 +231,24 @@ class And(Formula):
             return False
         return None if left is None or right is None else True
 
-    def __str__(self) -> str:
-        return f"{self._text(self.parts[0], 4)} and {self._text(self.parts[1], 5)}"
 
-
-class Xor(Formula):
+class Xor(_Binary):
     """True if exactly one of two parts is."""
 
     __slots__ = ()
-    _level = 3
+    _level, word = 3, "xor"
 
     def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
         """Return whether the parts differ, or unknown if either is unknown."""
         left, right = (part.evaluate(values) for part in self.parts)
         return None if left is None or right is None else left is not right
 
-    def __str__(self) -> str:
-        return f"{self._text(self.parts[0], 3)} xor {self._text(self.parts[1], 4)}"
 
-
-class Or(Formula):
+class Or(_Binary):
     """True if a part is."""
 
     __slots__ = ()
-    _level = 2
+    _level, word = 2, "or"
 
     def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
         """Return true if a part is true, else unknown if a part is unknown, else false."""
@@ -248,15 +257,12 @@ class Or(Formula):
             return True
         return None if left is None or right is None else False
 
-    def __str__(self) -> str:
-        return f"{self._text(self.parts[0], 2)} or {self._text(self.parts[1], 3)}"
 
-
-class Implies(Formula):
+class Implies(_Binary):
     """False only if the first part is true and the second is false."""
 
     __slots__ = ()
-    _level = 1
+    _level, word = 1, "implies"
 
     def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
         """Return the value of ``not first or second``."""
@@ -265,9 +271,6 @@ class Implies(Formula):
             return True
         return None if left is None or right is None else False
 
-    def __str__(self) -> str:
-        return f"{self._text(self.parts[0], 2)} implies {self._text(self.parts[1], 1)}"
-
 
 def _formula(value: Formula | bool) -> Formula:
     if isinstance(value, Formula):
@@ -275,9 +278,6 @@ def _formula(value: Formula | bool) -> Formula:
     if isinstance(value, bool):
         return Constant(value)
     raise TypeError(f"a formula can be combined with a formula or a bool, not with {value!r}")
-
-
-_CONNECTIVES = {And: "AND", Or: "OR", Xor: "XOR", Implies: "IMPLIES"}
 
 
 def compile_formula(formula: Formula, index: Mapping[str, int]) -> Callable[[list[int]], int]:
@@ -328,5 +328,6 @@ def _expression(formula: Formula, index: Mapping[str, int]) -> ast.expr:
     parts = [_expression(part, index) for part in formula.parts]
     if isinstance(formula, Not):
         return ast.BinOp(ast.Constant(TRUE), ast.Sub(), parts[0])
+    assert isinstance(formula, _Binary)
     row = ast.BinOp(ast.BinOp(ast.Constant(3), ast.Mult(), parts[0]), ast.Add(), parts[1])
-    return ast.Subscript(ast.Name(_CONNECTIVES[type(formula)], ast.Load()), row, ast.Load())
+    return ast.Subscript(ast.Name(formula.word.upper(), ast.Load()), row, ast.Load())

@@ -1,25 +1,294 @@
-"""An incrementally updated network of predicates and events.
+"""An incrementally updated network of predicates and events: their declarations, their inputs, and its updates.
 
 Nodes are in dependency order. An update evaluates each node downstream of a change at most once, so that transient
-values are never visible, and stops where a value does not change.
+values are never visible, and stops where a value does not change. The nodes that depend on a change are found once
+where it recurs, and remembered within bounds.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+import difflib
+from graphlib import CycleError, TopologicalSorter
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from mdm.errors import Error
-from mdm.logic.declarations import Declaration, Declarations
-from mdm.logic.formula import FALSE, TRUE, UNKNOWN, compile_formula, compile_hold, compile_latch
-from mdm.logic.inputs import MOST, Change, Given, Inputs, Memory, Plan
+import msgspec
+
+from mdm.errors import Error, FormatError
+from mdm.logic.formula import CODES, FALSE, TRUE, UNKNOWN, Formula, compile_formula, compile_hold, compile_latch
+from mdm.logic.parser import parse
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
-__all__ = ["Change", "Network"]
+__all__ = ["Change", "Declaration", "Declarations", "Given", "Inputs", "Memory", "Network", "Plan", "similar"]
+
+
+class Declaration:
+    """One predicate or event, as declared."""
+
+    __slots__ = ("formulas", "initial", "kind", "name")
+
+    def __init__(self, name: str, kind: str, formulas: tuple[Formula, ...] = (), initial: int = UNKNOWN) -> None:
+        self.name = name
+        self.kind = kind
+        self.formulas = formulas
+        self.initial = initial
+
+    @property
+    def is_event(self) -> bool:
+        """Whether it is an event, raised from outside or by a formula."""
+        return self.kind in {"event", "rise"}
+
+
+class Declarations:
+    """Predicates and events by name, each declared once."""
+
+    def __init__(self) -> None:
+        self._nodes: dict[str, Declaration] = {}
+        self.remote: tuple[str, ...] = ()
+
+    def _declare(self, node: Declaration) -> None:
+        if node.name in self._nodes:
+            raise Error(f"{node.name!r} is declared twice")
+        self._nodes[node.name] = node
+
+    def add_input(self, name: str, value: bool | None = None) -> None:
+        """Declare a predicate that is set from outside."""
+        self._declare(Declaration(name, "input", initial=CODES[value]))
+
+    def add_event(self, name: str) -> None:
+        """Declare an event that is raised from outside, and true only during the update that raises it."""
+        self._declare(Declaration(name, "event", initial=FALSE))
+
+    def define(self, name: str, formula: Formula | str) -> None:
+        """Declare a predicate by a formula over predicates."""
+        self._declare(Declaration(name, "define", (_tree(name, formula),)))
+
+    def latch(self, name: str, *, set: Formula | str, reset: Formula | str, initial: bool = False) -> None:  # noqa: A002
+        """Declare a predicate that is true from ``set`` until ``reset``, which has precedence; unknown changes nothing.
+
+        Both formulas may name events.
+        """
+        self._declare(Declaration(name, "latch", (_tree(name, set), _tree(name, reset)), CODES[initial]))
+
+    def hold(self, name: str, formula: Formula | str) -> None:
+        """Declare a predicate equal to its formula, except that it becomes true only when its time has elapsed."""
+        self._declare(Declaration(name, "hold", (_tree(name, formula),)))
+
+    def rise(self, name: str, formula: Formula | str) -> None:
+        """Declare an event that occurs when a formula changes from false or unknown to true.
+
+        The formula may name events; it is then evaluated at each of them.
+        """
+        self._declare(Declaration(name, "rise", (_tree(name, formula),), FALSE))
+
+    def _add_remote(self) -> None:
+        used = {name for node in self._nodes.values() for formula in node.formulas for name in formula.names}
+        self.remote = tuple(sorted(name for name in used - self._nodes.keys() if "/" in name))
+        for name in self.remote:
+            self.add_input(name)
+
+    def _check(self) -> None:
+        for node in self._nodes.values():
+            for formula in node.formulas:
+                for name in sorted(formula.names):
+                    other = self._nodes.get(name)
+                    if other is None:
+                        hint = similar(name, self._nodes)
+                        raise Error(f"{node.name!r} uses {name!r}, which is not declared{hint}")
+                    if other.is_event and node.kind in {"define", "hold"}:
+                        raise Error(
+                            f"{node.name!r} uses the event {name!r}, which has no lasting value: store it in a latch"
+                        )
+
+    def _order(self) -> list[str]:
+        sorter: TopologicalSorter[str] = TopologicalSorter()
+        for node in self._nodes.values():
+            sorter.add(node.name, *sorted({name for formula in node.formulas for name in formula.names}))
+        try:
+            return list(sorter.static_order())
+        except CycleError as error:
+            cycle: list[str] = error.args[1]
+            raise Error(f"predicates depend on each other in a cycle: {' -> '.join(reversed(cycle))}") from None
+
+
+def _tree(name: str, formula: Formula | str) -> Formula:
+    if isinstance(formula, Formula):
+        return formula
+    try:
+        return parse(formula)
+    except FormatError as error:
+        raise FormatError(f"in the formula of {name!r}: {error.message}", column=error.column) from None
+
+
+def similar(name: str, known: Iterable[str]) -> str:
+    """Return a hint at known names similar to a wrong one, or an empty text."""
+    close = difflib.get_close_matches(name, list(known), n=3)
+    return f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
+
+
+_FEW = 8
+"""Inputs given together, or formulas that depend on them, up to which what recurs is remembered whole."""
+K = TypeVar("K")
+V = TypeVar("V")
+MOST = 4096
+"""Entries of a memory."""
+
+
+class Given:
+    """Values of inputs, or events, that are given together.
+
+    Args:
+        places: The place of each and the code of its value.
+
+    Attributes:
+        plan: The nodes that depend on them, where all of them change; None where that is not known yet.
+    """
+
+    __slots__ = ("places", "plan")
+
+    def __init__(self, places: tuple[tuple[int, int], ...]) -> None:
+        self.places = places
+        self.plan: Plan | None = None
+
+
+class Inputs:
+    """The inputs and events that may be given to a network.
+
+    Args:
+        nodes: All predicates and events.
+        index: Their places.
+
+    Attributes:
+        readings: Values that were given before.
+        raisings: Events that were raised before.
+    """
+
+    __slots__ = ("_index", "_nodes", "raisings", "readings")
+
+    def __init__(self, nodes: Mapping[str, Declaration], index: Mapping[str, int]) -> None:
+        self._nodes = nodes
+        self._index = index
+        self.readings: Memory[Sequence[tuple[str, bool | None]], Given] = Memory()
+        self.raisings: Memory[Sequence[str], Given] = Memory()
+
+    def read(self, inputs: Sequence[tuple[str, bool | None]]) -> Given:
+        """Return the meaning of inputs' values; of several for one input the last counts.
+
+        Raises:
+            Error: If a name is unknown or not an input, or a value is not a truth value.
+        """
+        places: dict[int, int] = {}
+        for name, value in inputs:
+            node = self._nodes.get(name)
+            if node is None or node.kind != "input":
+                raise self._refusal(name)
+            try:
+                places[self._index[name]] = CODES[value]
+            except (KeyError, TypeError):
+                raise Error(f"predicate {name!r} is True, False or None (unknown), not {value!r}") from None
+        read = Given(tuple(places.items()))
+        return self.readings.keep(inputs, read) if isinstance(inputs, tuple) and len(inputs) <= _FEW else read
+
+    def raised(self, events: Sequence[str]) -> Given:
+        """Return the meaning of events, each counted once.
+
+        Raises:
+            Error: If a name is unknown, or not an event that is raised from outside.
+        """
+        for name in events:
+            node = self._nodes.get(name)
+            if node is None or node.kind != "event":
+                raise self._refusal(name)
+        raised = Given(tuple([(at, TRUE) for at in dict.fromkeys(self._index[name] for name in events)]))
+        return self.raisings.keep(events, raised) if isinstance(events, tuple) and len(events) <= _FEW else raised
+
+    def together(self, inputs: Sequence[tuple[str, bool | None]], events: Sequence[str]) -> Given:
+        """Return the meaning of values of inputs and of events that are given together.
+
+        Raises:
+            Error: As `read` and `raised` do.
+        """
+        if not events:
+            return self.read(inputs)
+        if not inputs:
+            return self.raised(events)
+        return Given((*self.read(inputs).places, *self.raised(events).places))
+
+    def _refusal(self, name: str) -> Error:
+        if name not in self._index:
+            return Error(f"there is no predicate or event {name!r}{similar(name, self._index)}")
+        kind = "raised: it is not an event" if self._nodes[name].kind == "input" else "set from outside: it is derived"
+        return Error(f"{name!r} cannot be {kind}")
+
+
+class Change(msgspec.Struct):
+    """The changes of an update, by name: predicates that became true, false or unknown; events that occurred.
+
+    ``armed`` are the holds whose formula became true, which starts their time; ``disarmed`` those whose formula ceased
+    to be true. A change that recurs is the same object; with ``noted`` its reader may keep notes about it.
+    """
+
+    rising: tuple[str, ...] = ()
+    falling: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
+    events: tuple[str, ...] = ()
+    armed: tuple[str, ...] = ()
+    disarmed: tuple[str, ...] = ()
+    noted: Any = None
+
+
+class Plan:
+    """The nodes that depend on a set of changes.
+
+    Args:
+        codes: Four times the place of each node that changes, and its value.
+        order: All that is downstream of them, in order.
+        dirty: The nodes that depend on them immediately.
+        formulas: The nodes downstream with their functions, if these are few and plain formulas: then to evaluate all
+            is quicker than to find out which must be.
+        raised: The places of events among them.
+
+    Attributes:
+        changes: Its results, by the formulas' values in base 4: 3 where one stays.
+        outcome: These values when it came last, or -1.
+        change: Its result then.
+    """
+
+    __slots__ = ("change", "changes", "codes", "dirty", "formulas", "order", "outcome", "raised")
+
+    def __init__(
+        self,
+        codes: tuple[int, ...],
+        order: tuple[int, ...],
+        dirty: frozenset[int],
+        formulas: tuple[tuple[int, Callable[[list[int]], int]], ...] | None,
+        raised: tuple[int, ...],
+    ) -> None:
+        self.codes = codes
+        self.order = order
+        self.dirty = dirty
+        self.formulas = formulas
+        self.raised = raised
+        self.changes: dict[int, Change] = {}
+        self.outcome = -1
+        self.change: Change | None = None
+
+
+class Memory(dict[K, V]):
+    """Results by key: a dictionary that begins anew when it is full."""
+
+    __slots__ = ()
+
+    def keep(self, key: K, value: V) -> V:
+        """Remember a value, and return it."""
+        if len(self) >= MOST:
+            self.clear()
+        self[key] = value
+        return value
+
 
 _VALUE = (False, None, True)
-_FEW = 8
 _LONGEST: Final = 64
 _STAYS: Final = 3
 

@@ -8,7 +8,7 @@ from mdm.actors.abstraction.factors import F, ObservationFactor, StateFactor, ar
 from mdm.actors.layer import Layer
 from mdm.errors import ConfigError, Error
 from mdm.logic import similar
-from mdm.logic.inputs import Memory
+from mdm.logic.network import Memory
 from mdm.messages import EventUpdate, Observation, PredicateUpdate, State
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from hypothesis import given, strategies as st
 
-from mdm.logic import inputs as memory
-from mdm.logic.inputs import Memory
+from mdm.logic import network as memory
+from mdm.logic.network import Memory
 
 
 def test_what_was_kept_is_found():

@@ -7,8 +7,7 @@ import pytest
 from sentences import refused
 
 from mdm.errors import Error
-from mdm.logic.declarations import Declarations
-from mdm.logic.inputs import Inputs
+from mdm.logic.network import Declarations, Inputs
 
 
 @pytest.fixture

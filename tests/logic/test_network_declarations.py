@@ -7,7 +7,7 @@ from sentences import refused
 
 from mdm.errors import Error, FormatError
 from mdm.logic import Network
-from mdm.logic.declarations import similar
+from mdm.logic.network import similar
 
 
 def test_other_agents_predicates_are_unknown_inputs():

@@ -10,7 +10,7 @@ from sentences import refused
 
 import mdm
 from mdm.controller import Controller
-from mdm.controller.construction import horizon_of, reward_rows, seeded, with_false_negatives
+from mdm.controller.controller import horizon_of, reward_rows, seeded, with_false_negatives
 from mdm.policies import RandomPolicy, StagedPolicy
 from mdm.problems import tiger
 from mdm.symbols import Symbols

@@ -84,12 +84,7 @@ class Configuration:
         return other in self._outranking
 
     def difference(self, other: str, facts: Mapping[str, str]) -> str | None:
-        """Return in words the first fact of a beat that is another there; None where all that both have are the same.
-
-        Args:
-            other: The agent whose beat it is.
-            facts: Its facts.
-        """
+        """Return in words the first fact of a beat that is another there; None where all shared ones are the same."""
         if facts == self.facts:
             return None
         shared = [fact for fact in self.facts if fact in facts]
@@ -112,16 +107,7 @@ class Configuration:
         return difference(here, self.agent, theirs, other)
 
     def part(self, other: str, life: int, told: str, own: Standing, theirs: Standing, now: int) -> bool:
-        """Take note of an agent that differs; return whether that is new.
-
-        Args:
-            other: Which agent.
-            life: Its incarnation.
-            told: The difference in words.
-            own: The standing of this agent.
-            theirs: That of the other.
-            now: The time, in nanoseconds.
-        """
+        """Take note of another agent that differs; return whether that is new. Their standing says who is refused."""
         if self.differing.get(other) != life:
             self.agree(other)
         self._heard_at[other] = now
@@ -153,14 +139,7 @@ class Configuration:
 
 
 def difference(here: Mapping[str, str], agent: str, theirs: Mapping[str, str], there: str) -> str | None:
-    """Return in words the first fact that is another at one agent than at another; None if there is none.
-
-    Args:
-        here: The facts of one agent.
-        agent: Its name.
-        theirs: The facts of the other.
-        there: Its name.
-    """
+    """Return in words the first fact of `here`, at an agent, that is another there; None if there is none."""
     for fact in dict.fromkeys((*here, *theirs)):
         one, other = here.get(fact), theirs.get(fact)
         if one != other and ANY not in {one, other}:
@@ -178,15 +157,7 @@ def brief(ensemble: str, facts: Mapping[str, str]) -> dict[str, str]:
 
 
 def facts(team: Team, ensemble: Ensemble, ownership: Ownership, start: bytes, protocol: int) -> dict[str, str]:
-    """Return the facts of an ensemble, by name, which must be the same at every agent of a team.
-
-    Args:
-        team: The team.
-        ensemble: The ensemble.
-        ownership: Its factors, and their owners.
-        start: The copy as it begins.
-        protocol: The version of the agents' messages.
-    """
+    """Return the facts of an ensemble, by name, which must be the same at every agent of a team."""
     controller, own_deadline = ensemble.controller, ensemble.status().deadline
     return {
         "program's version": __version__ if protocol == 1 else f"{__version__}, protocol {protocol}",

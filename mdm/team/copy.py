@@ -143,13 +143,7 @@ class Copy:
     # -- Steps ---------------------------------------------------------------------------------------------------
 
     def command(self, command: str, time: int, *, still: bool = False) -> None:
-        """Start, stop, reset or resume; earlier observations count no more.
-
-        Args:
-            command: Which.
-            time: For the messages here.
-            still: Whether this agent carries out no decisions: its actions wait for another start.
-        """
+        """Start, stop, reset or resume; earlier observations count no more. Who is still acts at another start."""
         self._digest = None
         if command == BEGIN:
             if self.begun:

@@ -372,11 +372,7 @@ class Recollection:
 
 
 def _spaces(controller: Controller) -> tuple[Space, Space]:
-    """Return the actions and observations of a team, with a factor for each agent.
-
-    Raises:
-        ConfigError: If the controller cannot be a recollection's.
-    """
+    """Return the actions and observations of a team, with a factor for each agent."""
     if controller.takes == "state":
         raise ConfigError("what others observed is recollected for policies over beliefs, but this one is over states")
     if controller.can_end:
@@ -466,18 +462,7 @@ class Knowledge:
         *,
         window: int = 32,
     ) -> Knowledge:
-        """Return the knowledge of an agent whose controller there is already.
-
-        Args:
-            controller: The agent's own; it is the knowledge's from now on.
-            another: Makes one more of the same policy, model and options, for the common knowledge.
-            agent: As above.
-            communication: As above.
-            window: As above.
-
-        Raises:
-            ConfigError: As above.
-        """
+        """Return the knowledge of an agent with a controller of its own; `another` makes one for the common one."""
         knowledge = cls.__new__(cls)
         knowledge._begin(controller, another, agent, communication, window)  # noqa: SLF001 - it is one of these
         return knowledge

@@ -186,14 +186,7 @@ class TeamLayer(Layer):
         """Decide on nothing that was begun: this agent takes no part in the team now."""
 
     def report_loss(self, gone: Iterable[str], kind: str, text: str, lasts: Callable[[], bool]) -> None:
-        """Report that agents are not there; where all of them have left in order, only if this one does not end, too.
-
-        Args:
-            gone: The agents.
-            kind: Of the report.
-            text: The sentence.
-            lasts: Whether it is so still.
-        """
+        """Report that agents are not there; where all have left in order, only if this one does not end, too."""
         if not all(agent in self.link.left and agent not in self.link.joined for agent in gone):
             self.report(kind, text)
             return
@@ -211,12 +204,7 @@ class TeamLayer(Layer):
         raise NotImplementedError
 
     def request(self, command: str, token: str) -> None:
-        """Order a command that was asked for here, at all agents.
-
-        Args:
-            command: ``start``, ``stop``, ``reset`` or ``resume``.
-            token: Its identifier.
-        """
+        """Order a command that was asked for here, at all agents."""
         raise NotImplementedError
 
     @property
@@ -258,12 +246,7 @@ class TeamLayer(Layer):
     # -- The own layers ------------------------------------------------------------------------------------------
 
     def command(self, command: Literal["start", "stop", "reset", "resume"], token: str | None = None) -> None:
-        """Order a command that was asked for here, at the whole team; a stop stops this agent at once, too.
-
-        Args:
-            command: The command.
-            token: Its identifier; by default a new one.
-        """
+        """Order a command that was asked for here, at the whole team; a stop stops this agent at once, too."""
         if command == "stop":
             self.ensemble.safety.stop(self.runtime.now())
         elif token is not None and self.commands.outcomes.get(token) in {DONE, PENDING}:
@@ -342,11 +325,7 @@ class TeamLayer(Layer):
     # -- Over the end of the process -----------------------------------------------------------------------------
 
     def keep(self, by: str = "") -> None:
-        """Keep the stop that is obeyed over the end of the process.
-
-        Args:
-            by: Of a new stop, the agent that was asked for it.
-        """
+        """Keep the stop that is obeyed over the end of the process; of a new one, who was asked for it."""
         memory, stop = self.memory(), self.stopped
         if memory is None:
             self.stopped = None
@@ -394,11 +373,7 @@ class TeamLayer(Layer):
     # -- Steps ---------------------------------------------------------------------------------------------------
 
     def report_held(self, *, settled: bool) -> None:
-        """Report once that this agent stays stopped while the others decide.
-
-        Args:
-            settled: Whether the team knows of the stop that it took.
-        """
+        """Report once that this agent stays stopped while the others decide, once the team knows of its stop."""
         held = settled and self.holds
         if held and not self.reported_held:
             self.report("held", f"{self.agent} was stopped, and stays so while the team decides: start the team again")

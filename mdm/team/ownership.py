@@ -191,12 +191,6 @@ def acting(team: Team, ensemble: Ensemble, placement: Placement | None = None) -
 def matched(team: Team, ensemble: str, names: Sequence[str], placement: Placement | None = None) -> tuple[str, ...]:
     """Return the agents of the team that carry out the components of a model's agents, in their order.
 
-    Args:
-        team: The team.
-        ensemble: The name of the model's ensemble.
-        names: The model's agents.
-        placement: Where the ensemble's layers are.
-
     Raises:
         ConfigError: If there are more or fewer, and the placement does not say who is meant.
     """

@@ -39,13 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def examine(file: str, agents: Sequence[str], *, imports: bool) -> Findings:
-    """Return the content of a team's file in words, its problems, and notes on oddities.
-
-    Args:
-        file: The file.
-        agents: Its team's agents.
-        imports: Whether functions are imported.
-    """
+    """Return the content of a team's file in words, its problems, and notes on oddities."""
     models: dict[Path, MDP] = {}  # the same at all agents
     systems, problems = systems_of(agents, lambda agent: load_ensembles(file, agent, imports=imports, models=models))
     notes = dict.fromkeys(

@@ -71,12 +71,7 @@ def check_zenoh() -> None:
 
 
 def systems_of(agents: Sequence[str], load: Callable[[str], System]) -> tuple[dict[str, System], list[str]]:
-    """Return the system of each agent that can be built, and the problems of all, each told once.
-
-    Args:
-        agents: The team's agents.
-        load: Loads an agent's system.
-    """
+    """Return the system of each agent that can be built, and the problems of all, each told once."""
     systems: dict[str, System] = {}
     at: dict[str, list[str]] = {}
     for agent in agents:

@@ -201,11 +201,7 @@ def _confirmed(one: Confirmation) -> list[str]:
 
 
 async def _tell(file: str, team: Team, call: str, wanted: str | None, wait: float) -> list[Confirmation]:
-    """Send the command to the agents of each ensemble; return the status of each afterwards.
-
-    Raises:
-        Error: If nobody answers, or there is no such ensemble.
-    """
+    """Send the command to the agents of each ensemble; return the status of each afterwards."""
     async with _asking(file, team) as (session, ensembles, live):
         if wanted is not None and wanted not in ensembles:
             hint = similar(wanted, ensembles) or f"; there are {', '.join(ensembles)}"

@@ -61,12 +61,7 @@ def run_agent(arguments: argparse.Namespace) -> int:
 
 
 def _page_options(arguments: argparse.Namespace) -> dict[str, Any] | None:
-    """Return the options of the team's page; None where nobody asked for one.
-
-    Raises:
-        UsageError: If there are options without a page.
-        Error: If it cannot be opened so.
-    """
+    """Return the options of the team's page; None where nobody asked for one."""
     if arguments.page is None:
         refuse_without_page(arguments)
         return None
@@ -78,11 +73,7 @@ def _page_options(arguments: argparse.Namespace) -> dict[str, Any] | None:
 
 
 def _add_pages(commands: Mapping[str, list[str]], port: int, *, control: bool) -> dict[str, str]:
-    """Let each agent's process serve a page of its own, which that of the team looks at; return their addresses.
-
-    Raises:
-        Error: If there are not enough ports, or what serves pages is not installed.
-    """
+    """Let each agent's process serve a page of its own, which that of the team looks at; return their addresses."""
     from mdm.views.web.access import Access  # noqa: PLC0415 - only where it is asked for
     from mdm.views.web.listening import next_free  # noqa: PLC0415
     from mdm.views.web.server import PORT, websockets  # noqa: PLC0415
@@ -122,11 +113,7 @@ async def _team_page(pages: Mapping[str, str], options: dict[str, Any] | None, t
 
 
 def _folder(name: str, agents: Sequence[str]) -> Path:
-    """Return the folder of decisions, made where there is none.
-
-    Raises:
-        Error: If an agent's file is in it already, or it is none.
-    """
+    """Return the folder of decisions, made where there is none."""
     if not name:
         raise Error("decisions cannot be written to '': --decisions names no folder")
     folder = _make_folder(name, "decisions")

@@ -231,13 +231,7 @@ def decode(body: bytes) -> Message:
 
 
 def is_possible(message: Message, agents: Container[str], now: int) -> bool:
-    """Return whether the terms and steps of a message can be such.
-
-    Args:
-        message: A message of another machine.
-        agents: The agents of the team.
-        now: The receiver's time in nanoseconds since 1970.
-    """
+    """Return whether the terms and steps of a message can be such."""
     term = message.term
     if not (term.leader in agents or term == START.term) or not can_be(term.number, now):
         return False

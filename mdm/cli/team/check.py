@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 from mdm.cli.files.check import oddities, report
 from mdm.cli.robots.ensembles import load_ensembles
-from mdm.cli.team.file import check_zenoh, systems_of, team_agents_of
+from mdm.cli.team.file import systems_of, team_agents_of
 from mdm.config import load_team, load_team_file
 from mdm.errors import ConfigError, Error
 from mdm.logic import similar
 from mdm.team import Team
 from mdm.team.transport.access import OPERATOR, ROUTER, WARNING, days_left, ending
+from mdm.team.transport.session import import_zenoh
 from mdm.team.transport.settings import address, exposed
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def examine(file: str, agents: Sequence[str], *, imports: bool) -> Findings:
         note for system in systems.values() for ensemble in system.ensembles.values() for note in ensemble.notes()
     )
     try:
-        check_zenoh()
+        import_zenoh()
     except Error as error:
         problems.append(str(error))
     try:

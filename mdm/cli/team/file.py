@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from mdm.cli.usage import UsageError
 from mdm.config import load_system, load_team, load_team_file
 from mdm.config.builder import agents_of
-from mdm.errors import ConfigError, Error
+from mdm.errors import ConfigError
 from mdm.runtime import VirtualClock
 from mdm.team import Network
 from mdm.team.storage import forget
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from mdm.models import MDP
     from mdm.team import Team
 
-__all__ = ["certificates", "check_zenoh", "ensembles_of", "forget_state", "systems_of", "team_agents_of", "team_of"]
+__all__ = ["certificates", "ensembles_of", "forget_state", "systems_of", "team_agents_of", "team_of"]
 
 
 def team_of(file: str) -> Team:
@@ -54,20 +54,6 @@ def team_agents_of(file: str) -> tuple[str, ...]:
 
 def _no_team(file: str) -> UsageError:
     return UsageError(f"{file} describes no team: a table [team] is missing; `mdm run {file}` runs it alone")
-
-
-def check_zenoh() -> None:
-    """Refuse to go on where Zenoh is not installed.
-
-    Raises:
-        Error: If it is not.
-    """
-    try:
-        import zenoh  # noqa: F401, PLC0415 - an extra
-    except ImportError:
-        raise Error(
-            "processes of a team talk through Zenoh, which is not installed: pip install 'markov-decision-making[team]'"
-        ) from None
 
 
 def systems_of(agents: Sequence[str], load: Callable[[str], System]) -> tuple[dict[str, System], list[str]]:

@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any
 from mdm.cli.interruption import hear_interrupts
 from mdm.cli.robots.run import page_hosts, refuse_without_page, run as run_alone
 from mdm.cli.team.crew import Console, Crew
-from mdm.cli.team.file import check_zenoh, forget_state, sound_systems_of, team_of
+from mdm.cli.team.file import forget_state, sound_systems_of, team_of
 from mdm.errors import Error
 from mdm.team.transport.access import OPERATOR
+from mdm.team.transport.session import import_zenoh
 from mdm.team.transport.settings import address, resolve
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     team = team_of(arguments.file)
     systems = sound_systems_of(arguments.file, team)  # whatever is wrong is told once, and not by each agent
     patience = _SLACK + max(ensemble.patience for system in systems.values() for ensemble in system.top)
-    check_zenoh()
+    import_zenoh()
     check_ports(team.agents)
     shown = _page_options(arguments)
     folder = None if arguments.decisions is None else _folder(arguments.decisions, team.names)

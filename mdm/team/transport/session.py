@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from mdm.team.transport.allowance import Allowance
     from mdm.team.transport.transport import Priority, Sample, TransportStatistics
 
-__all__ = ["Session"]
+__all__ = ["Session", "import_zenoh"]
 
 T = TypeVar("T")
 
@@ -169,7 +169,7 @@ class Session:
         if self._state != "new":
             raise Error(f"the transport of agent {self.agent!r} is {self._state}: make a new one")
         _check_not_forked()
-        library = _import_zenoh()
+        library = import_zenoh()
         loop = asyncio.get_running_loop()
         if isinstance(loop, VirtualEventLoop):
             raise Error("Zenoh knows no virtual time: use a mdm.team.transport.network.Network there")
@@ -204,7 +204,7 @@ class Session:
 
     def _begin(self) -> bool:
         """Open the session; return whether its router was there, or it needs none."""
-        library = _import_zenoh()
+        library = import_zenoh()
         for endpoint in (*self._listen, *self._connect):
             resolve(endpoint)
         try:
@@ -338,7 +338,7 @@ class Session:
         self._router.check_own(key)
         if len(self._keys) >= 4096:
             self._keys.clear()
-        expression: zenoh.KeyExpr = _import_zenoh().KeyExpr(key)
+        expression: zenoh.KeyExpr = import_zenoh().KeyExpr(key)
         self._keys[key] = expression
         self._work_later(partial(self._make_known, key))
         return expression
@@ -350,7 +350,7 @@ class Session:
         µs, against 0.6 µs. Of all declarations one of a queryable makes a key known; this one answers nothing.
         """
         assert self._zenoh is not None
-        library = _import_zenoh()
+        library = import_zenoh()
         self._zenoh.declare_queryable(key, library.handlers.Callback(lambda query: query.drop(), indirect=False))
 
     # Receiving
@@ -368,7 +368,7 @@ class Session:
         def receive(sample: zenoh.Sample) -> None:
             put(carrier, str(sample.key_expr), sample.payload.to_bytes())
 
-        self._zenoh.declare_subscriber(carrier, receive, allowed_origin=_import_zenoh().Locality.REMOTE)
+        self._zenoh.declare_subscriber(carrier, receive, allowed_origin=import_zenoh().Locality.REMOTE)
 
     def _overflowed(self, key: str, count: int) -> None:
         self._router.unpacker.excuse(key, count)
@@ -385,7 +385,7 @@ class Session:
     def _declare_queryable(self, key: str) -> None:
         assert self._zenoh is not None
         assert self._mailbox is not None
-        library, offer = _import_zenoh(), self._mailbox.offer
+        library, offer = import_zenoh(), self._mailbox.offer
 
         def receive(query: zenoh.Query) -> None:
             if not offer(key, partial(self._answer, key, query)):
@@ -413,7 +413,7 @@ class Session:
             raise Error(f"the transport of agent {self.agent!r} is {self._state}: nothing can be asked")
         question = self._packer.seal(body)
         check_size(expression, question, self._largest)
-        library, began = _import_zenoh(), self._now()
+        library, began = import_zenoh(), self._now()
         answers: dict[str, bytes] = {}
         done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
@@ -459,7 +459,7 @@ class Session:
 
     def _token_changed(self, sample: zenoh.Sample) -> None:
         assert self._mailbox is not None
-        live = sample.kind == _import_zenoh().SampleKind.PUT
+        live = sample.kind == import_zenoh().SampleKind.PUT
         self._mailbox.post(partial(self._on_token, str(sample.key_expr), live))
 
     def _on_token(self, key: str, live: bool) -> None:
@@ -507,7 +507,12 @@ class Session:
         asyncio.get_running_loop().call_later(seconds, callback)
 
 
-def _import_zenoh() -> Any:
+def import_zenoh() -> Any:
+    """Return the package that carries the messages.
+
+    Raises:
+        Error: If it is not installed.
+    """
     try:
         import zenoh  # noqa: PLC0415 - an extra
         import zenoh.handlers  # noqa: PLC0415

@@ -78,6 +78,7 @@ class _Document:
         self._agents: list[str] = []
         self._elements: dict[tuple[str, int], Element] = {}
         self._keys: dict[Node, tuple[str, int]] = {}
+        self._nodes: dict[tuple[str, int], Node] = {}
         root = None
         in_policies = False
         for element in stream(source, _WHOLE):
@@ -184,19 +185,16 @@ class _Document:
                     f"{variable.name!r} has {len(after.names)} states at slice 1, but {len(variable.names)} at slice 0"
                 )
         self._keys = {node: key for key, node in nodes.items()}
-        potentials = Potentials(self._variable, nodes)
+        self._nodes = nodes
         return TwoSliceNetwork(
             Space(Factor(variable.name, variable.names) for variable in factors),
             Space(Factor(variable.name, variable.names) for variable in decisions),
             Space(Factor(variable.name, variable.names) for variable in seen) if seen else None,
-            initial=[self._initial(variable, Node("state", i), potentials) for i, variable in enumerate(factors)],
-            transitions=[self._conditional((variable.name, 1), potentials) for variable in factors],
-            observation=[self._observation(variable, index, nodes, potentials) for index, variable in enumerate(seen)],
+            initial=[self._initial(variable, Node("state", i)) for i, variable in enumerate(factors)],
+            transitions=[self._potential((variable.name, 1)) for variable in factors],
+            observation=[self._observation(variable, index) for index, variable in enumerate(seen)],
             utilities=[
-                potentials.utility(self._elements[variable.key])
-                for time in (0, 1)
-                for variable in self._with_role("utility", time)
-                if self._need(variable.key)
+                self._potential(variable.key) for time in (0, 1) for variable in self._with_role("utility", time)
             ],
             event_observations=self._event_driven and bool(seen),
         )
@@ -218,29 +216,24 @@ class _Document:
         parents = [self._variables[parent] for parent, child in self._links if child == decision.key]
         return next((parent for parent in parents if parent.role == "chance" and parent.time == 1), None)
 
-    def _initial(self, variable: Variable, node: Node, potentials: Potentials) -> Potential:
-        element = self._elements.get(variable.key)
-        if element is None:
+    def _initial(self, variable: Variable, node: Node) -> Potential:
+        if variable.key not in self._elements:
             return Table([node], np.full(len(variable.names), 1 / len(variable.names)))
-        return potentials.conditional(element, variable)
+        return self._potential(variable.key)
 
-    def _conditional(self, key: tuple[str, int], potentials: Potentials) -> Potential:
-        self._need(key)
-        return potentials.conditional(self._elements[key], self._variables[key])
-
-    def _observation(
-        self, variable: Variable, index: int, nodes: dict[tuple[str, int], Node], potentials: Potentials
-    ) -> Potential:
-        node = nodes[variable.key]
+    def _observation(self, variable: Variable, index: int) -> Potential:
+        node = self._nodes[variable.key]
         if node == Node("observation", index):
-            return self._conditional(variable.key, potentials)
+            return self._potential(variable.key)
         # A directly observed state factor, or an observation shared with another agent.
         return Table([node, Node("observation", index)], np.eye(len(variable.names)))
 
-    def _need(self, key: tuple[str, int]) -> bool:
+    def _potential(self, key: tuple[str, int]) -> Potential:
         if key not in self._elements:
             self.source.fail(f"variable {key[0]!r} of time slice {key[1]} has no potential")
-        return True
+        variable = self._variables[key]
+        child = None if variable.role == "utility" else variable
+        return PotentialReader(self._variable, self._nodes, self._elements[key], child).potential()
 
 
 class Variable(NamedTuple):
@@ -279,29 +272,15 @@ def names_of(element: Element) -> tuple[str, ...]:
     return () if states is None else tuple(state.attribute("name") for state in states.all("State"))
 
 
-class Potentials:
-    """Turns elements into potentials.
+class PotentialReader:
+    """Reads one potential; a labelled branch is read once and shared by all references to it.
 
     Args:
         variable: Returns the variable named by an element.
         nodes: The network's nodes by name and time slice of their variable.
+        root: The potential's element.
+        child: The variable whose conditional probability it is; None for a utility.
     """
-
-    def __init__(self, variable: Callable[[Element], Variable], nodes: Mapping[tuple[str, int], Node]) -> None:
-        self._variable = variable
-        self._nodes = nodes
-
-    def conditional(self, element: Element, child: Variable) -> Potential:
-        """Return the conditional probability of a variable."""
-        return _Reader(self._variable, self._nodes, element, child).potential(element, 0)
-
-    def utility(self, element: Element) -> Potential:
-        """Return a utility."""
-        return _Reader(self._variable, self._nodes, element, None).potential(element, 0)
-
-
-class _Reader:
-    """Reads one potential; a labelled branch is read once and shared by all references to it."""
 
     def __init__(
         self,
@@ -315,6 +294,7 @@ class _Reader:
         self._child = child
         self._labels: dict[str, Element] = {}
         self._shared: dict[str, Potential] = {}
+        self._root = root
         self._find_labels(root)
 
     def _find_labels(self, element: Element) -> None:
@@ -324,7 +304,11 @@ class _Reader:
         for inner in element.children:
             self._find_labels(inner)
 
-    def potential(self, element: Element, depth: int) -> Potential:
+    def potential(self) -> Potential:
+        """Return the potential."""
+        return self._read(self._root, 0)
+
+    def _read(self, element: Element, depth: int) -> Potential:
         if depth > _DEPTH:
             element.fail(f"branches refer to each other more than {_DEPTH} deep")
         kind = element.attribute("type")
@@ -413,7 +397,7 @@ class _Reader:
             label = branch.find("Label")
             if label is not None:
                 return self._labelled(label.text.strip(), inner, depth)
-            return self.potential(inner, depth)
+            return self._read(inner, depth)
         name = branch.need("Reference").text.strip()
         target = self._labels.get(name)
         if target is None:
@@ -423,7 +407,7 @@ class _Reader:
 
     def _labelled(self, name: str, element: Element, depth: int) -> Potential:
         if name not in self._shared:
-            self._shared[name] = self.potential(element, depth)
+            self._shared[name] = self._read(element, depth)
         return self._shared[name]
 
 

@@ -16,6 +16,7 @@ import itertools
 import math
 import operator
 from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, SupportsIndex
 
 import numpy as np
@@ -360,24 +361,19 @@ class FiniteStateController(Plan):
 
         Paths begin at ``start``, or at any node if the nodes have values.
         """
-        reached = dict.fromkeys([self.start] if self.values is None else range(self.num_nodes), 0)
-        nodes = list(reached)
+        nodes = [self.start] if self.values is None else list(range(self.num_nodes))
+        following: dict[int, list[int]] = {}
         for node in nodes:  # it grows meanwhile
-            for after in self._following(node):
-                if after not in reached:
-                    nodes.append(after)
-                reached[after] = reached.get(after, 0) + 1
-        decisions, ready = dict.fromkeys(nodes, 1), [node for node in nodes if not reached[node]]
-        for node in ready:  # it grows meanwhile, in topological order
-            for after in self._following(node):
-                decisions[after] = max(decisions[after], decisions[node] + 1)
-                reached[after] -= 1
-                if not reached[after]:
-                    ready.append(after)
-        return max(decisions.values()) if len(ready) == len(nodes) else None
-
-    def _following(self, node: int) -> list[int]:
-        return [after for after in self.successors[node] if after is not None]
+            if node not in following:
+                following[node] = [after for after in self.successors[node] if after is not None]
+                nodes += following[node]
+        decisions: dict[int, int] = {}
+        try:
+            for node in TopologicalSorter(following).static_order():  # successors first
+                decisions[node] = 1 + max((decisions[after] for after in following[node]), default=0)
+        except CycleError:
+            return None
+        return max(decisions.values())
 
     def start_node(self, belief: npt.NDArray[np.float64]) -> int:
         """Return the first node of the greatest value at a belief.

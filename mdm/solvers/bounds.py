@@ -25,7 +25,7 @@ of the state, and SARSOP or Perseus where a policy must gather information befor
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -172,14 +172,6 @@ def _close(dynamics: Dynamics) -> float:
     return _CLOSE * float(np.ptp(rewards) + _CLOSE * np.abs(rewards).max()) / (1 - dynamics.discount)
 
 
-class Waiting(Protocol):
-    """Moves values back along the steps of an action without a detection."""
-
-    def __call__(self, action: int, values: Vector) -> Vector:
-        """Return the values at the beginning of the action, of those at the step that ends in a detection."""
-        ...
-
-
 class InformedBound:
     """Backups of the fast informed bound.
 
@@ -189,11 +181,15 @@ class InformedBound:
     Args:
         dynamics: A POMDP.
         joints: P(s', o | s, a) of each action, where it is not the model's own.
-        waiting: The effect of such an observation; by default none is left out.
+        waiting: Moves values back along the steps of an action without a detection, from the step that ends in one; by
+            default there are no such steps.
     """
 
     def __init__(
-        self, dynamics: Dynamics, joints: Sequence[Joint] | None = None, waiting: Waiting | None = None
+        self,
+        dynamics: Dynamics,
+        joints: Sequence[Joint] | None = None,
+        waiting: Callable[[int, Vector], Vector] | None = None,
     ) -> None:
         self._dynamics = dynamics
         self._waiting = waiting

@@ -8,7 +8,7 @@ from sentences import refused
 
 from mdm import FormatError
 from mdm.formats.markup import stream
-from mdm.formats.openmarkov import Potentials, Variable, names_of, reference
+from mdm.formats.openmarkov import PotentialReader, Variable, names_of, reference
 from mdm.formats.source import Source
 from mdm.models import Node
 
@@ -52,10 +52,8 @@ def branch(states, inside):
 
 def read(folder, text, child=None):
     """Return a potential, as that of a child or a utility."""
-    reader = Potentials(find, NODES)
-    if child is None:
-        return reader.utility(element(folder, text))
-    return reader.conditional(element(folder, text), Variable("door", 1, "chance", STATES["door"], None, None))
+    door = None if child is None else Variable("door", 1, "chance", STATES["door"], None, None)
+    return PotentialReader(find, NODES, element(folder, text), door).potential()
 
 
 def values(potential, child=None, **digits):

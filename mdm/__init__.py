@@ -71,7 +71,7 @@ if TYPE_CHECKING:
         run,
     )
     from mdm.simulation import World, evaluate
-    from mdm.simulation.simulate import simulate
+    from mdm.simulation.world import simulate
     from mdm.solvers import solve
     from mdm.team.team import Team
     from mdm.version import __version__

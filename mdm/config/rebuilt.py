@@ -15,7 +15,7 @@ from mdm.errors import Error
 from mdm.models.digest import first_difference
 from mdm.replay import replay_together, transports_of
 from mdm.replay.replay import check_beginning
-from mdm.simulation.simulate import simulated
+from mdm.simulation.world import simulated
 from mdm.stimuli import Joined, Received
 
 if TYPE_CHECKING:

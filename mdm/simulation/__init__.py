@@ -3,8 +3,7 @@
 from mdm.simulation.batch import Evaluation, evaluate
 from mdm.simulation.communication import CommunicationEvaluation, evaluate_communication
 from mdm.simulation.sampler import Sampler
-from mdm.simulation.simulate import simulate
-from mdm.simulation.world import World
+from mdm.simulation.world import World, simulate
 
 __all__ = [
     "CommunicationEvaluation",

@@ -19,7 +19,7 @@ from mdm.loading import model_of, policy_of
 from mdm.models.matrices import Vector  # noqa: TC001 - field types are evaluated
 from mdm.simulation.batch import Evaluation
 from mdm.simulation.sampler import Sampler
-from mdm.simulation.simulate import steps_for
+from mdm.simulation.world import steps_for
 from mdm.team import Knowledge
 
 if TYPE_CHECKING:

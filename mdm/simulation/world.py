@@ -6,35 +6,33 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
-import numpy as np
-from mdm.actors import Ensemble, FixedRate
-from mdm.errors import ConfigError
-from mdm.messages import Action, Belief, Fault, Observation, Reward, State
-from mdm.models.units import seconds_in
-from mdm.runtime import Actor
-from mdm.simulation.sampler import Lengths, Sampler
-from mdm.stimuli import TRUE_REWARD, TRUE_STATE
 import time
 from typing import TYPE_CHECKING, Unpack
-from mdm.actors import Ensemble
+
+import numpy as np
+
+from mdm.actors import Ensemble, FixedRate
 from mdm.checks import check_seed, is_whole
+from mdm.errors import ConfigError
 from mdm.loading import model_of, policy_of
-from mdm.models.units import check_steps
-from mdm.runtime import Runtime, run
+from mdm.messages import Action, Belief, Fault, Observation, Reward, State
+from mdm.models.units import check_steps, seconds_in
+from mdm.runtime import Actor, Runtime, run
 from mdm.simulation.batch import Evaluation
+from mdm.simulation.sampler import Lengths, Sampler
+from mdm.stimuli import TRUE_REWARD, TRUE_STATE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from mdm.models import MDP, Durations
-    from mdm.models.matrices import Vector
-    from mdm.runtime.time.clock import Timer
     from pathlib import Path
+
     from mdm.actors import ControlOptions
     from mdm.loading import GivenModel, GivenPolicy
+    from mdm.models import MDP, Durations
+    from mdm.models.matrices import Vector
     from mdm.recording import Recorder
+    from mdm.runtime.time.clock import Timer
 
-__all__ = []
 
 _LONGEST = 10_000
 """The number of time steps without an observation that ends an episode."""

@@ -29,7 +29,7 @@ from mdm.problems import dec_tiger, tiger
 from mdm.recording import Record
 from mdm.replay import replay
 from mdm.simulation import Sampler
-from mdm.simulation.simulate import simulated, steps_for
+from mdm.simulation.world import simulated, steps_for
 from mdm.solvers import solve
 from mdm.testing import probe, run_virtual
 

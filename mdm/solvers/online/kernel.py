@@ -16,7 +16,7 @@ import numpy.typing as npt
 from mdm.compilation import compiled
 
 if TYPE_CHECKING:
-    from mdm.solvers.online.tables import SearchTables
+    from mdm.solvers.online.tree_search import SearchTables
 
 Whole = npt.NDArray[np.int64]
 Real = npt.NDArray[np.float64]

@@ -21,31 +21,29 @@ from __future__ import annotations
 import hashlib
 import time
 import warnings
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
 import msgspec
 import numpy as np
+import numpy.typing as npt
+
 from mdm.beliefs import BeliefTracker, Information, KnownState
 from mdm.beliefs.choice import check_memory, slow_to_build
 from mdm.compilation import kernels
 from mdm.errors import ConfigError, ModelError, ModelWarning
+from mdm.models.dynamics import Dynamics, Rows
 from mdm.models.matrices import distribution
 from mdm.policies.policy import Kind, Scores, observable
-from typing import TYPE_CHECKING, NamedTuple
-import numpy.typing as npt
-from mdm.errors import ModelError
-from mdm.models.dynamics import Dynamics, Rows
 from mdm.solvers.bounds import blind_values, known_state_values
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    import numpy.typing as npt
+    from collections.abc import Callable, Sequence
+
     from mdm.models import MDP
     from mdm.policies.alpha_vectors import AlphaVectors
     from mdm.policies.table import QTable
     from mdm.solvers.online.kernel import SearchTree
-    from collections.abc import Sequence
 
-__all__ = []
 
 _ROUND = 0.001
 """Seconds between readings of the clock."""

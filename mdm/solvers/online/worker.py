@@ -17,8 +17,7 @@ from typing import Any
 
 from mdm.compilation import COMPILE_TIME
 from mdm.runtime.process.frames import HEADER, frame, unframed
-from mdm.solvers.online.tables import received
-from mdm.solvers.online.tree_search import Search
+from mdm.solvers.online.tree_search import Search, received
 
 _NICE = 10
 

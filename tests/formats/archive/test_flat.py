@@ -20,7 +20,7 @@ from mdm.models import FactoredMDP, FactoredPOMDP, Node, Space, Table, TwoSliceN
 from mdm.models.dynamics import Dynamics, Rows
 from mdm.models.events import TransitionEvents
 from mdm.models.matrices import is_compressed
-from mdm.solvers.online.tables import search_tables
+from mdm.solvers.online.tree_search import search_tables
 
 
 @pytest.fixture(autouse=True)

@@ -18,8 +18,7 @@ import mdm
 from mdm.beliefs import choice
 from mdm.compilation import plain
 from mdm.solvers.online import tree_search
-from mdm.solvers.online.tables import search_tables
-from mdm.solvers.online.tree_search import Search, TreeSearch
+from mdm.solvers.online.tree_search import Search, TreeSearch, search_tables
 
 TIGER = EXAMPLES / "tiger.pomdp"
 LISTEN, OPEN_LEFT, OPEN_RIGHT = 0, 1, 2

@@ -17,7 +17,7 @@ from mdm.models.dynamics import Rows
 from mdm.problems import tag, tiger
 from mdm.runtime.process.frames import HEADER, frame, unframed
 from mdm.solvers import TreeSearch
-from mdm.solvers.online.tables import received, search_tables
+from mdm.solvers.online.tree_search import received, search_tables
 
 
 def row(rows, number, width):

@@ -77,6 +77,7 @@ KEYWORDS = {
     **dict.fromkeys(("BindingOptions", "ControlOptions", "DriveOptions", "SafetyOptions"), "mdm.actors.options"),
     "ControllerOptions": "mdm.options",
     "PlacesOptions": "mdm.maps.places",
+    "RecorderOptions": "mdm.recording.recorder",
     "TeamOptions": "mdm.team.team",
 }
 """The typed dictionaries of options, and their modules."""

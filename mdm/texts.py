@@ -66,7 +66,7 @@ def in_words(text: str, value: Any, place: str, bounds: Meta | None = None, choi
         kinds = kinds.replace("number", f"number of {bounds.extra['unit']}") if bounds.extra else kinds
         finite = bounds.le == FINITE
         kinds = kinds.replace("a number", "a finite number") if finite else kinds
-        limits = [(">", bounds.gt), (">=", bounds.ge), ("<=", None if finite else bounds.le)]
+        limits = [(">", bounds.gt), (">=", bounds.ge), ("<", bounds.lt), ("<=", None if finite else bounds.le)]
     limit = " and".join(f" {_LIMITS[sign]} {float(limit):,.10g}" for sign, limit in limits if limit is not None)
     return f"{kinds}{limit} was expected, not {found}"
 

@@ -15,7 +15,7 @@ from places import EXAMPLES
 from mdm import load_system, messages
 from mdm.recording import Record, schemas
 from mdm.recording.process import File
-from mdm.recording.writer import RecordWriter
+from mdm.recording.writer import FileSettings, RecordWriter
 from mdm.runtime import Runtime, run as run_program
 
 HEAD = {"format": "1", "mdm": "0.1.0", "clock": "virtual", "epoch": "0"}
@@ -44,7 +44,8 @@ class Writing:
     """A record that is open, and takes messages by the names of topics."""
 
     def __init__(self, path, head=HEAD, **options):
-        self.writer = RecordWriter(path, **options)
+        bound = {"bound": options.pop("bound")} if "bound" in options else {}
+        self.writer = RecordWriter(path, FileSettings(**options), **bound)
         self.writer.open()
         if head is not None:
             self.writer.metadata("mdm", head)

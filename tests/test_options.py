@@ -21,6 +21,7 @@ DECLARED = [*[pair for _, *pair in values.takers()], (DriveOptions, DriveSetting
 
 OBJECTS = {
     "ceilings": "structs of their own",
+    "channels": "any iterable but a text",
     "communication": "of a protocol",
     "drive": "a struct, or what stands for it: drive_of",
     "false_negative": "a symbol, which the model knows",

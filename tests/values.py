@@ -82,6 +82,7 @@ def takers() -> list[tuple[type, type, type]]:
     from mdm.controller import Controller
     from mdm.maps import places
     from mdm.options import ControllerOptions, ControllerSettings
+    from mdm.recording import recorder
     from mdm.team import team
 
     return [
@@ -90,6 +91,7 @@ def takers() -> list[tuple[type, type, type]]:
         (Controller, ControllerOptions, ControllerSettings),
         (Binding, options.BindingOptions, options.BindingSettings),
         (places.Places, places.PlacesOptions, places.PlacesSettings),
+        (recorder.Recorder, recorder.RecorderOptions, recorder.RecorderSettings),
         (team.Team, team.TeamOptions, team.TeamSettings),
     ]
 

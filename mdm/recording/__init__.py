@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING, Any
 from mdm.recording.reader import Attachment, Record, Recorded, records_of
 
 if TYPE_CHECKING:
-    from mdm.recording.recorder import Recorder
+    from mdm.recording.recorder import Recorder, RecorderOptions
 
-__all__ = ["Attachment", "Record", "Recorded", "Recorder", "records_of"]
+__all__ = ["Attachment", "Record", "Recorded", "Recorder", "RecorderOptions", "records_of"]
 
 
 def __getattr__(name: str) -> Any:
     """Load the recorder when it is first asked for: who reads a record needs no runtime."""
-    if name == "Recorder":
-        from mdm.recording.recorder import Recorder  # noqa: PLC0415
+    if name in {"Recorder", "RecorderOptions"}:
+        from mdm.recording import recorder  # noqa: PLC0415
 
-        globals()[name] = Recorder
-        return Recorder
+        return getattr(recorder, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

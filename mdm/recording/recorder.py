@@ -15,16 +15,16 @@ from collections.abc import Iterable
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypedDict, Unpack
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
-from mdm.checks import check_flag, is_whole
 from mdm.errors import ConfigError, Error
 from mdm.messages import ActionLife, Decision, Fault
 from mdm.recording import schemas
-from mdm.recording.writer import SILENT, RecordWriter
+from mdm.recording.writer import SILENT, FileSettings, RecordWriter
 from mdm.runtime.extension import Extension
 from mdm.runtime.time.virtual import VirtualClock
 from mdm.stimuli import TRUE_REWARD, TRUE_STATE, Began, Finished, Said, Stimulus
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from mdm.runtime import Channel, Dispatcher, Runtime
     from mdm.runtime.observing import Deciding, Guard
 
-__all__ = ["FORMAT", "Recorder", "recorder_of"]
+__all__ = ["FORMAT", "Recorder", "RecorderOptions", "RecorderSettings", "recorder_of"]
 
 FORMAT = 1
 
@@ -52,13 +52,10 @@ _LATEST = 1 << 63
 _HEARD, _SAID, _CALLED, _LIVED, _DECIDED, _SENT = range(6)
 
 
-class Recorder(Extension):
-    """Records a run: every stimulus, decision, life of an action, mode and fault, and channels that are asked for.
+class RecorderSettings(FileSettings, frozen=True, kw_only=True):
+    """What a record keeps, and in which files.
 
-    Hand it to one `Runtime`, or a path alone where the defaults will do. A runtime that ends completes the file.
-
-    Args:
-        path: The file, such as ``run.mcap``.
+    Attributes:
         channels: Names of further channels of which each message is kept, such as ``robot/belief``. Of one that the
             run never had, a fault tells at its end.
         largest_belief: Beliefs over more states than this are not kept with decisions: a replay restores them.
@@ -67,9 +64,39 @@ class Recorder(Extension):
         bound: How many items may wait to be encoded; more are lost and counted.
         keep: Keep a record that is there already, and write ``run.2.mcap`` beside ``run.mcap``, and so on, as after a
             crash; False replaces it. From the runtime's begin on, ``path`` has the file that is written.
+    """
+
+    channels: Any = ()
+    largest_belief: Annotated[int, Meta(ge=0, extra={"unit": "states"})] = 256
+    bound: Annotated[int, Meta(ge=1, extra={"unit": "items"})] = _BOUND
+    keep: bool = True
+
+
+class RecorderOptions(TypedDict, total=False):
+    """The keyword arguments of `RecorderSettings`."""
+
+    channels: Iterable[str]
+    largest_belief: int
+    split_bytes: int | None
+    split_seconds: float | None
+    bound: int
+    keep: bool
+
+
+RecorderOptions.__doc__ = RecorderSettings.__doc__
+
+
+class Recorder(Extension):
+    """Records a run: every stimulus, decision, life of an action, mode and fault, and channels that are asked for.
+
+    Hand it to one `Runtime`, or a path alone where the defaults will do. A runtime that ends completes the file.
+
+    Args:
+        path: The file, such as ``run.mcap``.
+        options: See `RecorderOptions`.
 
     Raises:
-        ConfigError: If one of these is of another kind.
+        ConfigError: If an option is of another kind.
     """
 
     name = "the record"
@@ -77,19 +104,10 @@ class Recorder(Extension):
     def __init__(
         self,
         path: str | Path,
-        *,
-        channels: Iterable[str] = (),
-        largest_belief: int = 256,
-        split_bytes: int | None = None,
-        split_seconds: float | None = None,
-        bound: int = _BOUND,
-        keep: bool = True,
+        **options: Unpack[RecorderOptions],
     ) -> None:
-        if not is_whole(largest_belief) or largest_belief < 0:
-            raise ConfigError(f"largest_belief is a number of states, not {largest_belief!r}", key="largest_belief")
-        if not is_whole(bound) or bound < 1:
-            raise ConfigError(f"bound is a number of items above 0, not {bound!r}", key="bound")
-        check_flag(keep, "keep", key="keep")
+        settings = RecorderSettings.from_keywords(options)
+        channels = settings.channels
         self.path = Path(path)
         listed = isinstance(channels, Iterable) and not isinstance(channels, str | bytes)
         self.channels = tuple(channels) if listed else ()
@@ -97,9 +115,9 @@ class Recorder(Extension):
             text = f"channels are a list of names, such as ['robot/state'], not {channels!r}"
             raise ConfigError(text, key="channels")
         self.lost = 0
-        self._largest = largest_belief
-        self._bound = bound
-        self._writer = RecordWriter(path, split_bytes=split_bytes, split_seconds=split_seconds, keep=keep)
+        self._largest = settings.largest_belief
+        self._bound = settings.bound
+        self._writer = RecordWriter(path, settings)
         self._attached: list[tuple[str, str, bytes]] = []
         self._head: dict[str, str] = {}
         self._items: list[tuple[Any, ...]] = []

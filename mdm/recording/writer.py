@@ -19,19 +19,20 @@ import time as times
 from contextlib import suppress
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import msgspec
+from msgspec import Meta
 
-from mdm.checks import is_number, is_whole
-from mdm.errors import ConfigError, Error, FormatError
+from mdm.errors import Error, FormatError
+from mdm.options import Options
 from mdm.recording import process
 from mdm.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["SILENT", "RecordStatistics", "RecordWriter"]
+__all__ = ["SILENT", "FileSettings", "RecordStatistics", "RecordWriter"]
 
 SILENT = 3.0
 """Seconds after which a process that writes, and reports once a second, has been silent for too long."""
@@ -65,16 +66,21 @@ class RecordStatistics(msgspec.Struct, frozen=True):
     dropped: int
 
 
+class FileSettings(Options, frozen=True, kw_only=True):
+    """How many files a record has; see `RecorderSettings`, which also say what is kept."""
+
+    split_bytes: Annotated[int, Meta(gt=0, extra={"unit": "bytes"})] | None = None
+    split_seconds: Annotated[float, Meta(gt=0, lt=1e9, extra={"unit": "seconds"})] | None = None
+    keep: bool = False
+
+
 class RecordWriter:
     """Writes a record in a process of its own.
 
     Args:
         path: The file, an MCAP file.
-        split_bytes: Begin another file, ``run-1.mcap`` after ``run.mcap``, when one has about this size.
-        split_seconds: Begin another file when the messages of one span this time.
+        files: How many files it has.
         bound: Bytes that may wait in this process; messages beyond are dropped and counted.
-        keep: Keep a record that is there already, and write ``run.2.mcap`` beside ``run.mcap``, and so on; otherwise it
-            is replaced.
 
     Example::
 
@@ -90,24 +96,19 @@ class RecordWriter:
     def __init__(
         self,
         path: str | Path,
+        files: FileSettings | None = None,
         *,
-        split_bytes: int | None = None,
-        split_seconds: float | None = None,
         bound: int = _BOUND,
-        keep: bool = False,
     ) -> None:
-        if split_bytes is not None and not (is_whole(split_bytes) and split_bytes > 0):
-            raise ConfigError(f"a size is a whole number of bytes above 0, not {split_bytes!r}", key="split_bytes")
-        if split_seconds is not None and not (is_number(split_seconds) and 0 < split_seconds < 1e9):
-            raise ConfigError(f"a time is a number of seconds above 0, not {split_seconds!r}", key="split_seconds")
+        files = FileSettings() if files is None else files
         self.path = Path(path)
         self.kept_files: tuple[Path, ...] = ()
         """The files that are kept, in place of which another one is written."""
-        self._keep = keep
+        self._keep = files.keep
         self.failure: str | None = None
         """A sentence that says why nothing more is written, None while all is well."""
-        self._split_bytes = split_bytes
-        self._split_time = None if split_seconds is None else round(split_seconds * 1e9)
+        self._split_bytes = files.split_bytes
+        self._split_time = None if files.split_seconds is None else round(files.split_seconds * 1e9)
         self._bound = bound
         self._limit = -1  # takes nothing while it is not open
         self._buffer = bytearray()

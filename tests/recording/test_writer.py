@@ -20,7 +20,7 @@ from mdm.errors import ConfigError, Error, FormatError
 from mdm.messages import Decision
 from mdm.recording import schemas
 from mdm.recording.reader import Record
-from mdm.recording.writer import RecordWriter
+from mdm.recording.writer import FileSettings, RecordWriter
 
 
 def test_the_official_reader_reads_what_was_written(tmp_path):
@@ -371,7 +371,7 @@ def test_two_do_not_record_to_one_file(tmp_path):
 )
 def test_options_out_of_their_range(tmp_path, options):
     with refused(ConfigError):
-        RecordWriter(tmp_path / "run.mcap", **options)
+        RecordWriter(tmp_path / "run.mcap", FileSettings(**options))
 
 
 def test_a_process_that_cannot_be_started_is_told(tmp_path, monkeypatch):

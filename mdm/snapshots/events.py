@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mdm.messages import Fault
     from mdm.snapshots.oddities import Told
 
-__all__ = ["KINDS", "Event", "Ring", "event_of", "predicate_event", "remedy_of", "spell_event", "value_of"]
+__all__ = ["KINDS", "Event", "Ring", "event_of", "predicate_event", "remedy_of", "spell_event"]
 
 Kind = Literal["mode", "fault", "idle", "life", "decision", "predicate", "odd"]
 
@@ -26,11 +26,6 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 _ROOM = {"mode": 5_000, "life": 20_000, "decision": 20_000, "predicate": 20_000}
 """Events of a kind that are kept; of others fewer."""
 _LESS = 2_000
-
-
-def value_of(value: bool | None) -> str:
-    """Return a predicate's value as an event's status."""
-    return "unknown" if value is None else "true" if value else "false"
 
 
 class Event(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
@@ -87,7 +82,8 @@ def event_of(message: ActionLife | Mode | Idle | Fault, seconds: Callable[[int],
 
 def predicate_event(time: float, manager: str, name: str, value: bool | None) -> Event:
     """Return the change of a predicate, of a manager's path, as an event, which has no number yet."""
-    return Event(0, time, "predicate", manager, name, status=value_of(value))
+    status = "unknown" if value is None else "true" if value else "false"
+    return Event(0, time, "predicate", manager, name, status=status)
 
 
 def spell_event(path: str, told: Told, seconds: Callable[[int], float]) -> Event:

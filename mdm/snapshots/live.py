@@ -23,13 +23,13 @@ from mdm.snapshots.events import Ring, event_of, predicate_event, spell_event
 from mdm.snapshots.frame import Detail, EnsembleFrame, Frame, LifeFrame, PredicateScene, Scene, Spread, StatisticsFrame
 from mdm.snapshots.reducer import EnsembleReducer, known_of
 from mdm.snapshots.scenes import ensembles_of, floors_of, robot_frame
-from mdm.snapshots.why import Why, case_of, why
+from mdm.snapshots.why import Why, named, why
 from mdm.snapshots.words import valued
 from mdm.team import Member
 from mdm.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Collection
 
     from mdm.messages import Fault
     from mdm.runtime import Histogram, Runtime
@@ -138,7 +138,7 @@ class _Ensemble:
             reducer.heard = now
         return sorted(found, key=lambda message: message.time)
 
-    def frame(self, seconds: Callable[[int], float], now: int) -> EnsembleFrame:
+    def frame(self, now: int) -> EnsembleFrame:
         """Return how the ensemble is."""
         self.stale = self.urgent = False
         reducer = self.reducer
@@ -147,11 +147,11 @@ class _Ensemble:
         key = (reducer.version, waiting, reducer.odd_now(now))
         if self._frame is None or key != self._key:
             self._key = key
-            self._frame = reducer.frame(now, seconds, key[2], waiting)
+            self._frame = reducer.frame(now, key[2], waiting)
             self.encoded = msgspec.Raw(_encode(self._frame))
         return self._frame
 
-    def look_closely(self, seconds: Callable[[int], float], now: int) -> Detail:
+    def look_closely(self, now: int) -> Detail:
         """Return the ensemble at close range; the same for as long as nothing changes."""
         ensemble, controller = self.ensemble, self.ensemble.controller
         state: Any = ensemble.channel("state", State, retain=True).last
@@ -164,7 +164,7 @@ class _Ensemble:
             if space is not None and state is not None and len(state.values) == len(space.factors):
                 factors = valued(space, state.values)
             search = _searched(ensemble.layer_statistics()["planner"]) if self._searches else ""
-            self.detail = before = key, self.reducer.detail(now, seconds, current, factors=factors, search=search)
+            self.detail = before = key, self.reducer.detail(now, current, factors=factors, search=search)
         return before[1]
 
 
@@ -239,7 +239,7 @@ class LiveRun(Observer):
     def _reducer(self, path: str) -> EnsembleReducer:
         found = self._reducers.get(path)
         if found is None:
-            found = self._reducers[path] = EnsembleReducer(path, self._on_odd, whole=False)
+            found = self._reducers[path] = EnsembleReducer(path, self._on_odd, whole=False, epoch=self._epoch)
         return found
 
     def _take(self, message: Mode | Idle | ActionLife, *, urgent: bool) -> None:
@@ -295,7 +295,7 @@ class LiveRun(Observer):
             self._by_path = {each.path: each for each in self._ensembles}
             self._place_of = {each.path: place for place, each in enumerate(self._ensembles)}
             self._catch_up([each for each in self._ensembles if id(each.ensemble) not in met], now, lost=False)
-            self._frames = [each.frame(self._seconds, now) for each in self._ensembles]
+            self._frames = [each.frame(now) for each in self._ensembles]
         self._managers = [actor for actor in actors if isinstance(actor, PredicateManager)]
         self._places = [actor for actor in actors if isinstance(actor, Places)]
         self._members = [actor for actor in actors if isinstance(actor, Member)]
@@ -355,8 +355,8 @@ class LiveRun(Observer):
             each = self._ensembles[place]
             if each.decision():
                 place_of = len(each.reducer.decisions.times) - 1
-                self.ring.keep(each.reducer.decision_event(place_of, self._seconds))
-            self._frames[place] = each.frame(self._seconds, now)
+                self.ring.keep(each.reducer.decision_event(place_of))
+            self._frames[place] = each.frame(now)
         self._look_at_predicates(now)
         if now - self._counted >= _SECOND:
             self._counted = now
@@ -369,7 +369,7 @@ class LiveRun(Observer):
             ensembles=tuple(self._with_progress(self._frames)),
             predicates=self._values,
             changed=tuple(self._changed),
-            details={each.path: each.look_closely(self._seconds, now) for each in near},
+            details={each.path: each.look_closely(now) for each in near},
             robots=tuple([robot for robot in robots if robot is not None]),
             statistics=self._statistics,
             team=self._team,
@@ -507,7 +507,7 @@ class LiveRun(Observer):
         if found is None:
             return None
         try:
-            case = case_of(found)
+            case = named(found, found.controller.case())
         except Error as error:
             return Why(f"Nothing tells why: {error}.")
         return await asyncio.to_thread(why, case)

@@ -175,7 +175,7 @@ class RecordedRun:
         if found is None:
             tell = self._spells.append
             known = self._known(path)
-            found = self._ensembles[path] = EnsembleReducer(path, lambda *told: tell(told), known)
+            found = self._ensembles[path] = EnsembleReducer(path, lambda *told: tell(told), known, epoch=self._epoch)
         return found
 
     def _known(self, path: str) -> Known:
@@ -192,7 +192,7 @@ class RecordedRun:
         for ensemble in self._ensembles.values():
             count = len(ensemble.decisions.times)
             step = -(-count // _MOST) or 1
-            found += [ensemble.decision_event(place, seconds, step) for place in range(0, count, step)]
+            found += [ensemble.decision_event(place, step) for place in range(0, count, step)]
             if step > 1:
                 self.remark(f"{ensemble.path}: on the timeline one decision stands for {step:,}")
             found += [event_of(each, seconds) for each in (*ensemble.modes.entries, *ensemble.idles.entries)]
@@ -302,7 +302,7 @@ class RecordedRun:
         values = [(track, track.place(time)) for track in self._predicates.values()]
         return Frame(
             time=self._seconds(time),
-            ensembles=tuple([each.frame(time, self._seconds, each.odd(time)) for each in self._ensembles.values()]),
+            ensembles=tuple([each.frame(time, each.odd(time)) for each in self._ensembles.values()]),
             predicates=tuple([None if place < 0 else track.entries[place] for track, place in values]),
             changed=tuple([0.0 if place < 0 else self._seconds(track.times[place]) for track, place in values]),
             details={each.path: self._detail(each, time) for each in near},
@@ -315,7 +315,7 @@ class RecordedRun:
 
     def _detail(self, each: EnsembleReducer, time: int) -> Detail:
         decided = each.decisions.at(time)
-        return Detail() if decided is None else each.detail(time, self._seconds, self._belief(decided.message))
+        return Detail() if decided is None else each.detail(time, self._belief(decided.message))
 
     def _belief(self, decision: Decision) -> Any:
         """Return the belief of a decision, read again from the record."""

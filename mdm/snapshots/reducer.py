@@ -86,8 +86,8 @@ class Track:
         self.newest = newest
 
     def add(self, time: int, entry: Any) -> None:
-        """Add an entry that is no earlier than those before."""
-        self.times.append(time)
+        """Add an entry; a turn that was cut may tell its time late, which counts as the last one then."""
+        self.times.append(max(time, self.times[-1]) if self.times else time)
         self.entries.append(entry)
         if self.newest is not None and len(self.times) > 2 * self.newest:
             del self.times[: -self.newest], self.entries[: -self.newest]
@@ -185,6 +185,7 @@ class EnsembleReducer:
         tell: Called when something begins to look odd, and when that is over.
         known: Its names and wiring.
         whole: Keep all, for a picture of any time; else the newest.
+        epoch: The time of the run's second 0.
         gap: A break of so many nanoseconds at most ends no spell.
 
     Attributes:
@@ -208,6 +209,7 @@ class EnsembleReducer:
         known: Known = UNKNOWN,
         *,
         whole: bool = True,
+        epoch: int = 0,
         gap: int = _WINDOW,
     ) -> None:
         def track(newest: int = _NEWEST) -> Track:
@@ -222,6 +224,7 @@ class EnsembleReducer:
         self.version = 0
         self.heard: int | None = None
         self._whole = whole
+        self._epoch = epoch
         self._told_lives: list[ActionLife] = []
         self._living: dict[int, ActionLife] = {}
         self._repeats: defaultdict[str, Track] = defaultdict(lambda: track(_LATELY))
@@ -388,17 +391,19 @@ class EnsembleReducer:
 
     # -- Pictures ------------------------------------------------------------------------------------------------
 
-    def frame(
-        self, time: int, seconds: Callable[[int], float], odd: tuple[str, ...], waiting: tuple[str, ...] = ()
-    ) -> EnsembleFrame:
+    def seconds(self, time: int) -> float:
+        """Return the seconds from the run's second 0 to a time: all digits, so that a step lands on its event."""
+        return (time - self._epoch) / 1e9
+
+    def frame(self, time: int, odd: tuple[str, ...], waiting: tuple[str, ...] = ()) -> EnsembleFrame:
         """Return how the ensemble is at a time.
 
         Args:
             time: The time.
-            seconds: Of a time, the seconds since the run's second 0.
             odd: Its oddities then.
             waiting: The inputs or pauses that it waits for.
         """
+        seconds = self.seconds
         mode: Mode | None = self.modes.at(time)
         idle: Idle | None = self.idles.at(time)
         decided: Decided | None = self.decisions.at(time)
@@ -416,16 +421,15 @@ class EnsembleReducer:
             odd=odd,
         )
 
-    def detail(self, time: int, seconds: Callable[[int], float], current: Any, **more: Any) -> Detail:
+    def detail(self, time: int, current: Any, **more: Any) -> Detail:
         """Return the ensemble at close range, at a time.
 
         Args:
             time: The time.
-            seconds: Of a time, the seconds since the run's second 0.
             current: The belief that was decided on last; None where there is none.
             more: Facts that no message tells.
         """
-        known = self.known
+        known, seconds = self.known, self.seconds
         place = self.decisions.place(time)
         decision: Decision | None = self.decisions.entries[place].message if place >= 0 else None
         at: Any = current if decision is None or decision.state is None else decision.state
@@ -469,12 +473,11 @@ class EnsembleReducer:
             ended=ended,
         )
 
-    def decision_event(self, place: int, seconds: Callable[[int], float], count: int | None = None) -> Event:
+    def decision_event(self, place: int, count: int | None = None) -> Event:
         """Return a decision by its place as an event, which has no number yet.
 
         Args:
             place: Its place.
-            seconds: Of a time, the seconds since the run's second 0.
             count: How many it stands for, where that is another number than it was told with.
         """
         message, of, _ = self.decisions.entries[place]
@@ -484,7 +487,7 @@ class EnsembleReducer:
         elif message.cause != "observation":
             at = on_observing(self.known.observed(message.observation))
         return Event(
-            *(0, seconds(message.time), "decision", self.path, message.action_name),
+            *(0, self.seconds(message.time), "decision", self.path, message.action_name),
             detail=self.cause(place),
             life=message.epoch,
             at=at,

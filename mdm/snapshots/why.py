@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mdm.explanation import Case
     from mdm.recording.reader import Record
 
-__all__ = ["Why", "case_of", "is_as_recorded", "named", "why", "why_recorded"]
+__all__ = ["Why", "is_as_recorded", "named", "why", "why_recorded"]
 
 
 class Why(msgspec.Struct, frozen=True):
@@ -40,15 +40,6 @@ def named(ensemble: Ensemble, case: Case) -> Case:
     factors = ensemble.state.factors
     states = Space(Factor(each.name, [str(wire.source) for wire in each.wires()]) for each in factors)
     return case._replace(states=states if len(states) == ensemble.controller.symbols.num_states else None)
-
-
-def case_of(ensemble: Ensemble) -> Case:
-    """Return the last decision of an ensemble that runs, to be explained anywhere: on another thread, too.
-
-    Raises:
-        ModelError: If nothing was decided in this episode.
-    """
-    return named(ensemble, ensemble.controller.case())
 
 
 def why(case: Case) -> Why:

@@ -15,7 +15,7 @@ import msgspec
 
 from mdm.errors import Error
 from mdm.snapshots import EnsembleFrame, Event, Frame, Ring, Scene
-from mdm.snapshots.events import value_of
+from mdm.snapshots.events import predicate_event
 from mdm.snapshots.frame import StatisticsFrame
 from mdm.snapshots.why import Why
 from mdm.version import __version__
@@ -82,7 +82,7 @@ class _Agent:
                     self._socket, self._cursor = socket, 0
                     await self._look(socket)
             if self.frame is not None:
-                self._tell_gone()
+                self._tell(None)
             self._socket = self.frame = None
             for asked in (*self._whys, *self._commands):
                 asked.cancel()
@@ -106,7 +106,7 @@ class _Agent:
                 self.frame = told.frame
                 self._hear(told)
                 if self._is_gone:
-                    self._tell_back(told.frame)
+                    self._tell(told.frame)
             else:  # each kind is answered in the order in which it was asked
                 asked = self._commands if told.done or told.refused else self._whys
                 if asked and not (first := asked.popleft()).done():
@@ -115,25 +115,18 @@ class _Agent:
                 close = [path for path in self._team.close if path in self.paths]
                 await socket.say({"say": "drawn", "cursor": self._cursor, "close": close})
 
-    def _tell_gone(self) -> None:
-        """Tell by events that nothing is known of the agent from now on."""
+    def _tell(self, frame: Frame | None) -> None:
+        """Tell by events how the agent is that was gone; None where it goes, so that nothing is known from now on."""
         assert self.scene is not None
-        self._is_gone = True
-        now, ring = self._team.now, self._team.ring
-        for ensemble in self.scene.ensembles:
-            ring.add(now, "mode", ensemble.path, "stopped", detail=f"agent {self.name!r} does not answer")
-        for predicate in self.scene.predicates:
-            ring.add(now, "predicate", self.name, self.shown(predicate.name), status=value_of(None))
-
-    def _tell_back(self, frame: Frame) -> None:
-        """Tell by events how the agent is that was gone."""
-        assert self.scene is not None
-        self._is_gone = False
-        now, ring = self._team.now, self._team.ring
-        for ensemble, shown in zip(self.scene.ensembles, frame.ensembles, strict=True):
-            ring.add(now, "mode", ensemble.path, shown.mode)
-        for predicate, value in zip(self.scene.predicates, frame.predicates, strict=True):
-            ring.add(now, "predicate", self.name, self.shown(predicate.name), status=value_of(value))
+        self._is_gone = frame is None
+        now, ring, scene = self._team.now, self._team.ring, self.scene
+        gone = "" if frame else f"agent {self.name!r} does not answer"
+        modes = [each.mode for each in frame.ensembles] if frame else ["stopped"] * len(scene.ensembles)
+        for ensemble, mode in zip(scene.ensembles, modes, strict=True):
+            ring.add(now, "mode", ensemble.path, mode, detail=gone)
+        values = frame.predicates if frame else [None] * len(scene.predicates)
+        for predicate, value in zip(scene.predicates, values, strict=True):
+            ring.keep(predicate_event(now, self.name, self.shown(predicate.name), value))
 
     def _hear(self, told: _Told) -> None:
         assert self.scene is not None
@@ -141,12 +134,8 @@ class _Agent:
             if self.scene.began == self._heard[0] and event.number <= self._heard[1]:
                 continue
             self._heard = (self.scene.began, event.number)
-            facts = msgspec.structs.asdict(event)
-            time, kind, source, name = (facts.pop(key) for key in ("time", "kind", "source", "name"))
-            facts.pop("number")
-            if kind == "predicate":
-                name = f"{self.name}: {name}"  # as the scene of the team names it
-            self._team.ring.add(time + self.ahead, kind, source, name, **facts)
+            name = self.shown(event.name) if event.kind == "predicate" else event.name
+            self._team.ring.keep(msgspec.structs.replace(event, time=event.time + self.ahead, name=name))
         self._cursor = told.cursor
 
     def shown(self, predicate: str) -> str:

@@ -30,7 +30,7 @@ from mdm.runtime.work import OWNER, Jobs
 from mdm.stimuli import GoesOn, Over, Raised
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Set as AbstractSet
 
     from mdm.actors.actions.lives import Orders
     from mdm.actors.ensemble import Ensemble
@@ -119,6 +119,7 @@ class ActionLayer(Layer):
         "_called",
         "_choices",
         "_component",
+        "_ends",
         "_now",
         "_observers",
         "_others",
@@ -152,6 +153,8 @@ class ActionLayer(Layer):
         self.lives: Lives[_Run] = Lives()
         self.names = names
         self.predicates = predicates
+        # The ends that predicates depend on: the manager's own set, so that none is asked for after each action.
+        self._ends: AbstractSet[str] = frozenset() if predicates is None else predicates.action_ends
         self.bindings = bindings_of(names, bindings)
         self._briefs = tuple([_Brief(binding) if binding.brief else None for binding in self.bindings])
         self.safe = safe_binding(safe_action, names, self.bindings)
@@ -416,7 +419,7 @@ class ActionLayer(Layer):
         self._swift += 1
         if self._called:
             self._observers.call(self._path, self.started, self.names[index], action.time)
-        if self.predicates is not None and self.predicates.action_ends:
+        if self._ends:
             self._raise_end(self.names[index], "succeeded")
 
     def _begun(self, index: int, action: Action) -> _Run:
@@ -652,7 +655,7 @@ class ActionLayer(Layer):
         gave_up = not life.secures and self.ends(life.name, life.binding, status, text, lasted, asked)
         if self._told.heard or self._observers.hears_lives:
             self._tell(life, status, detail)
-        if self.predicates is not None and self.predicates.action_ends:
+        if self._ends:
             self._raise_end(life.name, status)
             if gave_up:
                 self._raise_end(life.name, "gave_up")
@@ -663,11 +666,11 @@ class ActionLayer(Layer):
 
     def listened(self, name: str, status: str) -> bool:
         """Whether a predicate or event of the system depends on this end of an action."""
-        return self.predicates is not None and f"{name}.{status}" in self.predicates.action_ends
+        return f"{name}.{status}" in self._ends
 
     def _raise_end(self, name: str, status: str) -> None:
         event = f"{name}.{status}"
-        if self.predicates is not None and event in self.predicates.action_ends:
+        if self.predicates is not None and event in self._ends:
             self.predicates.derive((), (event,))
 
     def _tell(self, life: _Run, status: ActionStatus, detail: str = "") -> None:

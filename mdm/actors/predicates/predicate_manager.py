@@ -50,7 +50,7 @@ class PredicateManager(Actor):
 
     Attributes:
         declared: The declarations.
-        action_ends: The ends of actions that something here depends on, once it has started.
+        action_ends: The ends of actions that something here depends on, once it has started; always the same set.
     """
 
     # All of its own: beside an actor's other attributes they would be too many for CPython to find methods at once.
@@ -110,7 +110,7 @@ class PredicateManager(Actor):
         self._begun = False
         self._lost = False
         self._home: Runtime | None = None
-        self.action_ends: frozenset[str] = frozenset()
+        self.action_ends: set[str] = set()
         self._first_events: EventUpdate | None = None
 
     # -- Declarations --------------------------------------------------------------------------------------------
@@ -379,7 +379,8 @@ class PredicateManager(Actor):
         self._known = frozenset(self._network.names)
         ends = {name for name in self._network.events if ACTION_END.fullmatch(name)}
         declared = self.declared.names
-        self.action_ends = frozenset(name for name in ends if name not in declared or self.declared.raises(name))
+        self.action_ends.clear()
+        self.action_ends.update(name for name in ends if name not in declared or self.declared.raises(name))
         self._raised |= self.action_ends
         self._counter = self._event_counter = 0
         self._age_timers.clear()

@@ -365,7 +365,10 @@ class Recorder(Extension):
 
     def on_call(self, ensemble: str, life: int, action: str, time: int) -> None:
         """Keep the whole life of a plain function."""
-        self._put((_CALLED, ensemble, life, action, time))
+        if self._waits and len(self._items) < self._bound:
+            self._items.append((_CALLED, ensemble, life, action, time))
+        else:
+            self._put((_CALLED, ensemble, life, action, time))
 
     def on_step(self, output: Deciding, *decision: Any) -> None:
         """Keep a decision."""

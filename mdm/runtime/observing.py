@@ -161,12 +161,12 @@ class Guard:
         self._name = name
         self._told = False
 
-    def __call__(self, hear: Callable[..., object]) -> Callable[..., None]:
+    def __call__(self, hear: Callable[..., object]) -> Callable[..., Any]:
         """Return a function of the observer as one that never raises; its arguments have no names."""
 
-        def guarded(*arguments: Any) -> None:
+        def guarded(*arguments: Any) -> Any:
             try:
-                hear(*arguments)
+                return hear(*arguments)  # which costs less than to return nothing
             except Exception as error:
                 self.lost += 1  # before any call, for which there may be no room
                 if self.error is None:

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack, cast
 
 import msgspec
 
-from mdm.actors.control.output import Output
-from mdm.actors.control.planner import PATIENCE, Planner
+from mdm.actors.control.output import Output, symbol_of
+from mdm.actors.control.planner import PATIENCE, Asking, Planner
 from mdm.actors.control.source import OwnChannels
 from mdm.actors.layer import Layer
-from mdm.actors.options import ControlOptions, ControlSettings, FixedRate, OnEvent, drive_of
-from mdm.actors.safety.modes import AT_INPUT, AT_KNOWN
+from mdm.actors.options import ControlOptions, ControlSettings, Drive, FixedRate, OnEvent, drive_of
+from mdm.actors.safety.modes import AT_KNOWN
 from mdm.controller import Controller
-from mdm.errors import ConfigError, Error, ModelError, PolicyError
-from mdm.messages import Answer, Belief, Control, Fault, Observation, Question, State, Tick
+from mdm.errors import ConfigError, ModelError, PolicyError
+from mdm.messages import Control, Fault, Observation, State, Tick
 from mdm.options import ControllerSettings
 from mdm.runtime import ActorStatistics, Histogram
 from mdm.runtime.supervision import text_of
@@ -86,19 +86,21 @@ class ControlLayer(Layer):
         controller: The controller that decides.
         output: Publishes its decisions.
         planner: Searches for an answer, where the policy's comes later; else None.
+        asking: Asks the planner, where there is one.
+        ticks: Decides at a fixed rate, where the drive is one.
+        another: Returns another controller of the same policy, model and options.
     """
 
     # The attributes that each decision reads or writes, close together: many ensembles do not all fit the cache.
     __slots__ = (
         "_acts",
         "_last_epoch",
-        "_last_observation",
         "_see",
         "_tell",
+        "asking",
         "controller",
         "event_driven",
         "output",
-        "planner",
         "running",
         "source",
         "state",
@@ -117,38 +119,32 @@ class ControlLayer(Layer):
         settings = ControlSettings.from_keywords(options)
         rest = settings.as_arguments(ControllerSettings)
         self.controller = Controller(policy, model, agent=agent, **rest)
-        self._another = partial(Controller, policy, model, agent=agent, **rest)
+        self.another = partial(Controller, policy, model, agent=agent, **rest)
         self.drive = drive_of(settings.drive)
         if isinstance(self.drive, FixedRate):
             self.controller.step_by_step()
         self.deadline = settings.deadline
         self.on_no_observation = settings.on_no_observation
-        self._no_observation = unobserved(self.on_no_observation, self.controller.symbols.observation_space)
+        unseen = unobserved(self.on_no_observation, self.controller.symbols.observation_space)
+        self.ticks = Ticks(self, self.drive, unseen)
         self.guard: Safety | None = None
         self.source: Source = OwnChannels(self)
         self.running = False
         self.alarms = 0
-        self.superseded = 0
-        self.undecided = 0
-        self.missed = 0
         self.takes_states = self.controller.takes == "state"
         self.event_driven = isinstance(self.drive, OnEvent)
         self._see = self.controller.see
         self._last_epoch = sys.maxsize if self.controller.horizon is None else self.controller.horizon
         self.state: int | None = None
-        self._observation: Observation | None = None
-        self._last_observation: Observed = None
-        self._ticker: Ticker | None = None
         self.planner: Planner | None = None
-        self._question = 0
-        self._open: tuple[int, str, Observed, int | None] | None = None
+        self.asking: Asking | None = None
         if getattr(self.controller.policy, "deliberates", False):
-            self.planner = Planner(
-                cast("Deliberating", self.controller.policy), drive=self.drive, deadline=self.deadline
-            )
+            policy = cast("Deliberating", self.controller.policy)
+            self.planner = Planner(policy, drive=self.drive, deadline=self.deadline)
+            self.asking = Asking(self)
             self.add(self.planner)
         # At its deadline the planner's fallback answers, and the loop may be a little late.
-        patience = 0.0 if self.planner is None else PATIENCE
+        patience = 0.0 if self.asking is None else PATIENCE
         latest = None if self.deadline is None else round((self.deadline + patience) * 1e9)
         self.output = Output(self.controller, latest, self._refuses)
 
@@ -182,25 +178,25 @@ class ControlLayer(Layer):
         """The present belief (S numbers, read-only), or None for a policy over states or a plan."""
         return self.controller.belief
 
+    @property
+    def latency(self) -> Histogram:
+        """The histogram of times from stimulus to decision."""
+        return self.output.latency
+
     # -- Life ----------------------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
         """Listen; deciding begins with `start`."""
-        channel = self.owner.channel
-        self._now = self.runtime.clock.reader()
         self.output.open(self)
         # Publishing is the last thing that its own handlers do; a team has more to do behind it.
         shared = self.source.shared
         self._tell = self.output.publish if shared else self.output.publish_last
-        self._acts = self.takes_states and not shared and self.planner is None
+        self._acts = self.takes_states and not shared and self.asking is None
         self.running = False
-        self._ticker = None
         self.state = None
-        self._open = None
-        self._ticks = channel("tick", Tick)
-        if self.planner is not None:
-            self._questions = channel("question", Question)
-            self.subscribe(channel("answer", Answer), self._on_answer)
+        self.ticks.open()
+        if self.asking is not None:
+            self.asking.open()
         self.source.open()
 
     def on_stop(self) -> None:
@@ -218,8 +214,7 @@ class ControlLayer(Layer):
                 self._begin(control.time, command)
         elif command != "release" and not self.running and self.source.may_begin:
             self.begin_episode(keep=command == "resume")
-            if isinstance(self.drive, FixedRate) and self._ticker is None:
-                self._ticker = self.every(self.drive.rate, self._on_tick)
+            self.ticks.begin()
             if self.source.may_decide:
                 self.running = True
                 self._begin(control.time, command)
@@ -235,9 +230,7 @@ class ControlLayer(Layer):
     def pause(self) -> None:
         """Decide no more until started again."""
         self.running = False
-        if self._ticker is not None:
-            self._ticker.cancel()
-            self._ticker = None
+        self.ticks.end()
 
     @property
     def acted(self) -> int | None:
@@ -249,27 +242,10 @@ class ControlLayer(Layer):
         """Whether it decides on states, and knows none."""
         return self.takes_states and self.state is None
 
-    def another(self) -> Controller:
-        """Return another controller of the same policy, model and options."""
-        return self._another()
-
-    @property
-    def asks(self) -> bool:
-        """Whether it waits for its planner's answer."""
-        return self._open is not None
-
     def withdraw(self) -> None:
         """Heed no answer of the planner that is open."""
-        self._open = None
-
-    def keep(self, observation: Observation) -> None:
-        """Keep an observation for the next tick."""
-        self._observation = observation
-
-    def kept(self) -> Observation | None:
-        """Return the observation that was kept, which is then kept no more."""
-        observation, self._observation = self._observation, None
-        return observation
+        if self.asking is not None:
+            self.asking.stimulus = None
 
     def reopen(self, kinds: frozenset[str], time: int) -> None:
         """Tell that causes of a safe mode are gone."""
@@ -278,9 +254,8 @@ class ControlLayer(Layer):
 
     def begin_episode(self, *, keep: bool = False) -> None:
         """Start an episode; a question open from the one before decides nothing in it."""
-        self._open = None
-        self._observation = None
-        self._last_observation = None
+        self.withdraw()
+        self.ticks.forget()
         self.output.acted = None
         self.controller.reset(keep=keep)
 
@@ -300,7 +275,7 @@ class ControlLayer(Layer):
         if self._acts and self.output.act_last(index, state.time):
             return
         cause = "episode" if self.controller.epoch >= self._last_epoch else "state"
-        if self.planner is not None:
+        if self.asking is not None:
             self.decide(state.time, cause)
             return
         try:
@@ -325,103 +300,18 @@ class ControlLayer(Layer):
             self.source.observe_aside(observation)
             return
         if not self.event_driven:
-            if self._observation is not None:
-                self.superseded += 1
-            self._observation = observation
+            self.ticks.keep(observation)
         elif self.controller.epoch and self.controller.over:
             self.begin_episode()
             self.decide(observation.time, "episode")
         else:
-            symbol = self.symbol(observation)
+            symbol = symbol_of(observation)
             if not self.advance(symbol, observation.time):
                 return
             if self.controller.problem is not None and self.source.held:
                 self.source.answer_later("observation", symbol)
             else:
                 self.decide(observation.time, "observation", symbol, tell=self._tell)
-
-    def _on_tick(self, tick: Tick) -> None:
-        if self._ticks.heard:
-            self._ticks.emit(tick)
-        if not self.running:
-            self.source.tick_aside(tick)  # which may end a safe mode
-        if self.running:
-            self._tick(tick)
-
-    def _tick(self, tick: Tick) -> None:
-        cause, symbol = "tick", None
-        self.output.overdue = 0
-        if tick.missed:
-            assert isinstance(self.drive, FixedRate)
-            self.missed += tick.missed
-            self.output.overdue = round(tick.missed * 1e9 / self.drive.rate)
-            self.output.record(tick.late + self.output.overdue)
-        observation = self.kept()
-        if self.controller.over:
-            self.begin_episode()
-            cause = "episode"
-        elif not self.takes_states and self.controller.last_action is not None:
-            if observation is not None:
-                symbol = self.symbol(observation)
-            elif self._no_observation == "repeat":
-                symbol = self._last_observation
-            elif self._no_observation != "predict":
-                symbol = self._no_observation
-            symbol = self._taken_in(symbol, tick.time)
-            if not self.running:  # any more, for the observation is impossible
-                return
-        if self.takes_states and self.state is None:
-            self.undecided += 1
-        else:
-            self.decide(tick.time, cause, symbol)
-
-    def _taken_in(self, symbol: Observed, time: int) -> Observed:
-        """Advance at a tick; return the observation, None where there is none or it was refused: time has passed."""
-        if self.controller.given:
-            symbol = None
-        if not self.advance(symbol, time) and symbol is not None:
-            symbol = None
-            self.advance(None, time)
-        return symbol
-
-    def on_external_belief(self, belief: Belief) -> None:
-        """Decide on a belief from outside, in place of the layer's own."""
-        if not self.running and not self.source.held:
-            return
-        over = self.controller.over
-        try:
-            self.controller.believe(belief.probabilities)
-        except (Error, ValueError, TypeError) as error:
-            self._refuse_belief("external_belief", belief, error)
-            return
-        self._observation = None
-        if self.source.held:
-            self.reopen(AT_INPUT, belief.time)
-        elif self.event_driven:
-            self.decide(belief.time, "episode" if over else "belief")
-        elif self._open is not None:  # a tick's search begins anew from there
-            time, cause, observation, _ = self._open
-            self.decide(time, cause, observation)
-
-    def on_initial_belief(self, belief: Belief) -> None:
-        """Take a belief as that from which the next episode begins."""
-        try:
-            self.controller.begin_from(belief.probabilities)
-        except (Error, ValueError, TypeError) as error:
-            self._refuse_belief("initial_belief", belief, error)
-
-    def _refuse_belief(self, channel: str, belief: Belief, error: Exception) -> None:
-        self.report("belief", f"refused a belief on {self.owner.path}/{channel}: {text_of(error)}", time=belief.time)
-
-    @staticmethod
-    def symbol(observation: Observation) -> Observed:
-        """Return the observed symbol: its index, or its components where one is missing."""
-        told: Any = observation  # its index may be one of numpy's integers
-        index = told.index
-        if index is None:
-            return observation.values
-        found: int = index if index.__class__ is int else operator.index(index)
-        return found
 
     # -- Decisions -----------------------------------------------------------------------------------------------
 
@@ -439,7 +329,6 @@ class ControlLayer(Layer):
         except (ModelError, TypeError) as error:
             self.report("observation", f"{text_of(error)}; it is not taken in", time=time)
             return False
-        self._last_observation = observation
         if controller.problem is not None:
             fault = Fault(time, self.path, "impossible_observation", controller.problem)
             if controller.on_impossible == "safe_action":
@@ -474,8 +363,8 @@ class ControlLayer(Layer):
         """
         state = self.state
         try:
-            if self.planner is not None:
-                self._deliberate(time, cause, observation, state)
+            if self.asking is not None:
+                self.asking.ask(time, cause, observation, state)
                 return
             step = self.controller.decide() if state is None else self._see(state)
         except ModelError as error:
@@ -490,39 +379,16 @@ class ControlLayer(Layer):
         if not self._alarm(fault) and raised:
             raise error
 
-    def _deliberate(self, time: int, cause: str, observation: Observed, state: int | None) -> None:
-        """Ask the planner; a question that is still open is asked no more, and the answer decides for both."""
-        controller = self.controller
-        if state is not None:
-            if controller.over:
-                self.begin_episode()
-            controller.advance(controller.symbols.state_index(state))
-        self._question += 1
-        self.output.waited = self.runtime.dispatcher.waited(time)
-        self._open = (time, cause, observation, state)
-        self._questions.publish(
-            Question(time, self._question, controller.information.current if state is None else state)
-        )
-
-    def _on_answer(self, answer: Answer) -> None:
-        if self._open is None or answer.number != self._question or not self.running:
-            return
-        (time, cause, observation, state), self._open = self._open, None
-        if answer.action is None:
-            self._late(self._now() - time + self.output.waited, time)
-            return
-        self.output.publish(self.controller.decide(answer.action), time, cause, observation, state)
-
     def _refuses(self, step: Step, latency: int, time: int) -> bool:
         """Report a decision that comes too late; return whether it is not carried out."""
         if not self.source.shared:  # the action published before goes on
             self.controller.last_action = self.output.acted
-        if self._late(latency, time) and not self.source.shared:
+        if self.late(latency, time) and not self.source.shared:
             return True
         self.controller.last_action = step.action
         return False
 
-    def _late(self, latency: int, time: int) -> bool:
+    def late(self, latency: int, time: int) -> bool:
         """Report a missed deadline; return whether the ensemble is safe in place of the decided action."""
         text = f"a decision came {latency / 1e6:.3f} ms after its stimulus; the deadline is {self.deadline} s"
         return self._alarm(Fault(time, self.path, "deadline", text))
@@ -533,9 +399,9 @@ class ControlLayer(Layer):
             **msgspec.structs.asdict(super().statistics()),
             decisions=self.decisions,
             impossible=self.controller.impossible,
-            superseded=self.superseded,
-            undecided=self.undecided,
-            missed=self.missed,
+            superseded=self.ticks.superseded,
+            undecided=self.ticks.undecided,
+            missed=self.ticks.missed,
             latency=self.latency,
         )
 
@@ -544,10 +410,112 @@ class ControlLayer(Layer):
         """The number of actions published."""
         return self.output.decisions
 
-    @property
-    def latency(self) -> Histogram:
-        """The histogram of times from stimulus to decision."""
-        return self.output.latency
+
+class Ticks:
+    """Decides at a fixed rate, on the latest state or observation; while another drive decides it does nothing.
+
+    Args:
+        control: The layer.
+        drive: Its drive.
+        unseen: What a tick without a new observation means: ``predict``, ``repeat``, or an observation's index.
+
+    Attributes:
+        superseded: Observations in whose place a newer one was taken.
+        undecided: Ticks without a known state.
+        missed: Ticks that the event loop came too late for.
+    """
+
+    def __init__(self, control: ControlLayer, drive: Drive, unseen: int | Literal["predict", "repeat"]) -> None:
+        self.superseded = self.undecided = self.missed = 0
+        self._control = control
+        self._rate = drive.rate if isinstance(drive, FixedRate) else None
+        self._unseen = unseen
+        self._ticker: Ticker | None = None
+        self._kept: Observation | None = None
+        self._last: Observed = None
+
+    def open(self) -> None:
+        """Take it that the layer starts."""
+        self._ticker = None
+        self._heard = self._control.owner.channel("tick", Tick)
+
+    def begin(self) -> None:
+        """Tick from now on, where the drive says so."""
+        if self._rate is not None and self._ticker is None:
+            self._ticker = self._control.every(self._rate, self._on_tick)
+
+    def end(self) -> None:
+        """Tick no more."""
+        if self._ticker is not None:
+            self._ticker.cancel()
+            self._ticker = None
+
+    def forget(self) -> None:
+        """Forget all observations: an episode begins."""
+        self._kept = self._last = None
+
+    def keep(self, observation: Observation, *, counts: bool = True) -> None:
+        """Keep an observation for the next tick; where another waited, count that, unless nothing is decided now."""
+        self.superseded += counts and self._kept is not None
+        self._kept = observation
+
+    def kept(self) -> Observation | None:
+        """Return the observation that was kept, which is then kept no more."""
+        observation, self._kept = self._kept, None
+        return observation
+
+    def advance(self, symbol: Observed, time: int) -> bool:
+        """Hand the controller an observation, to be repeated; return whether it was taken in."""
+        control = self._control
+        taken = control.advance(symbol, time)
+        if taken:
+            self._last = None if control.controller.given else symbol
+        return taken
+
+    def _on_tick(self, tick: Tick) -> None:
+        control = self._control
+        if self._heard.heard:
+            self._heard.emit(tick)
+        if not control.running:
+            control.source.tick_aside(tick)  # which may end a safe mode
+        if control.running:
+            self._tick(control, tick)
+
+    def _tick(self, control: ControlLayer, tick: Tick) -> None:
+        cause, symbol = "tick", None
+        control.output.overdue = 0
+        if tick.missed:
+            assert self._rate is not None
+            self.missed += tick.missed
+            control.output.overdue = round(tick.missed * 1e9 / self._rate)
+            control.output.record(tick.late + control.output.overdue)
+        observation = self.kept()
+        if control.controller.over:
+            control.begin_episode()
+            cause = "episode"
+        elif not control.takes_states and control.controller.last_action is not None:
+            if observation is not None:
+                symbol = symbol_of(observation)
+            elif self._unseen == "repeat":
+                symbol = self._last
+            elif self._unseen != "predict":
+                symbol = self._unseen
+            symbol = self._taken_in(control, symbol, tick.time)
+            if not control.running:  # any more, for the observation is impossible
+                return
+        if control.blind:
+            self.undecided += 1
+        else:
+            control.decide(tick.time, cause, symbol)
+
+    def _taken_in(self, control: ControlLayer, symbol: Observed, time: int) -> Observed:
+        """Advance at a tick; return the observation, None where there is none or it was refused: time has passed."""
+        if control.controller.given:
+            symbol = None
+        if not self.advance(symbol, time) and symbol is not None:
+            symbol = None
+            self.advance(None, time)
+        return symbol
 
 
 def unobserved(given: str, space: Space | None) -> int | Literal["predict", "repeat"]:

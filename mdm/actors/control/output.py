@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -18,12 +19,13 @@ if TYPE_CHECKING:
 
     from mdm.actors.layer import Layer
     from mdm.controller import Controller, Step
+    from mdm.messages import Observation
     from mdm.models.matrices import Vector
     from mdm.runtime import Channel, Histogram
     from mdm.runtime.observing import Choices, Observers
     from mdm.symbols import Symbols
 
-__all__ = ["Observed", "Output"]
+__all__ = ["Observed", "Output", "symbol_of"]
 
 Observed = int | tuple[int | None, ...] | None
 """An observation by its index, or by components, None where one is missing."""
@@ -31,6 +33,16 @@ Observed = int | tuple[int | None, ...] | None
 
 _EACH = 16
 """Decisions from one call to the next that looks at more than a length: what is read for each would be far apart."""
+
+
+def symbol_of(observation: Observation) -> Observed:
+    """Return the observed symbol: its index, or its components where one is missing."""
+    told: Any = observation  # its index may be one of numpy's integers
+    index = told.index
+    if index is None:
+        return observation.values
+    found: int = index if index.__class__ is int else operator.index(index)
+    return found
 
 
 class Outlet(Protocol):

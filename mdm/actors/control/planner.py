@@ -32,12 +32,14 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from mdm.actors.control.control_layer import ControlLayer
+    from mdm.actors.control.output import Observed
     from mdm.actors.options import Drive
     from mdm.policies import Deliberating
     from mdm.policies.policy import Found
     from mdm.runtime import Timer
 
-__all__ = ["PATIENCE", "Planner", "PlannerStatistics", "SearchProcess"]
+__all__ = ["PATIENCE", "Asking", "Planner", "PlannerStatistics", "SearchProcess"]
 
 PATIENCE = 0.1
 """Seconds after its deadline for which the answer of a fallback is still in time."""
@@ -283,6 +285,60 @@ class Planner(Layer):
             expansions=self._expansions,
             processes=self._processes,
         )
+
+
+class Asking:
+    """Asks a planner in place of a policy that answers at once; a control layer decides when the answer is there.
+
+    Args:
+        control: The layer.
+
+    Attributes:
+        stimulus: That of the question that is not answered yet: its time and cause, the observation and the state; None
+            where there is none, or its answer is not wanted any more.
+    """
+
+    def __init__(self, control: ControlLayer) -> None:
+        self.stimulus: tuple[int, str, Observed, int | None] | None = None
+        self._control = control
+        self._number = 0
+
+    def open(self) -> None:
+        """Listen to the planner."""
+        self.stimulus = None
+        channel = self._control.owner.channel
+        self._now = self._control.runtime.clock.reader()
+        self._questions = channel("question", Question)
+        self._control.subscribe(channel("answer", Answer), self._on_answer)
+
+    def ask(self, time: int, cause: str, observation: Observed, state: int | None) -> None:
+        """Ask; a question that is still open is asked no more, and the answer decides for both."""
+        control, controller = self._control, self._control.controller
+        if state is not None:
+            if controller.over:
+                control.begin_episode()
+            controller.advance(controller.symbols.state_index(state))
+        self._number += 1
+        control.output.waited = control.runtime.dispatcher.waited(time)
+        self.stimulus = (time, cause, observation, state)
+        at = controller.information.current if state is None else state
+        self._questions.publish(Question(time, self._number, at))
+
+    def ask_anew(self) -> None:
+        """Ask once more, if a question is open: a tick's search begins anew from another belief."""
+        if self.stimulus is not None:
+            time, cause, observation, _ = self.stimulus
+            self._control.decide(time, cause, observation)
+
+    def _on_answer(self, answer: Answer) -> None:
+        control = self._control
+        if self.stimulus is None or answer.number != self._number or not control.running:
+            return
+        (time, cause, observation, state), self.stimulus = self.stimulus, None
+        if answer.action is None:
+            control.late(self._now() - time + control.output.waited, time)
+        else:
+            control.output.publish(control.controller.decide(answer.action), time, cause, observation, state)
 
 
 class SearchProcess:

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 import msgspec
 
+from mdm.actors.control.output import symbol_of
 from mdm.actors.safety.modes import AT_INPUT, AT_KNOWN, AT_STIMULUS
-from mdm.errors import ModelError
+from mdm.errors import Error, ModelError
 from mdm.messages import Belief, Control, Observation, State
+from mdm.runtime.supervision import text_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -153,8 +155,8 @@ class OwnChannels:
             self._listen(channel("state", State, retain=True), control.on_state)
         else:
             self._listen(channel("observation", Observation), control.on_observation)
-            self._listen(channel("external_belief", Belief), control.on_external_belief)
-            self._listen(channel("initial_belief", Belief, retain=True), control.on_initial_belief)
+            self._listen(channel("external_belief", Belief), self._on_external_belief)
+            self._listen(channel("initial_belief", Belief, retain=True), self._on_initial_belief)
         self._listen(channel("control", Control), control.on_control)
 
     def _listen(self, channel: Channel[T], handler: Callable[[T], object]) -> None:
@@ -220,12 +222,44 @@ class OwnChannels:
     def decide_again(self, time: int) -> None:
         """Decide as one decision more of the episode, where inputs alone have it decide."""
         control = self._control
-        if control.running and control.event_driven and not control.blind and not control.asks:
+        asked = control.asking is not None and control.asking.stimulus is not None
+        if control.running and control.event_driven and not control.blind and not asked:
             cause = "again"
             if control.controller.over:
                 cause = "episode"
                 control.begin_episode()
             control.decide(time, cause)
+
+    def _on_external_belief(self, belief: Belief) -> None:
+        """Decide on a belief from outside, in place of the layer's own."""
+        control = self._control
+        if not control.running and not self.held:
+            return
+        over = control.controller.over
+        if not self._took(control.controller.believe, "external_belief", belief):
+            return
+        control.ticks.kept()  # an observation from before it
+        if self.held:
+            control.reopen(AT_INPUT, belief.time)
+        elif control.event_driven:
+            control.decide(belief.time, "episode" if over else "belief")
+        elif control.asking is not None:
+            control.asking.ask_anew()
+
+    def _on_initial_belief(self, belief: Belief) -> None:
+        """Take a belief as that from which the next episode begins."""
+        self._took(self._control.controller.begin_from, "initial_belief", belief)
+
+    def _took(self, take: Callable[[Vector], object], channel: str, belief: Belief) -> bool:
+        """Have the controller take a belief; report one that it refuses."""
+        try:
+            take(belief.probabilities)
+        except (Error, ValueError, TypeError) as error:
+            control = self._control
+            text = f"refused a belief on {control.owner.path}/{channel}: {text_of(error)}"
+            control.report("belief", text, time=belief.time)
+            return False
+        return True
 
     def observe_aside(self, observation: Observation) -> None:
         """Take an observation in while the ensemble is safe: into the belief, where that knows the action done."""
@@ -233,10 +267,10 @@ class OwnChannels:
             return
         control = self._control
         if not control.event_driven:
-            control.keep(observation)
+            control.ticks.keep(observation, counts=False)
         elif self._held is not Held.BLINDLY and not control.controller.over:
             self._held = Held.MOVED
-            control.advance(control.symbol(observation), observation.time)
+            control.advance(symbol_of(observation), observation.time)
         control.reopen(AT_INPUT, observation.time)
 
     def tick_aside(self, tick: Tick) -> None:
@@ -244,8 +278,8 @@ class OwnChannels:
         control = self._control
         control.reopen(AT_STIMULUS, tick.time)
         if not control.running and self._held in {Held.KNOWING, Held.MOVED} and not control.controller.over:
-            observation = control.kept()
-            control.advance(None if observation is None else control.symbol(observation), tick.time)
+            observation = control.ticks.kept()
+            control.ticks.advance(None if observation is None else symbol_of(observation), tick.time)
 
     def answer_later(self, cause: str, observation: Observed) -> None:
         """Keep the stimulus that the next decision answers."""

@@ -457,7 +457,7 @@ class Liveness:
             and (control.acted is None or self._end is not None)  # else its effect stands
             and not ensemble.action.busy
             and not control.blind
-            and not control.asks
+            and (control.asking is None or control.asking.stimulus is None)
         )
 
     def _holding(self) -> dict[str, int]:

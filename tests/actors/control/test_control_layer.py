@@ -96,7 +96,7 @@ def test_fixed_rate_ticks_on_the_latest_observation():
     assert [d.epoch for d in decisions] == [0, 1, 2, 3]
     np.testing.assert_allclose(decisions[1].belief, [0.85, 0.15])
     np.testing.assert_allclose(decisions[2].belief, [0.85, 0.15])  # listening moves nothing: prediction only
-    assert robot.control.superseded == 2
+    assert robot.control.ticks.superseded == 2
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_fixed_rate_mdp_waits_for_a_state():
     options = {"model": None, "policy": DeterministicPolicy([1, 0]), "actions": dict.fromkeys(range(2), nothing)}
     decisions, _, robot = decided([1.2, be(1), 1.0], drive=FixedRate(1), **options)
     assert [(d.time, d.state) for d in decisions] == [(2_000_000_000, 1)]
-    assert robot.control.undecided == 2
+    assert robot.control.ticks.undecided == 2
 
 
 def test_event_driven_and_fixed_rate_agree_where_observations_are_ticks():

@@ -105,7 +105,7 @@ def test_ticks_of_one_that_was_not_started_below_one_that_is_safe_decide_nothing
         below.start()
         await asyncio.sleep(10)
         assert log == ["BELOW begins", "TOP begins", "BELOW ends", "TOP ends"]
-        assert below.control._ticker is None
+        assert below.control.ticks._ticker is None
 
     run_virtual(main)
 

@@ -188,15 +188,8 @@ class Verdict(msgspec.Struct, frozen=True):
             facts |= dict(zip(("exact", "exact_min", "exact_max"), self.exact, strict=True))
         result = self.simulated
         if result is not None:
-            facts |= {
-                "mean": result.mean,
-                "standard_error": result.standard_error,
-                "interval": list(result.interval),
-                "episodes": result.episodes,
-                "steps": result.steps,
-                "seed": result.seed,
-                "steps_a_second": result.steps_a_second,
-            }
+            keys = ("mean", "standard_error", "interval", "episodes", "steps", "seed", "steps_a_second")
+            facts |= {key: getattr(result, key) for key in keys}
         if self.possible is not None:
             facts["possible"] = _between(self.possible)
         facts["claim_is"] = {1: "too high", -1: "too low"}.get(self.contradicts, "not contradicted")

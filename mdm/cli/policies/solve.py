@@ -108,15 +108,10 @@ def _check_options(given: dict[str, Any], solver: str) -> None:
 
 
 def _facts(solution: Solution, arguments: argparse.Namespace) -> dict[str, Any]:
+    keys = ("solver", "lower", "upper", "gap", "reason", "seconds", "iterations")
     return {
         "model": arguments.model,
-        "solver": solution.solver,
-        "lower": solution.lower,
-        "upper": solution.upper,
-        "gap": solution.gap,
-        "reason": solution.reason,
-        "seconds": solution.seconds,
-        "iterations": solution.iterations,
+        **{key: getattr(solution, key) for key in keys},
         "size": solution.history[-1].size,
         "form": describe_policy(solution.policy)["form"],
         "policy": arguments.output,

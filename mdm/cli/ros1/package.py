@@ -207,30 +207,24 @@ class _Package:
 
             self._place_names = load_graph(graph).names
             lines = [self._was("a topological map", node.place), "[places]", f"graph = {self._copy(graph, made)}"]
-            labels = self._labels()
-            if labels is None:
+            images = [each for each in self.launch.nodes if "pose_labeler" in each.type and each.arguments]
+            if not images:
                 lines.append("reach = 1.0  # metres around each goal, for there is no image of labels")
             else:
-                lines += [f"labels = {self._copy(labels, made)}", f"grid = {json.dumps(self._grid(made))}"]
-                names = self._label_names()
-                if names is not None:
-                    lines.append(f"names = {self._copy(names, made)}")
+                labels = self._copy(self._file(images[0], (1,), "the image of labels"), made)
+                lines += [f"labels = {labels}", f"grid = {json.dumps(self._grid(made))}"]
+                lines += [f"names = {self._copy(names, made)}" for names in self._label_names()]
             return [*lines, 'navigator = "robot:Navigator"  # what drives to a goal', ""]
         return []
 
-    def _labels(self) -> Path | None:
-        for node in self.launch.nodes:
-            if "pose_labeler" in node.type and node.arguments:
-                return self._file(node, (1,), "the image of labels")
-        return None
-
-    def _label_names(self) -> Path | None:
+    def _label_names(self) -> list[Path]:
+        """Return the file of the names of labels, where one is loaded."""
         for namespace, path in self.launch.files:
             if namespace.rpartition("/")[2] == "predicate_labels" or path.name == "predicate_labels.yaml":
                 if not path.is_file():
                     raise Error(f"there is no file {path}, which a <rosparam> loads")
-                return path
-        return None
+                return [path]
+        return []
 
     def _grid(self, made: Path) -> str:
         """Copy the map with its image, and return its name."""

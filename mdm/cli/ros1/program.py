@@ -20,6 +20,7 @@ Text = tuple[str | int, ...]
 
 _NAME = r"[A-Za-z_]\w*"
 _STRING = re.compile(r'"((?:[^"\\\n]|\\.)*)"')
+_COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/|\"(?:[^\"\\\n]|\\.)*\"|'(?:[^'\\\n]|\\.)+'", re.DOTALL)
 _PLAIN = re.compile(r"[A-Za-z0-9_.:/]+")
 _VARIABLES = 5
 _CONNECTIVES = {"And": "and", "Or": "or", "Implies": "implies", "Xor": "xor"}
@@ -148,45 +149,12 @@ def programs(package: Path) -> dict[str, list[Path]]:
 
 def read_program(paths: list[Path], package: Path) -> Program:
     """Read the sources of a program, and the headers of its package that they include."""
-    text = _Text()
-    seen: set[Path] = set()
-    queue = list(paths)
-    while queue:
-        path = queue.pop(0)
-        if path in seen:
-            continue
-        seen.add(path)
-        code = path.read_text(encoding="utf-8", errors="replace")
-        text.add(path, code)
-        for name in re.findall(r'#\s*include\s*["<]([^">]+)[">]', code):
-            queue += [one for one in (path.parent / name, package / "include" / name) if one.is_file()]
-    return _Reader(text, paths[0]).program
+    return _Reader(paths, package).program
 
 
-class _Text:
-    """The code of several files as one text without comments, which knows its places."""
-
-    def __init__(self) -> None:
-        self.code = ""
-        self._files: list[tuple[int, Path]] = []
-
-    def add(self, path: Path, code: str) -> None:
-        self._files.append((len(self.code), path))
-        self.code += _uncommented(code) + "\n"
-
-    def place(self, position: int) -> str:
-        start, path = [each for each in self._files if each[0] <= position][-1]
-        lines = list(accumulate((len(line) for line in self.code[start:].splitlines(keepends=True)), initial=0))
-        return f"{path}:{bisect_right(lines, position - start)}"
-
-
-def _uncommented(code: str) -> str:
-    """Return code with blanks in place of its comments."""
-
-    def blank(match: re.Match[str]) -> str:
-        return match[0] if match[0].startswith(('"', "'")) else re.sub(r"[^\n]", " ", match[0])
-
-    return re.sub(r"//[^\n]*|/\*.*?\*/|\"(?:[^\"\\\n]|\\.)*\"|'(?:[^'\\\n]|\\.)+'", blank, code, flags=re.DOTALL)
+def _blank(match: re.Match[str]) -> str:
+    """Return a text as it is, and blanks in place of a comment."""
+    return match[0] if match[0].startswith(('"', "'")) else re.sub(r"[^\n]", " ", match[0])
 
 
 def _closed(code: str, start: int, pair: str = "()") -> int:
@@ -236,9 +204,22 @@ def _text(expression: str) -> str | None:
 
 
 class _Reader:
-    def __init__(self, text: _Text, path: Path) -> None:
-        self.text, self.code = text, text.code
-        self.program = Program(path)
+    """Reads the code of a program, whose files are one text without comments."""
+
+    def __init__(self, paths: list[Path], package: Path) -> None:
+        self.code = ""
+        self._files: dict[Path, int] = {}
+        queue = list(paths)
+        while queue:
+            path = queue.pop(0)
+            if path in self._files:
+                continue
+            code = path.read_text(encoding="utf-8", errors="replace")
+            self._files[path] = len(self.code)
+            self.code += _COMMENT.sub(_blank, code) + "\n"
+            for name in re.findall(r'#\s*include\s*["<]([^">]+)[">]', code):
+                queue += [one for one in (path.parent / name, package / "include" / name) if one.is_file()]
+        self.program = Program(paths[0])
         self._read: set[int] = set()
         made = rf"\b(StateLayer|ObservationLayer|\w*ActionLayer|PredicateManager)\s+({_NAME})\s*[;({{]"
         self._layers = {name: kind for kind, name in re.findall(made, self.code)}
@@ -254,13 +235,19 @@ class _Reader:
         for match in re.finditer(r"\b(add[A-Z]\w*)\s*\(", self.code):
             if match.start() not in self._read:
                 why = "its layer is not known" if match[1] in _ADDED else "this call is not known"
-                self.program.notes.leave(f"{match[1]} (…)", self.text.place(match.start()), why)
+                self.program.notes.leave(f"{match[1]} (…)", self._place(match.start()), why)
         for match in re.finditer(_MADE.format(r"[A-Z]\w*(?:Layer|Manager)"), self.code):
             known = match[2] in {"StateLayer", "ObservationLayer", "PredicateManager"} or match[2].endswith(
                 "ActionLayer"
             )
             if (match[1] or match[3]) and not known and match.start(2) not in self._read:
-                self.program.notes.leave(match[2], self.text.place(match.start(2)), "this layer is not known")
+                self.program.notes.leave(match[2], self._place(match.start(2)), "this layer is not known")
+
+    def _place(self, position: int) -> str:
+        """Return the file and the line of a place in the code."""
+        path, start = [each for each in self._files.items() if each[1] <= position][-1]
+        lines = list(accumulate((len(line) for line in self.code[start:].splitlines(keepends=True)), initial=0))
+        return f"{path}:{bisect_right(lines, position - start)}"
 
     def _calls(self, name: str) -> list[tuple[str, list[str], int]]:
         """Return the calls of a method: on what, with which arguments, and where."""
@@ -300,7 +287,7 @@ class _Reader:
 
     def _factors(self, call: str, into: list[tuple[list[str], str]]) -> None:
         for _, arguments, start in self._calls(call):
-            place = self.text.place(start)
+            place = self._place(start)
             added = _added(", ".join(arguments))
             if not added and arguments and re.fullmatch(_NAME, arguments[0]):
                 of = rf"\b(?:{arguments[0]}\s*\.|{arguments[0]}\s*=|Dep\s+{arguments[0]}\b)[^;]*;"
@@ -318,7 +305,7 @@ class _Reader:
                 continue  # its class, or a function
             end = _closed(self.code, match.end() - 1, "()" if match[4] == "(" else "{}")
             given = "" if match[4] == ";" else self.code[match.end() : end]
-            control = Control(match[2], [self._value(each) for each in _split(given)], self.text.place(match.start(2)))
+            control = Control(match[2], [self._value(each) for each in _split(given)], self._place(match.start(2)))
             self.program.controls.append(control)
             if not control.is_known:
                 why = "this controller is not known; what is beside it is taken"
@@ -333,7 +320,7 @@ class _Reader:
                     given = _split(self.code[made.end() : _closed(self.code, made.end() - 1)])
                     self.program.map = self._value(given[0]) if given else None
         for layer, arguments, start in self._calls("addAction"):
-            place = self.text.place(start)
+            place = self._place(start)
             first = next((text for each in arguments if (text := _text(each)) is not None), None)
             if layer in navigators and first is not None and len(arguments) == 1:
                 self.program.actions.append(Action(first, place, way=True))
@@ -366,14 +353,14 @@ class _Reader:
                 if client in self._clients
             ]
             called += re.findall(r'service\s*::\s*call\s*\(\s*"([^"]+)"', inner)
-            return Routine(name, self.text.place(match.start()), tuple(called))
+            return Routine(name, self._place(match.start()), tuple(called))
         return Routine(name, place)
 
     def _predicates(self) -> None:
         classes = self._classes()
         for call, event in (("addPredicate", False), ("addEvent", True)):
             for _, arguments, start in self._calls(call):
-                place = self.text.place(start)
+                place = self._place(start)
                 variable = (arguments[0] if arguments else "").strip("*& ")
                 declared = self._declaration(variable, classes, event=event)
                 if declared is None:
@@ -385,7 +372,7 @@ class _Reader:
         made = re.search(rf"\b({_NAME})\s+{re.escape(variable)}\s*([;(])", self.code) if variable else None
         if made is None:
             return None
-        place = self.text.place(made.start())
+        place = self._place(made.start())
         arguments = _split(self.code[made.end() : _closed(self.code, made.end() - 1)]) if made[2] == "(" else []
         kind = made[1]
         if kind == "TopologicalPredicate":
@@ -423,7 +410,7 @@ class _Reader:
                 r"else\{?if\(getDependencyValue\(\"([^\"]+)\"\)\)\{?setValue\(true\);",
                 re.sub(r"\s", "", body),
             )
-            place = self.text.place(match.start())
+            place = self._place(match.start())
             about = f"class {match[1]}"
             needs = re.findall(r'\.\s*add\s*\(\s*"([^"]+)"\s*\)', body)
             if needs:

@@ -46,7 +46,8 @@ _RISE = 0.3
 _SPECK = 0.15
 """Square metres of furniture and noise that divide no room."""
 _DOOR, _ALIKE = 0.75, 0.4
-"""The share of the width of the narrower of two regions from which a passage is no door, if they are so alike."""
+"""The share of the width of the narrower of two regions from which a passage is no door, if they are so alike: a
+corridor that opens into a hall is another room."""
 _WIDE = 4.0
 """Metres from which a passage is no door, whatever it leads to."""
 _LEAST = 4.0
@@ -106,7 +107,7 @@ def draft(grid: Grid, graph: Graph) -> Labels:
     return Labels(grid.frame, raster, graph.names)
 
 
-def rooms(grid: Grid, reached: Mask, *, door: float, alike: float, least: float) -> Regions:
+def rooms(grid: Grid, reached: Mask, least: float) -> Regions:
     """Divide the free cells of a grid at what may be doors, without goals; return regions by one of their cells.
 
     Regions are joined where the passage between them is no door, and where one is too small for a room.
@@ -114,8 +115,6 @@ def rooms(grid: Grid, reached: Mask, *, door: float, alike: float, least: float)
     Args:
         grid: The floor.
         reached: The cells that count for the size of a room.
-        door: The share of the clearance in the narrower of two regions from which a passage is no door,
-        alike: if the narrower has this share of the other's; a corridor that opens into a hall is another room.
         least: The square metres of a room.
     """
     open_cells = _without_specks(grid)
@@ -123,7 +122,7 @@ def rooms(grid: Grid, reached: Mask, *, door: float, alike: float, least: float)
     regions = _peaks(clearance, open_cells)
     forest, found = _forest(regions, clearance, open_cells)
     for left, right, saddle in found:
-        forest.join_if_no_door(left, right, saddle, door, alike)
+        forest.join_if_no_door(left, right, saddle)
     sizes = np.bincount(regions[reached], minlength=clearance.size).astype(np.float64) * grid.frame.resolution**2
     forest.join_small(found, sizes, least)
     return forest.joined(regions)
@@ -226,11 +225,11 @@ class _Forest:
         if low != high and self.peaks[low] - saddle < _RISE:
             self.parents[low] = high
 
-    def join_if_no_door(self, one: int, other: int, saddle: float, door: float, alike: float) -> None:
+    def join_if_no_door(self, one: int, other: int, saddle: float) -> None:
         """Join two where the passage between them is wide, or nearly as wide as the narrower, and that as the other."""
         low, high = sorted((self.root(one), self.root(other)), key=lambda root: (self.peaks[root], root))
         narrow, wide = self.peaks[low], self.peaks[high]
-        alike_and_open = saddle >= door * narrow and narrow >= alike * wide
+        alike_and_open = saddle >= _DOOR * narrow and narrow >= _ALIKE * wide
         if low != high and (alike_and_open or 2 * saddle >= _WIDE):
             self.parents[low] = high
 
@@ -287,7 +286,7 @@ def propose(grid: Grid, *, radius: float = 0.25, margin: float = 0.3, least: flo
     if not count:
         raise MapError(f"a robot with a radius of {radius:g} m fits nowhere on this map")
     reached: Mask = parts == 1 + int(np.bincount(parts.ravel())[1:].argmax())  # the largest part
-    regions = rooms(grid, reached, door=_DOOR, alike=_ALIKE, least=least)
+    regions = rooms(grid, reached, least)
     numbers = np.unique(regions[reached])
     raster = np.searchsorted(numbers, regions).astype(np.uint16) + 1
     raster[~np.isin(regions, numbers)] = 0

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
     from mdm.maps.raster import Grid
 
+_SPEED = 0.5
+"""Metres a second at which ways are driven, as far as their goals are apart, where they are weighed against lifts."""
+
 
 @dataclass(frozen=True, eq=False)
 class Map:
@@ -170,14 +173,13 @@ def joined(graphs: Mapping[str, Graph], lifts: Iterable[Lift]) -> Graph:
     return Graph(tuple(nodes), tuple(edges))
 
 
-def rides(graph: Graph, source: str, target: str, *, speed: float = 0.5) -> tuple[Edge, ...]:
+def rides(graph: Graph, source: str, target: str) -> tuple[Edge, ...]:
     """Return the lifts that the quickest way from a place to another one takes, in their order; none where none is.
 
     Args:
         graph: Of all floors.
         source: Where the way begins.
         target: Where it ends.
-        speed: At which ways are driven, as far as their goals are apart, in metres a second.
 
     Raises:
         MapError: If no ways lead there.
@@ -197,7 +199,7 @@ def rides(graph: Graph, source: str, target: str, *, speed: float = 0.5) -> tupl
             if edge.source == place:
                 there, lasts = graph.node(edge.target).goal, edge.seconds
                 if lasts is None:
-                    lasts = math.dist((here.x, here.y), (there.x, there.y)) / speed
+                    lasts = math.dist((here.x, here.y), (there.x, there.y)) / _SPEED
                 after = taken if edge.lift is None else (*taken, edge)
                 heappush(queue, (seconds + lasts, next(pushed), edge.target, after))
     raise MapError(f"no ways and lifts lead from {source!r} to {target!r}")

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 _TOLD = 10
 """Problems of a kind that are told one by one."""
 _DRAWN = 50
-_AROUND = 1.5
-"""Metres around the place of a problem that its picture shows."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -122,7 +120,7 @@ def _draw(floors: dict[str, Parts], problems: Sequence[Problem], folder: Path, r
     for index, problem in enumerate(problems[:_DRAWN]):
         if problem.floor not in floors:
             continue  # it is about several floors
-        picture = problem_picture(floors[problem.floor], problem, radius, _AROUND)
+        picture = problem_picture(floors[problem.floor], problem, radius)
         if picture is not None:
             path = folder / f"{index + 1:02d}-{problem.kind}.png"
             keep(picture, path)

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 _DETAIL = 800
 """Pixels of the longer side of a detail."""
+_AROUND = 1.5
+"""Metres around the place of a problem that its picture shows."""
 _USUAL, _LARGEST = 1200, 3000
 """Pixels of the longer side of a whole floor."""
 _OFF_WALLS = 0.2
@@ -173,12 +175,12 @@ def grid_picture(grid: Grid) -> Any:
     return picture.finished()
 
 
-def problem_picture(parts: Parts, problem: Problem, radius: float, metres: float) -> Any:
+def problem_picture(parts: Parts, problem: Problem, radius: float) -> Any:
     """Return a picture of the places that a problem is about; None where it is nowhere."""
     corners = [*problem.cells, *([] if problem.cells else _goals(parts, problem.places))]
     if not corners:
         return None
-    picture = Picture(parts.labels, parts.grid, around(parts.labels.frame, corners, metres), size=_DETAIL)
+    picture = Picture(parts.labels, parts.grid, around(parts.labels.frame, corners, _AROUND), size=_DETAIL)
     if problem.kind == "goals":
         _furnish(picture, parts, [], radius)
         for name in problem.places:

@@ -107,12 +107,7 @@ def load_floors(path: str | PathLike[str], *, robot: Mapping[str, str] | None = 
 
 
 def load_building(path: str | PathLike[str], *, robot: Mapping[str, str] | None = None) -> BuildingParts:
-    """Load the parts of a building, whether or not those of a floor fit each other.
-
-    Raises:
-        FormatError: If the file, or one that it names, is missing or malformed, or a lift stops nowhere.
-        MapError: If what is given of a floor is too little or too much to know the areas of its places.
-    """
+    """Load the parts of a building as `load_floors` does, whether or not those of a floor fit each other."""
     file = _File(Path(path))
     document = file.table(file.document, _Document)
     if not document.floors:

@@ -120,12 +120,7 @@ def load_parts(
     reach: float | None = None,
     robot: Mapping[str, str] | None = None,
 ) -> Parts:
-    """Load a map, as `load_map` does, whether or not its labels and its graph fit each other.
-
-    Raises:
-        FormatError: If a file is missing or malformed, or the image has another size than the map.
-        MapError: If what is given is too little or too much to know the areas of the places.
-    """
+    """Load a map, as `load_map` does, whether or not its labels and its graph fit each other."""
     if reach is not None and not 0 < reach <= _FAR:
         raise MapError(f"places that reach {reach:g} m from their goals: give metres above 0, at most {_FAR:,.0f}")
     graph = graph if isinstance(graph, Graph) else load_graph(graph, robot=robot)

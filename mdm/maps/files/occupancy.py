@@ -59,10 +59,6 @@ def free_grey(path: str | Path) -> tuple[float, int, float] | None:
 
     Returns:
         Its brightness of 255, the number of its cells, and the threshold; None where there is no such grey.
-
-    Raises:
-        FormatError: If a file is missing or malformed.
-        MapError: If PyYAML or Pillow is missing where it is needed.
     """
     grid, darkness, free = _read(path)
     shades, counts = np.unique(darkness[grid.free].round(3), return_counts=True)
@@ -117,12 +113,7 @@ def _read(path: str | Path) -> tuple[Grid, NDArray[np.float64], float]:
 
 
 def image_of(path: str | Path) -> Path:
-    """Return the path of the image of ROS's `map.yaml`.
-
-    Raises:
-        FormatError: If the YAML file is missing or malformed.
-        MapError: If PyYAML is not installed.
-    """
+    """Return the path of the image of ROS's `map.yaml`."""
     source = Source(path)
     return source.path.parent / read_yaml(source).need("image", _WHAT).string("image")
 

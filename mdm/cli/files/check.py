@@ -21,7 +21,8 @@ from mdm.formats import load_model, load_policy
 from mdm.formats.source import suffixes
 from mdm.logic import P, parse
 from mdm.models.diagnosis import diagnose
-from mdm.models.durations import discounts_in_time
+from mdm.models.durations import in_time
+from mdm.models.dynamics import Dynamics
 from mdm.models.units import check_steps
 from mdm.models.validation import Problem, collect_problems
 from mdm.policies import DeterministicPolicy, QTable
@@ -223,62 +224,40 @@ def stale(model: MDP, policy: Any, model_file: str, policy_file: str, durations:
     if policy.mismatch(model) is not None:
         return None
     try:
-        backed_up = _backup(model, durations)
+        if durations is None:
+            check_steps(model)
+        dynamics = Dynamics(model if durations is None else in_time(model, durations))
         if isinstance(policy, QTable):
-            found = _of_values(model, policy, backed_up)
+            values = policy.values.max(axis=1)
         else:
             from mdm.solvers.evaluation import state_values  # noqa: PLC0415 - values of actions need no solver
 
-            values = backed_up(state_values(model, policy, durations=durations))
-            found = _of_actions(model, policy, values)
+            values = state_values(model, policy, durations=durations)
+        table = dynamics.q_values(np.append(values, np.zeros(dynamics.num_states - size)))[:size]
     except Error:
         return None  # there may be no value at a discount of 1, nor at one of a second without times
+    most = _SHARE * float(np.abs(model.rewards).max())
+    found = (_of_values if isinstance(policy, QTable) else _of_actions)(model, policy, table, most)
     if found is None:
         return None
     policy_name, model_name = Path(policy_file).name, Path(model_file).name
     return f"{policy_name} is not that of {model_name}: {found}; solve again, if the model was changed since"
 
 
-def _backup(model: MDP, durations: Durations | None) -> Callable[[Vector], Vector]:
-    """Return what turns V(s') into R(s, a) + g sum T(s' | s, a) V(s'), S x A.
-
-    Raises:
-        ModelError: If it is not known how much time is discounted.
-    """
-    rewards, discounts = model.rewards, np.full(model.rewards.shape, model.discount)
-    if durations is None:
-        check_steps(model)
-    else:
-        discounts, rewards = discounts_in_time(model, durations), durations.rewards(model)
-
-    def backed_up(values: Vector) -> Vector:
-        nexts = [model.transition_matrix(action) @ values for action in range(len(model.action_space))]
-        result: Vector = rewards + discounts * np.stack(nexts, axis=1)
-        return result
-
-    return backed_up
-
-
-def _margin(model: MDP) -> float:
-    return _SHARE * float(np.abs(model.rewards).max())
-
-
-def _of_values(model: MDP, policy: QTable, backed_up: Callable[[Vector], Vector]) -> str | None:
-    values = backed_up(policy.values.max(axis=1))
+def _of_values(model: MDP, policy: QTable, values: Vector, most: float) -> str | None:
     differ = np.abs(values - policy.values)
     differ[~np.isfinite(policy.values)] = 0  # an action that is not allowed there
     state, action = np.unravel_index(int(differ.argmax()), differ.shape)
-    if differ[state, action] <= _margin(model):
+    if differ[state, action] <= most:
         return None
     pair = f"{model.action_space.names[int(action)]!r} in {model.state_space.names[int(state)]!r}"
     return f"of {pair} it says {policy.values[state, action]:.4g}, where that model gives {values[state, action]:.4g}"
 
 
-def _of_actions(model: MDP, policy: DeterministicPolicy, values: Vector) -> str | None:
-    own = values[np.arange(len(values)), list(policy.actions)]
-    lost = values.max(axis=1) - own
+def _of_actions(model: MDP, policy: DeterministicPolicy, values: Vector, most: float) -> str | None:
+    lost = values.max(axis=1) - values[np.arange(len(values)), list(policy.actions)]
     state = int(lost.argmax())
-    if lost[state] <= _margin(model):
+    if lost[state] <= most:
         return None
     better, chosen = model.action_space.names[int(values[state].argmax())], policy.actions[state]
     return (

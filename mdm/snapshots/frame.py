@@ -288,7 +288,7 @@ class Scene(msgspec.Struct, frozen=True):
     """A run, as far as it stays as it is.
 
     Attributes:
-        version: Of the library; a page of another one is loaded anew.
+        version: Of the library; a page of another one loads again.
         source: A running system, or a record.
         title: Of the run, such as a file's name.
         began: The time in nanoseconds since 1970 of second 0, 0 where that is not known.

@@ -92,10 +92,16 @@ class _Ensemble:
         foreign = cause == "team"
         observation = None if foreign or controller.takes == "state" else self._taken_in(cause)
         decision = Decision(
-            *(last.time, self.path, last.epoch, cause, None if foreign else last.state, observation),
-            None if observation is None else controller.decided_by,
-            *(last.index, ensemble.joint_name(last.index)),
-            None if reward is None or reward.epoch != last.epoch else reward.value,
+            last.time,
+            self.path,
+            last.epoch,
+            cause,
+            state=None if foreign else last.state,
+            observation=observation,
+            belief=None if observation is None else controller.decided_by,
+            action=last.index,
+            action_name=ensemble.joint_name(last.index),
+            reward=None if reward is None or reward.epoch != last.epoch else reward.value,
         )
         self.reducer.add(decision, decisions - self.decisions, repeats - self._repeats)
         self.decisions, self._repeats = decisions, repeats
@@ -527,9 +533,8 @@ def spread(histogram: Histogram) -> Spread:
         for place, count in enumerate(histogram.counts)
         if count
     ]
-    return Spread(
-        *(histogram.count, histogram.quantile(0.5), histogram.quantile(0.99), histogram.maximum), tuple(buckets)
-    )
+    half, most = histogram.quantile(0.5), histogram.quantile(0.99)
+    return Spread(histogram.count, half, most, histogram.maximum, tuple(buckets))
 
 
 _LAYER = {

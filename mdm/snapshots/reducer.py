@@ -313,13 +313,13 @@ class EnsembleReducer:
         return self._living.keys()
 
     def lose(self, life: int, time: int) -> None:
-        """Take that a life has ended somehow, of which no message has come."""
+        """End a life whose end was not heard."""
         del self._living[life]
         self.lives.add(time, tuple(self._living.values()))
         self.version += 1
 
     def finish(self, time: int) -> None:
-        """Take that nothing follows a time."""
+        """End all spells: no message follows a time."""
         self.spells.finish(time)
 
     @property
@@ -486,10 +486,6 @@ class EnsembleReducer:
             at = at_state(self.known.space, message.state)
         elif message.cause != "observation":
             at = on_observing(self.known.observed(message.observation))
-        return Event(
-            *(0, self.seconds(message.time), "decision", self.path, message.action_name),
-            detail=self.cause(place),
-            life=message.epoch,
-            at=at,
-            count=of if count is None else count,
-        )
+        time, count = self.seconds(message.time), of if count is None else count
+        about = {"detail": self.cause(place), "life": message.epoch, "count": count, "at": at}
+        return Event(0, time, "decision", self.path, message.action_name, **about)

@@ -123,10 +123,7 @@ def _scene(name: str, labels: Labels, graph: Graph | None, grid: Grid | None) ->
         places.append(PlaceScene(place, round(row / step, 2), round(column / step, 2)))
     ways = () if graph is None else tuple([WayScene(edge.source, edge.target, edge.label) for edge in graph.edges])
     rows, columns = raster.shape
-    return FloorScene(
-        *(name, rows, columns, frame.resolution * step),
-        *(raster.tobytes(), tuple(places), ways),
-    )
+    return FloorScene(name, rows, columns, frame.resolution * step, raster.tobytes(), tuple(places), ways)
 
 
 def robot_frame(places: Places, pose: Pose | None, goal: str | None) -> RobotFrame | None:

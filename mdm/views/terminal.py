@@ -94,7 +94,7 @@ class Terminal:
         Args:
             frame: The frame.
             height: The lines that there are.
-            status: Said at the top.
+            status: Text at the top.
         """
         remarks = [self._text((f"Note: {text}", "yellow")) for text in self.scene.remarks]
         whole = f" of {seconds(self.scene.last)}" if self.scene.source == "record" else ""

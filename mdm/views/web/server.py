@@ -79,7 +79,7 @@ class PageServer:
         live: Whether the source is a running system.
         control: Whether commands are taken.
         token: The secret of its address; by default that of the environment's ``MDM_PAGE_TOKEN``, else a random one.
-        renew: Returns the source anew, in a thread, for each page that is loaded: a record may have grown since.
+        renew: Reads the source again, in a thread, for each page that is loaded: a record may have grown since.
 
     Raises:
         Error: If ``websockets`` is not installed, a host that is not loopback has no certificate, or one that browsers
@@ -277,7 +277,7 @@ class PageServer:
     def _watch(self) -> None:
         loop = asyncio.get_running_loop()
         if loop.time() - self._made >= _HEARTBEAT:
-            with suppress(Exception):  # which is told to whoever looks
+            with suppress(Exception):  # whoever looks sees the error
                 self._source.frame(())
             self._made = loop.time()
         self._beat = loop.call_later(_HEARTBEAT, self._watch)

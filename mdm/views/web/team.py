@@ -56,7 +56,7 @@ _encode = msgspec.json.encode
 
 
 class _Agent:
-    """An agent, as far as its page has told of it."""
+    """An agent, by its page."""
 
     def __init__(self, name: str, address: str, team: TeamRun) -> None:
         self.name = name
@@ -65,8 +65,8 @@ class _Agent:
         self._address = address
         self._team = team
         self._cursor = 0
-        # When the process began whose events were heard, and the number of the last: it tells all of them to each who
-        # comes anew. And whether it is told that the agent has gone.
+        # When the process began whose events were heard, and the number of the last: each who comes hears all of them
+        # again. And whether the events say that the agent has gone.
         self._heard = (0, 0)
         self._is_gone = False
         self._socket: Socket | None = None
@@ -75,7 +75,7 @@ class _Agent:
         self._allowance = Allowance(4, 8)  # less than the agent's own page allows, which ends the talk
 
     async def follow(self) -> None:
-        """Look at the agent, again and again where it starts anew."""
+        """Look at the agent, again where it starts again."""
         while True:
             with suppress(Error, OSError, msgspec.MsgspecError):
                 async with opened(self._address) as socket:
@@ -284,7 +284,14 @@ class TeamRun:
             predicates += [msgspec.structs.replace(each, name=agent.shown(each.name)) for each in scene.predicates]
             floors += [floor for floor in scene.floors if floor not in floors]
         return Scene(
-            *(__version__, "live", self._title, self.began, 0.0, 0.0, tuple(ensembles), tuple(predicates)),
+            version=__version__,
+            source="live",
+            title=self._title,
+            began=self.began,
+            first=0.0,
+            last=0.0,
+            ensembles=tuple(ensembles),
+            predicates=tuple(predicates),
             floors=tuple(floors),
             control=self._control,
         )

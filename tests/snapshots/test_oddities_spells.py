@@ -138,13 +138,15 @@ def test_of_an_ensemble_of_which_only_the_name_is_known_nothing_is_odd():
     assert spells([], 10 * SECOND) == []
 
 
-def test_a_short_break_ends_no_spell_but_that_of_another_rule_or_action():
-    def burst(begin, action):
-        decisions = [
-            Decision(begin + step, "robot", step, "again", None, None, None, 0, action, None) for step in range(10)
-        ]
-        return [*decisions, Decision(begin + 10, "robot", 10, "tick", None, None, None, 0, "z", None)]
+def burst(begin, action):
+    """Return ten decisions that repeat an action, and one for another action."""
+    decisions = [
+        Decision(begin + step, "robot", step, "again", None, None, None, 0, action, None) for step in range(10)
+    ]
+    return [*decisions, Decision(begin + 10, "robot", 10, "tick", None, None, None, 0, "z", None)]
 
+
+def test_a_short_break_ends_no_spell_but_that_of_another_rule_or_action():
     def bursts(second, gap):
         messages = [Mode(0, "robot", "deciding", (), 0), *burst(0, "a"), *burst(20, second)]
         return [each[:4] for each in spells(messages, 40, gap)]
@@ -152,3 +154,9 @@ def test_a_short_break_ends_no_spell_but_that_of_another_rule_or_action():
     assert bursts("a", 10) == [(9, 30, "repeated", "a")]
     assert bursts("a", 9) == [(9, 10, "repeated", "a"), (20, 30, "repeated", "a")]
     assert bursts("b", 20) == [(9, 10, "repeated", "a"), (29, 30, "repeated", "b")]
+
+
+def test_a_tick_that_decides_a_repeated_action_once_more_is_in_a_spell_again():
+    again = Decision(12, "robot", 11, "tick", None, None, None, 0, "a", None)
+    messages = [Mode(0, "robot", "deciding", (), 0), *burst(0, "a"), again]
+    assert [each[:4] for each in spells(messages, 40)] == [(9, 10, "repeated", "a"), (12, 41, "repeated", "a")]

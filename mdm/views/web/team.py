@@ -75,7 +75,7 @@ class _Agent:
         self._allowance = Allowance(4, 8)  # less than the agent's own page allows, which ends the talk
 
     async def follow(self) -> None:
-        """Look at the agent, again where it starts again."""
+        """Look at the agent, and again whenever it restarts."""
         while True:
             with suppress(Error, OSError, msgspec.MsgspecError):
                 async with opened(self._address) as socket:

@@ -17,10 +17,10 @@ from mdm.formats.archive.npz import is_archive
 from mdm.formats.files import beginning, holds_policy
 from mdm.logic import Formula, parse, similar
 from mdm.messages import Fault
+from mdm.options import Seconds
 from mdm.runtime import Actor, ActorFailure
 from mdm.runtime.process.watchdog import check_emergency
 from mdm.runtime.supervision import describe
-from mdm.runtime.time.clock import check_seconds
 from mdm.texts import texts_in
 
 if TYPE_CHECKING:
@@ -273,12 +273,10 @@ class _Builder:
             models=self._models,
         )
         ensembles = builder.build(document)
-        tasks = self._tasks(self._own_tasks(document, share))
+        given = document.get("tasks", [])
+        tasks = self._tasks(given if share is None else self._problems.attempt("tasks", share.tasks, given, "tasks"))
         emergency = self._emergency(document.get("emergency"))
-        starved_after = document.get("starved_after")
-        with self._problems.collecting("starved_after"):
-            if starved_after is not None:
-                check_seconds(starved_after, "starved_after", key="starved_after")
+        starved_after = self._problems.convert(document.get("starved_after"), Seconds | None, "starved_after")
         if located:
             declarations.check()
         before = len(self._problems)
@@ -296,18 +294,18 @@ class _Builder:
         if builder.complete:
             declarations.check_ends({name for ensemble in ensembles.values() for name in ensemble.action.names})
         self._problems.raise_all()
-        with self._problems.collecting("ensembles"):
-            return System(
-                *(declarations.manager, ensembles, tasks),
-                places=places,
-                member=member,
-                emergency=emergency,
-                starved_after=starved_after,
-                monitors=builder.monitors,
-                durations=builder.durations,
-            )
+        system = self._problems.attempt(
+            *("ensembles", System, declarations.manager, ensembles, tasks),
+            places=places,
+            member=member,
+            emergency=emergency,
+            starved_after=starved_after,
+            monitors=builder.monitors,
+            durations=builder.durations,
+        )
         self._problems.raise_all()
-        raise AssertionError
+        assert system is not None
+        return system
 
     def _places(
         self, document: dict[str, Any], declarations: Declarations, share: Share | None
@@ -333,22 +331,12 @@ class _Builder:
                 self._problems.raise_all()
             return None, None
         described = self._team(document)
-        if described is not None:
-            with self._problems.collecting("team.agents"):
-                if agent is None:
-                    names = ", ".join(described.team.names)
-                    raise ConfigError(f"this file describes a team: say which agent's part: {names}")
-                return described, described.share(agent)
-        self._problems.raise_all()
-        raise AssertionError
-
-    def _own_tasks(self, document: dict[str, Any], share: Share | None) -> object:
-        given = document.get("tasks", [])
-        if share is not None:
-            with self._problems.collecting("tasks"):
-                return share.tasks(given, "tasks")
-            return []
-        return given
+        share = None if described is None else self._problems.attempt("team.agents", described.share, agent)
+        if described is None or share is None:
+            self._problems.raise_all()
+        assert described is not None
+        assert share is not None
+        return described, share
 
     def _read(self) -> dict[str, Any]:
         if self._path.exists() and not self._path.is_file() and not self._path.is_dir():
@@ -377,6 +365,8 @@ class _Builder:
         return None if held is None else f"the file holds {held}; a TOML file of ensembles was expected"
 
     def _tasks(self, references: object) -> list[Callable[[System], Any]]:
+        if references is None:  # problems have been noted
+            return []
         if not isinstance(references, list) or not all(isinstance(reference, str) for reference in references):
             self._problems.add("tasks must be a list of functions, such as ['sensors:read']", "tasks")
             return []
@@ -442,16 +432,14 @@ class Declarations:
 
     def declare(self, document: dict[str, Any]) -> None:
         """Declare predicates and events, even invalid ones, so that their uses are not reported as well."""
-        for name, value in self._problems.tables(document, "predicates"):
-            with self._problems.collecting(f"predicates.{name}"):
-                self._predicate(name, value)
-            if self.manager.declared.knows(name) is None:
-                self.manager.sensor(name)
-        for name, value in self._problems.tables(document, "events"):
-            with self._problems.collecting(f"events.{name}"):
-                self._event(name, value)
-            if self.manager.declared.knows(name) is None:
-                self.manager.event(name)
+        manager = self.manager
+        tables = ("predicates", self._predicate, manager.sensor), ("events", self._event, manager.event)
+        for kind, declare, stand_in in tables:
+            for name, value in self._problems.tables(document, kind):
+                key = f"{kind}.{name}"
+                self._problems.attempt(key, declare, name, {"formula": value} if isinstance(value, str) else value, key)
+                if manager.declared.knows(name) is None:
+                    stand_in(name)
 
     def declare_others(self, ensembles: object) -> None:
         """Declare the events of other agents that formulas and the observations of ensembles name."""
@@ -468,9 +456,7 @@ class Declarations:
             if foreign and declared.get(event) == "event" and name not in declared:
                 self.manager.event(name)
 
-    def _predicate(self, name: str, value: Any) -> None:
-        key = f"predicates.{name}"
-        written = {"formula": value} if isinstance(value, str) else value
+    def _predicate(self, name: str, written: Any, key: str) -> None:
         table: PredicateTable | None = self._problems.convert(written, PredicateTable, key)
         if table is None:
             return
@@ -483,9 +469,7 @@ class Declarations:
         else:
             self.manager.sensor(name, when=table.when, max_age=table.max_age, initial=table.initial)
 
-    def _event(self, name: str, value: Any) -> None:
-        key = f"events.{name}"
-        written = {"formula": value} if isinstance(value, str) else value
+    def _event(self, name: str, written: Any, key: str) -> None:
         table: EventTable | None = self._problems.convert(written, EventTable, key)
         if table is not None:
             self.manager.event(name, None if table.formula is None else self._formula(table.formula, key))

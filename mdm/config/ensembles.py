@@ -201,22 +201,20 @@ class Ensembles:
         if name in self._ensembles or table is None:
             return self._ensembles.get(name)
         self._ensembles[name] = None
-        with self._problems.collecting(key):
-            parts = self._parts(name, table, (*above, name))
-            if parts is None:
-                return None
-            self._ensembles[name] = ensemble = Ensemble(
-                name,
-                predicates=self._predicates,
-                local=table.local,
-                **{**table.as_arguments(SafetySettings), **parts},
-            )
-            if table.drift is not None:
-                self._problems.attempt(f"{key}.drift", self._watch, ensemble, table.drift)
-            if table.durations is not None:
-                self._problems.attempt(f"{key}.durations", self._time, ensemble, table.durations)
-            return ensemble
-        return None
+        attempt = self._problems.attempt
+        parts = attempt(key, self._parts, name, table, (*above, name))
+        if parts is None:
+            return None
+        options = {**table.as_arguments(SafetySettings), **parts}
+        ensemble = attempt(key, Ensemble, name, predicates=self._predicates, local=table.local, **options)
+        if ensemble is None:
+            return None
+        self._ensembles[name] = ensemble
+        if table.drift is not None:
+            attempt(f"{key}.drift", self._watch, ensemble, table.drift)
+        if table.durations is not None:
+            attempt(f"{key}.durations", self._time, ensemble, table.durations)
+        return ensemble
 
     def _watch(self, ensemble: Ensemble, odds: float) -> None:
         """Have an ensemble's decisions held against its model."""
@@ -364,12 +362,11 @@ class Ensembles:
         made = self._made(reference, model, f"{key}.policy", "a policy")
         if made is None:
             return None
-        with self._problems.collecting(f"{key}.policy"):
-            if made is True and self._functions.looks:
-                return unseen_policy(reference, model, len(table.actions), *factors)
-            policy = policy_of(made, model)
-            return policy if table.seed is None else seeded(policy, table.seed)
-        return None
+        attempt, place = self._problems.attempt, f"{key}.policy"
+        if made is True and self._functions.looks:
+            return attempt(place, unseen_policy, reference, model, len(table.actions), *factors)
+        policy = attempt(place, policy_of, made, model)
+        return policy if policy is None or table.seed is None else attempt(place, seeded, policy, table.seed)
 
     def _made(self, reference: str, model: MDP | POMDP | None, key: str, what: str) -> Any:
         """Return what the user's code makes; True where no module is run, None where there are problems."""
@@ -386,9 +383,8 @@ class Ensembles:
         if safe is None or ":" not in safe:
             return safe
         function = self._functions.find(safe, key) if seat.acts else None
-        with self._problems.collecting(key):
-            return Binding(function or nothing).target
-        return nothing
+        binding = self._problems.attempt(key, Binding, function or nothing)
+        return nothing if binding is None else binding.target
 
     def _search(
         self, table: EnsembleTable, model: MDP | POMDP | None, policy: Any, key: str, memory: float | None
@@ -396,22 +392,25 @@ class Ensembles:
         search: SearchTable | None = self._problems.convert(table.search, SearchTable, key)
         if search is None:
             return None
+        return self._problems.attempt(key, self._searching, table, search, model, policy, memory)
+
+    def _searching(
+        self, table: EnsembleTable, search: SearchTable, model: MDP | POMDP | None, policy: Any, memory: float | None
+    ) -> TreeSearch:
         from mdm.solvers.online import TreeSearch  # noqa: PLC0415 - a robot that does not search loads no solver
 
-        with self._problems.collecting(key):
-            if model is None:
-                raise ConfigError("a search needs a model")
-            if table.false_negative is not None:
-                model = model.with_false_negatives(table.false_negative)
-            check_memory(model, memory, beliefs=True, matrices="a search")
-            return TreeSearch(
-                model if memory is None else spared(model),
-                seed=table.seed,
-                fallback=policy,
-                plans=policy if search.plans else None,
-                **{name: limit for name, limit in table.search.items() if name != "plans"},
-            )
-        return None
+        if model is None:
+            raise ConfigError("a search needs a model")
+        if table.false_negative is not None:
+            model = model.with_false_negatives(table.false_negative)
+        check_memory(model, memory, beliefs=True, matrices="a search")
+        return TreeSearch(
+            model if memory is None else spared(model),
+            seed=table.seed,
+            fallback=policy,
+            plans=policy if search.plans else None,
+            **{name: limit for name, limit in table.search.items() if name != "plans"},
+        )
 
     def _factors(
         self, factor: Callable[..., T], kind: Any, tables: dict[str, Any], key: str, *, indices: bool

@@ -41,45 +41,41 @@ class Functions:
             where the source of its module says that it is async.
         look: Whether functions that are not imported are looked for in the source of their modules; each is then one
             of that name, kind and arguments, or an `Unseen` one where the source does not tell.
+
+    Attributes:
+        imported: Whether the functions found are those that the file names, and not stand-ins that do nothing.
+        looks: Whether no module is to be run at all.
     """
 
     def __init__(self, folder: Path, problems: Problems, *, callbacks: bool, look: bool = False) -> None:
         self._folder = folder
         self._problems = problems
-        self._callbacks = callbacks
-        self._look = look
-
-    @property
-    def imported(self) -> bool:
-        """Whether the functions found are those that the file names, and not stand-ins that do nothing."""
-        return self._callbacks
-
-    @property
-    def looks(self) -> bool:
-        """Whether no module is to be run at all."""
-        return self._look
+        self.imported = callbacks
+        self.looks = look
 
     def make(self, reference: str, key: str, model: MDP | None) -> Any:
         """Return what the class or function ``module:name`` makes; None where there is none, or no module is run."""
-        with self._problems.collecting(key):
-            if self._look:
-                look_for(reference, self._folder)
-                return None
+        return self._problems.attempt(key, self._made, reference, model)
+
+    def _made(self, reference: str, model: MDP | None) -> Any:
+        if not self.looks:
             return made(find_function(reference, self._folder), reference, model)
+        look_for(reference, self._folder)
         return None
 
     def find(self, reference: str, key: str) -> Callable[..., Any] | None:
         """Return the function named ``module:name``; None where there is none, which is noted with its key."""
-        with self._problems.collecting(key):
-            if self._callbacks:
-                return find_function(reference, self._folder)
-            if self._look:
-                return look_for(reference, self._folder) or Unseen(reference)
-            with suppress(ConfigError):  # nothing need be there
-                if inspect.iscoroutinefunction(look_for(reference, self._folder)):
-                    return Lasting()
-            return nothing
-        return None
+        return self._problems.attempt(key, self._found, reference)
+
+    def _found(self, reference: str) -> Callable[..., Any]:
+        if self.imported:
+            return find_function(reference, self._folder)
+        if self.looks:
+            return look_for(reference, self._folder) or Unseen(reference)
+        lasts = False
+        with suppress(ConfigError):  # nothing need be there
+            lasts = inspect.iscoroutinefunction(look_for(reference, self._folder))
+        return Lasting() if lasts else nothing
 
 
 def find_function(reference: str, folder: Path) -> Callable[..., Any]:

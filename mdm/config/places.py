@@ -65,18 +65,23 @@ def read_places(
     table: PlacesTable | None = problems.convert(value, PlacesTable, "places")
     if table is None:
         return None, None
-    with problems.collecting("places"):
-        floor = _floor(table, folder)
-        places = Places(floor, predicates, **table.as_arguments(PlacesSettings))
-        with problems.collecting("places.navigator"):
-            reference = _navigator(table.navigator, share)
-            if reference is None:
-                return places, None
-            make = functions.find(reference, "places.navigator")
-            navigator = _made(make, reference) if make is not None and functions.imported else _Parked()
-            return places, Navigation(floor, navigator, places)
-        return places, Navigation(floor, _Parked(), places)  # so that its actions are checked, too
-    return None, None
+    floor = problems.attempt("places", _floor, table, folder)
+    if floor is None:
+        return None, None
+    places = problems.attempt("places", Places, floor, predicates, **table.as_arguments(PlacesSettings))
+    if places is None:
+        return None, None
+    before = len(problems)
+    reference = problems.attempt("places.navigator", _navigator, table.navigator, share)
+    if reference is None and len(problems) == before:
+        return places, None
+    navigator = None if reference is None else problems.attempt("places.navigator", _made, reference, functions)
+    navigation = None
+    if len(problems) == before:
+        navigation = problems.attempt("places.navigator", Navigation, floor, navigator, places)
+    if navigation is None:  # its actions are checked all the same
+        navigation = problems.attempt("places", Navigation, floor, _Parked(), places)
+    return (None, None) if navigation is None else (places, navigation)
 
 
 def _floor(table: PlacesTable, folder: Path) -> Map | Floors:
@@ -105,7 +110,11 @@ def _navigator(given: str | dict[str, str] | None, share: Share | None) -> str |
     return share.navigator(given)
 
 
-def _made(make: Any, reference: str) -> Any:
+def _made(reference: str, functions: Functions) -> Any:
+    """Return a navigator, or what stands for one that is not made."""
+    make: Any = functions.find(reference, "places.navigator")
+    if make is None or not functions.imported:
+        return _Parked()
     kind = kind_of(make)
     if kind is not None:
         raise ConfigError(f"navigator {reference!r} cannot be made: it is {kind}, not a class or a plain function")

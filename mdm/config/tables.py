@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import msgspec
@@ -14,9 +15,8 @@ from mdm.options import Options, Seconds, misfit
 from mdm.runtime.actor import TakenName
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from pathlib import Path
-    from types import TracebackType
 
 __all__ = [
     "ActionTable",
@@ -196,24 +196,36 @@ class Problems:
             error.problems = tuple(self._found)
             raise error
 
-    def collecting(self, key: str, *, first: bool = False) -> _Collecting:
-        """Return a context manager that records an error of its block as a problem of a key and suppresses it.
+    @contextmanager
+    def collecting(self, key: str, *, first: bool = False) -> Iterator[None]:
+        """Note an error of ours that is raised within, as a problem of a key, and go on behind.
 
         Args:
             key: The key, where the error has none of its own.
-            first: Whether only the first problem of a key is recorded: the error would follow from it.
+            first: Whether only the first problem of a key is noted: the error would follow from it.
         """
-        return _Collecting(self, key, first=first)
+        try:
+            yield
+        except ConfigError as error:
+            inner = error.key or ""
+            key = inner if inner.startswith(("ensembles.", "team.")) else key
+            if not (first and any(problem.key == key for problem in self._found)):
+                self.add(error.message, key)
+        except FormatError as error:
+            place = f" (column {error.column})" if error.file is None and error.column is not None else ""
+            self.add(f"{error if error.file else error.message}{place}", key)
+        except TakenName as error:
+            text = f"an ensemble cannot be called {error.name!r}, as an actor beside it is: give it another name"
+            self.add(text, f"ensembles.{error.name}")
+        except Error as error:
+            self.add(str(error), key)
 
-    def attempt(self, key: str, make: Callable[..., T], *arguments: Any) -> T | None:
+    def attempt(self, key: str, make: Callable[..., T], /, *arguments: Any, **options: Any) -> T | None:
         """Return what a function makes; None where it raises an error of ours, which is noted with its key."""
+        made: list[T] = []
         with self.collecting(key):
-            return make(*arguments)
-        return None
-
-    def knows(self, key: str) -> bool:
-        """Whether there is a problem of a key."""
-        return any(problem.key == key for problem in self._found)
+            made.append(make(*arguments, **options))
+        return made[0] if made else None
 
     def tables(self, document: dict[str, Any], key: str) -> list[tuple[str, Any]]:
         """Return the tables below a key by their names; a problem where there is something else."""
@@ -257,33 +269,3 @@ class Problems:
         words, place = misfit(error, value, kind)
         self.add(words, f"{key}{place}")
         return place.removeprefix(".").partition("[")[0] or None
-
-
-class _Collecting:
-    """Records an error of its block as a problem of a key and suppresses it."""
-
-    def __init__(self, problems: Problems, key: str, *, first: bool) -> None:
-        self._problems = problems
-        self._key = key
-        self._first = first
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> bool:
-        if isinstance(error, ConfigError):
-            inner = error.key or ""
-            key = inner if inner.startswith(("ensembles.", "team.")) else self._key
-            if not (self._first and self._problems.knows(key)):
-                self._problems.add(error.message, key)
-        elif isinstance(error, FormatError):
-            place = f" (column {error.column})" if error.file is None and error.column is not None else ""
-            self._problems.add(f"{error if error.file else error.message}{place}", self._key)
-        elif isinstance(error, TakenName):
-            text = f"an ensemble cannot be called {error.name!r}, as an actor beside it is: give it another name"
-            self._problems.add(text, f"ensembles.{error.name}")
-        elif isinstance(error, Error):
-            self._problems.add(str(error), self._key)
-        return isinstance(error, Error)

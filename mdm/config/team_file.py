@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -80,12 +81,15 @@ class TeamFile:
         """Return the paths of the certificates of an agent, or of another holder, by name."""
         return None if self._certificates is None else access_of(self._certificates, name)
 
-    def share(self, agent: str) -> Share:
+    def share(self, agent: str | None) -> Share:
         """Return an agent's part of the file.
 
         Raises:
-            ConfigError: If there is no such agent.
+            ConfigError: If none is named, or there is no such agent.
         """
+        if agent is None:
+            names = ", ".join(self.team.names)
+            raise ConfigError(f"this file describes a team: say which agent's part: {names}")
         return Share(self.team, agent)
 
     def options(self, agent: str) -> dict[str, Any]:
@@ -131,11 +135,11 @@ def read_team(given: object, folder: Path, functions: Functions, problems: Probl
     options["communication"] = read_communication(table.communication, functions, problems)
     certificates = None if table.access is None else folder / table.access
     state = folder if table.state is None else folder / table.state
-    with problems.collecting("team"):
-        return TeamFile(Team(table.name, agents, **options), certificates, allowance, state)
-    with suppress(ConfigError):  # which has been noted
-        return TeamFile(Team(table.name, agents), certificates, allowance, state)
-    return None
+    team = problems.attempt("team", Team, table.name, agents, **options)
+    if team is None:
+        with suppress(ConfigError):  # which has been noted
+            team = Team(table.name, agents)
+    return None if team is None else TeamFile(team, certificates, allowance, state)
 
 
 def _agents(table: TeamTable, problems: Problems) -> list[Agent] | None:
@@ -156,14 +160,14 @@ def _agents(table: TeamTable, problems: Problems) -> list[Agent] | None:
     return agents
 
 
-_KINDS: dict[str, tuple[Any, tuple[str, ...], tuple[str, ...]]] = {
-    "always": (Always, (), ()),
-    "never": (Never, (), ()),
-    "on_change": (OnChange, (), ()),
-    "budget": (Budget, ("messages_per_second",), ("of", "burst")),
-    "value_of_communication": (ValueOfCommunication, ("threshold",), ()),
+_KINDS: dict[str, Callable[..., CommunicationPolicy]] = {
+    "always": Always,
+    "never": Never,
+    "on_change": OnChange,
+    "budget": Budget,
+    "value_of_communication": ValueOfCommunication,
 }
-"""What makes each of them, and the keys that it needs and takes."""
+"""Each communication policy by its name; the keys of a table are its arguments."""
 
 
 class CommunicationTable(Options, frozen=True):
@@ -195,15 +199,10 @@ def read_communication(
         return None
     if isinstance(given, str) and ":" in given:
         make = functions.find(given, key)
-        with problems.collecting(key):
-            return None if make is None else _made(make, given)
-        return None
+        return None if make is None else problems.attempt(key, _made, make, given)
     written = {"policy": given} if isinstance(given, str) else given
     table: CommunicationTable | None = problems.convert(written, CommunicationTable, key)
-    if table is not None:
-        with problems.collecting(key):
-            return _policy(table, functions, problems, key)
-    return None
+    return None if table is None else problems.attempt(key, _policy, table, functions, problems, key)
 
 
 def _made(make: Callable[[], Any], name: str) -> CommunicationPolicy | None:
@@ -219,19 +218,19 @@ def _policy(table: CommunicationTable, functions: Functions, problems: Problems,
             similar(table.policy, _KINDS) or f"; there are {', '.join(_KINDS)}, and 'module:name' for one of your own"
         )
         raise ConfigError(f"there is no communication policy {table.policy!r}{hint}")
-    kind, needed, taken = _KINDS[table.policy]
+    kind = _KINDS[table.policy]
+    arguments = inspect.signature(kind).parameters
     settings = {name: value for name, value in msgspec.structs.asdict(table).items() if value is not None}
     del settings["policy"]
     for name in settings:
-        if name not in {*needed, *taken}:
+        if name not in arguments:
             raise ConfigError(f"{name!r} means nothing for the communication policy {table.policy!r}")
-    for name in needed:
-        if name not in settings:
+    for name, argument in arguments.items():
+        if argument.default is argument.empty and name not in settings:
             raise ConfigError(f"the communication policy {table.policy!r} needs {name!r}")
     if "of" in settings:
         settings["of"] = read_communication(settings["of"], functions, problems, key=f"{key}.of")
-    policy: CommunicationPolicy = kind(**settings)
-    return policy
+    return kind(**settings)
 
 
 # -- One agent's part ----------------------------------------------------------------------------------------------

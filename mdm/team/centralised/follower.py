@@ -23,6 +23,8 @@ from mdm.team.transport.bounds import UNREADABLE, Life, Number, can_be
 from mdm.team.transport.keys import join
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from mdm.actors import Ensemble
     from mdm.runtime.dispatcher import Alarm
     from mdm.team.link import Link
@@ -53,7 +55,7 @@ class CentralisedFollower(TeamLayer):
         self._sent_at = 0
         self._life = 0
         self._last: Decision | None = None
-        self._here = False
+        self._live: Mapping[str, int] = {}
         self._unsaid = 0
 
     def on_start(self) -> None:
@@ -102,7 +104,7 @@ class CentralisedFollower(TeamLayer):
         """Send this agent's part of the next step."""
         if not self.team.event_driven:
             self.link.send(self._key, encode(Proposal(0, self.tick, part, None)), priority="step")
-        elif part is not None and (self._here or self.ownership.takes == "state"):
+        elif part is not None and (self._controller in self._live or self.ownership.takes == "state"):
             self.proposals.observe(part)
             self._send_due()
         elif part is not None:
@@ -234,7 +236,7 @@ class CentralisedFollower(TeamLayer):
 
     def update_live(self, link: Link) -> None:
         """Update whether the controller is live."""
-        was, self._here = self._here, self._controller in link.live
+        was, self._live = self._here, link.live
         if was and not self._here:
             self.proposals.leave(self._lost)
             self._send_due()
@@ -243,6 +245,11 @@ class CentralisedFollower(TeamLayer):
             text = f"agent {self._controller!r}, which decides, is gone"
             self.report_loss([self._controller], "lost_controller", text, lambda: not self._here)
         self.assess(self.runtime.now())
+
+    @property
+    def _here(self) -> bool:
+        """Whether the controller was there when it looked last."""
+        return self._controller in self._live
 
     @property
     def _lost(self) -> str:

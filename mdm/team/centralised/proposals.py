@@ -6,7 +6,7 @@ one is under way at a time; whoever has the machine sends it again until it is a
 | event | what follows |
 | --- | --- |
 | `ask` for a stop | the agent acts no more; starts and resets that were pending are void |
-| `follow` another life of the controller | commands that were pending are void; a stop is told anew, as a hold |
+| `follow` another life of the controller | commands that were pending are void; it is told of a stop again, by a hold |
 | `acknowledge` | the next proposal is due; one under whose number another has spoken is due under a new number |
 | `settle` a decision | a start ends the stop, if the controller knew of that before, in this life or an earlier one |
 | `leave`: the controller is lost | commands that were pending are void |
@@ -15,16 +15,26 @@ one is under way at a time; whoever has the machine sends it again until it is a
 from __future__ import annotations
 
 from collections import deque
+from enum import Enum
 
 import msgspec
 
 from mdm.team.agreement.proposals import BARS, HOLD, STOP
 from mdm.team.centralised.messages import Proposal
 
-__all__ = ["Proposals"]
+__all__ = ["Proposals", "Stop"]
 
 MOST = 64
 """Proposals that wait; of more, the oldest observation but the first is lost."""
+
+
+class Stop(Enum):
+    """How an agent obeys the last stop that it took."""
+
+    NONE = "it carries out the decisions of the controller"
+    UNTOLD = "the controller does not know of the stop, and is told of it when it decides next"
+    TOLD = "the controller is told of it, under a number"
+    TAKEN = "the controller knows of it"
 
 
 class Proposals:
@@ -34,29 +44,34 @@ class Proposals:
         replace: Whether a newer state takes the place of one that was not sent yet, as observations do not.
 
     Attributes:
-        still: Whether the agent carries out no decisions.
-        settled: Whether the controller knows of the stop that was asked for here.
+        stop: How the agent obeys its last stop.
         due: Whether the first proposal is to be sent now; for the caller to take.
         dropped: Observations that were too many.
         void: Tokens of commands that will not be done, each with the reason; for the caller to take.
     """
 
     def __init__(self, *, replace: bool) -> None:
-        self.still = self.due = False
+        self.stop = Stop.NONE
+        self.due = False
         self.dropped = 0
         self.void: list[tuple[str, str]] = []
         self._replace = replace
         self._waiting: deque[Proposal] = deque()
         self._number = 0
         self._life = self._step = 0
-        self._told: int | None = None  # the number under which the controller is told of the stop; 0 before it can be
+        self._told = 0  # the number under which the controller is told of the stop, while it is
         self._since = 0  # the step after which a start ends the stop
         self._known = 0  # the life of the controller that knew of it; 0 where none did
 
     @property
+    def still(self) -> bool:
+        """Whether the agent carries out no decisions."""
+        return self.stop is not Stop.NONE
+
+    @property
     def settled(self) -> bool:
         """Whether the controller knows of the stop that was asked for here, or there is none."""
-        return self._told is None
+        return self.stop in {Stop.NONE, Stop.TAKEN}
 
     @property
     def first(self) -> Proposal | None:
@@ -78,7 +93,7 @@ class Proposals:
             reachable: Whether the controller is there, and has decided something.
         """
         if command == STOP:
-            self.still, self._told, self._known = True, 0, 0
+            self.stop, self._told, self._known = Stop.UNTOLD, 0, 0
             self._discard(
                 [each for each in self._commands if each.command not in BARS], "a stop was asked for after it"
             )
@@ -86,27 +101,27 @@ class Proposals:
             return False
         self._add(None, command, token)
         if command == STOP:
-            self._told = self._number
+            self.stop, self._told = Stop.TOLD, self._number
         return True
 
     # -- Of the controller ---------------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Take it that this life of the layer has heard of no decision yet."""
+        """Begin a life of the layer, which has heard of no decision yet."""
         self._step = 0
 
     def follow(self, life: int, reason: str) -> None:
-        """Take it that another life of the controller decides, which knows of nothing that was asked before."""
+        """Follow another life of the controller, which knows of nothing that was asked before."""
         self._life, self._step = life, 0
         self.leave(reason)
         if self.still:
-            self._told = 0
+            self.stop = Stop.UNTOLD
 
     def leave(self, reason: str) -> None:
-        """Take it that the controller is lost: commands that it has not taken were asked for before."""
+        """Lose the controller: commands that it has not taken were asked for before another decides."""
         self._discard(list(self._commands), reason)
-        if self._told is not None:
-            self._told = 0
+        if self.stop is Stop.TOLD:
+            self.stop, self._told = Stop.UNTOLD, 0
 
     def forget(self) -> int:
         """Discard all that is pending, which is too old for the next controller; return how many it was."""
@@ -134,18 +149,17 @@ class Proposals:
                     msgspec.structs.replace(proposal, number=numbers[proposal.number]) for proposal in self._waiting
                 )
                 self._number = last + len(numbers)
-                if self._told is not None:
-                    self._told = numbers.get(self._told, self._told)
+                self._told = numbers.get(self._told, self._told)
             self.due = True
 
     @property
     def standstill(self) -> tuple[int, int] | None:
-        """What is to outlive the process: the life of the controller that knew of the stop, and since which step."""
+        """The stop for the next process: the life of the controller that knew of it, and since which step."""
         return (self._known, self._since if self._known else 0) if self.still else None
 
     def recall(self, known: int, since: int) -> None:
         """Obey the stop of an earlier process."""
-        self.still, self._told, self._known, self._since = True, 0, known, since
+        self.stop, self._told, self._known, self._since = Stop.UNTOLD, 0, known, since
 
     def settle(self, step: int, bar: tuple[int, int], *, running: bool, started: int, called: bool = False) -> None:
         """Take a decision: of stops, and of starts that were asked for after them.
@@ -158,18 +172,19 @@ class Proposals:
             called: Whether somebody has asked this life of the controller for a start.
         """
         self._step = step
-        if self._told is not None:
-            if self._told == 0 and running and self._is_over(started, called=called):
-                self.still, self._told = False, None
-            elif self._told == 0:
+        if self.stop is Stop.UNTOLD:
+            if running and self._is_over(started, called=called):
+                self.stop = Stop.NONE
+            else:
                 self._add(None, HOLD, "")
-                self._told = self._number
-            elif bar[0] >= self._told:
-                self._told, self._since, self._known = None, min(bar[1], step), self._life
+                self.stop, self._told = Stop.TOLD, self._number
+        elif self.stop is Stop.TOLD:
+            if bar[0] >= self._told:
+                self.stop, self._told, self._since, self._known = Stop.TAKEN, 0, min(bar[1], step), self._life
         elif not running:
-            self.still, self._since, self._known = True, step, self._life
-        if self.still and self._told is None and running and started > self._since:
-            self.still = False
+            self.stop, self._since, self._known = Stop.TAKEN, step, self._life
+        if self.stop is Stop.TAKEN and running and started > self._since:
+            self.stop = Stop.NONE
 
     def _is_over(self, started: int, *, called: bool) -> bool:
         """Return whether the team was started after a stop of which the controller knew, in this or an earlier life."""
@@ -177,7 +192,7 @@ class Proposals:
         return bool(self._known) and (same or (called and self._known < self._life))
 
     def doubt(self, step: int) -> None:
-        """Take it that the controller is at an earlier step than it said before, so that it did not say that."""
+        """Count the stop from a step of the controller at most: what it said of later ones was forged."""
         self._since = min(self._since, step)
 
     # -- The queue -----------------------------------------------------------------------------------------------

@@ -66,7 +66,7 @@ class World:
         agent, controller = self.agent, self.controller
         waiting = tuple((each.number, each.command, each.life, each.step) for each in agent._waiting)
         return (
-            waiting, agent._number, agent._life, agent._step, agent._told, agent._since, agent.still,
+            waiting, agent._number, agent._life, agent._step, agent._told, agent._since, agent.stop.name,
             tuple(self.line), self.life, self.faults, tuple(self.asked), self.heard,
             *controller.decision(), controller.barred,
         )  # fmt: skip

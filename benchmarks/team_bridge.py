@@ -18,7 +18,7 @@ from measurement import free_port, parser, report, table
 
 import mdm
 from mdm.messages import Tick
-from mdm.team.transport.envelope import Packer
+from mdm.team.transport.router import Packer
 from mdm.team.transport.session import Session
 from mdm.team.transport.settings import settings
 

@@ -69,7 +69,7 @@ TABLES = {
         ("mdm.team.communication.Budget", "mdm.team.communication.ValueOfCommunication"),
     ),
     "[team.allowance]": ("mdm.config.team_file.AllowanceTable", ("mdm.team.transport.allowance.Allowance",)),
-    "[[team.ceilings]]": ("mdm.team.transport.ceilings.Ceiling", ()),
+    "[[team.ceilings]]": ("mdm.team.transport.settings.Ceiling", ()),
 }
 """The tables of the TOML file: the struct that reads each, and what else says what its keys mean."""
 

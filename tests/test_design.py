@@ -128,9 +128,9 @@ def test_the_way_of_a_joint_step_goes_through_the_modules_that_are_told():
 def test_a_joint_step_takes_no_more_calls_than_it_did():
     calls = stepped()
     own = [module for module, _ in calls if not module.startswith("beliefs/")]  # of which there are some for each model
-    assert len(own) <= 173
-    assert len({*own}) <= 22
+    assert len(own) <= 172
+    assert len({*own}) <= 21
     names = [name for _, name in calls]
-    assert names.index("Packer.pack") <= 25  # from the observation to the wire
+    assert names.index("Packer.pack") <= 24  # from the observation to the wire
     received = names[names.index("Unpacker.unpack") : names.index("Agreement.receive")]
     assert len(received) <= 6  # from the wire to the agreement

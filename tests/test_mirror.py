@@ -23,7 +23,6 @@ UNTESTED_ALONE = {
     "team/centralised/messages.py": "declares messages: the leader and its followers are tested",
     "snapshots/frame.py": "declares types alone",
     "cli/map/floor.py": "with the verbs that load a floor, and draw it: test_check, test_show",
-    "team/sharing/asking.py": "a session of its own, by the verbs that ask: test_status",
     "beliefs/dense.py": "with every other filter, against one computation: test_filter",
     "beliefs/compressed.py": "with every other filter, against one computation: test_filter",
     "beliefs/kernels.py": "the loops of filters, which test_filter compares compiled and not",

@@ -17,8 +17,8 @@ from patience import PATIENCE
 from mdm.runtime import VirtualClock, VirtualEventLoop
 from mdm.team.transport import certificates
 from mdm.team.transport.access import access_settings
-from mdm.team.transport.envelope import LARGEST
 from mdm.team.transport.network import Network
+from mdm.team.transport.router import LARGEST
 from mdm.team.transport.session import Session, _lay_over
 from mdm.team.transport.settings import settings
 
@@ -41,7 +41,7 @@ class Simulated:
         for transport in transports:
             await transport.open()
         for transport in transports:
-            await self.until(lambda transport=transport: len(transport.router.live) >= len(transports))
+            await self.until(lambda transport=transport: len(transport.live) >= len(transports))
 
     async def until(self, condition):
         """Wait for something at most half a minute."""

@@ -68,7 +68,7 @@ def tables() -> list[type]:
     from mdm.options import Options
     from mdm.team.ownership import Placement
     from mdm.team.team import Agent
-    from mdm.team.transport.ceilings import Ceiling
+    from mdm.team.transport.settings import Ceiling
 
     for module in iter_modules(mdm.config.__path__):
         import_module(f"mdm.config.{module.name}")

@@ -18,7 +18,7 @@ from mdm.team.ownership import Placement, matched
 from mdm.team.team import FIRST_PORT, Agent, Team, TeamSettings
 from mdm.team.transport.access import Access, access_of
 from mdm.team.transport.allowance import Allowance
-from mdm.team.transport.ceilings import Ceiling
+from mdm.team.transport.settings import Ceiling
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence

@@ -24,8 +24,8 @@ from mdm.team.sharing.predicates import PredicatePublisher, PredicateSubscriber,
 from mdm.team.sharing.remote import Exports, Imports, typed
 from mdm.team.storage import Storage
 from mdm.team.transport.access import Validity, access_settings
-from mdm.team.transport.ceilings import ceiling_settings
 from mdm.team.transport.keys import join
+from mdm.team.transport.settings import ceiling_settings
 from mdm.team.transport.transport import DOUBLE
 
 if TYPE_CHECKING:
@@ -264,7 +264,7 @@ class Member(Actor):
 
     async def _seek_double(self, identity: bytes, access: Access | None) -> None:
         """Ask at all endpoints, until others are met, for a process of this name: they connect to that one alone."""
-        from mdm.team.sharing.asking import asking  # noqa: PLC0415 - nobody asks in most processes
+        from mdm.team.sharing.calls import asking  # noqa: PLC0415 - nobody asks in most processes
 
         while not self.link.met:
             answers: dict[str, bytes] = {}

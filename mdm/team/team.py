@@ -12,9 +12,8 @@ from mdm.errors import ConfigError
 from mdm.logic import similar
 from mdm.options import Megabytes, Options, Seconds
 from mdm.team.communication import Always
-from mdm.team.transport.ceilings import Ceiling, ceiling_settings
 from mdm.team.transport.keys import check_name
-from mdm.team.transport.settings import address, check_endpoint
+from mdm.team.transport.settings import Ceiling, address, ceiling_settings, check_endpoint
 
 if TYPE_CHECKING:
     from mdm.actors import Drive, Ensemble
@@ -291,7 +290,7 @@ class Team:
     async def _command(
         self, name: str, *, transport: Transport | None = None, access: Access | None = None, **options: Any
     ) -> tuple[Confirmation, ...]:
-        from mdm.team.sharing.asking import asking  # noqa: PLC0415 - it asks for a team
+        from mdm.team.sharing.calls import asking  # noqa: PLC0415 - it asks for a team
         from mdm.team.sharing.commanding import command  # noqa: PLC0415
 
         if transport is not None:

@@ -14,8 +14,8 @@ from mdm.config.functions import Functions
 from mdm.config.tables import Problems
 from mdm.config.team_file import read_team
 from mdm.runtime import VirtualClock
-from mdm.team.transport.ceilings import Ceiling
 from mdm.team.transport.network import Network
+from mdm.team.transport.settings import Ceiling
 
 
 @pytest.mark.parametrize("port", [7600, 9100])

@@ -17,7 +17,7 @@ from team.commanded import LEASE, NAMES, PROGRAM, STILL, Robot, Schedule, main
 from team.copies import Violation
 from team.test_processes import endpoints
 
-from mdm.team.sharing.asking import asking
+from mdm.team.sharing.calls import asking
 from mdm.team.team import Team
 
 TRIES = 5

@@ -19,7 +19,7 @@ from places import ROOT
 from team.copies import Violation
 from team.test_processes import endpoints
 
-from mdm.team.sharing.asking import asking
+from mdm.team.sharing.calls import asking
 from mdm.team.sharing.commanding import command
 from mdm.team.team import Team
 

@@ -20,8 +20,8 @@ from teams import team as random_team
 
 import mdm
 from mdm.team.team import Team
-from mdm.team.transport.envelope import Packer
 from mdm.team.transport.network import Network, _Inquiry
+from mdm.team.transport.router import Packer
 from mdm.testing import run_virtual
 
 MODES = ("replicated", "centralised", "communicating")
@@ -104,18 +104,18 @@ class Forger:
         """Ask an agent what it answers, as whoever asks or as one of the team."""
         chance = self.random
         other = chance.choice(self.network.others(""))
-        key = chance.choice(sorted(other.router.served()))
+        key = chance.choice(sorted(other.served()))
         question = self.asker.seal(
             chance.choice([b"", b"token", chance.randbytes(70), b"\x80", DEEP, b"\x93\x90\x90" + DEEP])
         )
-        other.router.answer(key, self.flip(question) if chance.random() < 0.3 else question)
+        other.answer(key, self.flip(question) if chance.random() < 0.3 else question)
 
     def appear(self):
         """Have an agent see lives of others that there are not, for a moment."""
         chance, clock = self.random, self.network.clock
         receiver = chance.choice(self.network.others(""))
         false = {chance.choice([*self.names, "d"]): chance.choice([0, 1, 2, 2**62, 2**64 - 1])}
-        receiver.router.see({**receiver.router.live, **false, receiver.agent: receiver.incarnation})
+        receiver.see({**receiver.live, **false, receiver.agent: receiver.incarnation})
         clock.call_at(clock.now() + 10**8, receiver.look)
 
     def reword(self, data):
@@ -148,7 +148,7 @@ class Forger:
         owner = data[HEAD.size : start]
         number, time = TAIL.unpack_from(data, start)
         body = data[start + TAIL.size :]
-        last = receiver.router.unpacker._last.get(key)
+        last = receiver.unpacker._last.get(key)
         number = number if last is None else min(max(last.number, 0) + 1, 2**64 - 6)  # which is taken for the next
         if kind < 0.25:
             life = chance.choice([life, life + 1, 1, 0, 2**64 - 1])

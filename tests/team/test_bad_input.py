@@ -19,8 +19,8 @@ from mdm.team.team import Team
 from mdm.team.transport import access
 from mdm.team.transport.access import access_settings
 from mdm.team.transport.certificates import make_certificates
-from mdm.team.transport.envelope import VERSION, Packer
 from mdm.team.transport.keys import matches
+from mdm.team.transport.router import VERSION, Packer
 
 pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
 
@@ -50,8 +50,8 @@ class Running:
         """Return every key that is put, subscribed or answered in the team."""
         found = set()
         for robot in self.robots:
-            found.update(robot.transport.statistics().sent, robot.transport._router.served())
-            for expression in robot.transport._router.carriers():
+            found.update(robot.transport.statistics().sent, robot.transport.served())
+            for expression in robot.transport.carriers():
                 found.update(expression.replace("*", name) for name in self.team.names)
         return sorted(found)
 
@@ -166,7 +166,7 @@ def test_garbage_on_every_key_harms_no_team(mode, names):
             count = len(names)
             await running.drop(oversize=count, version=count, foreign=count)
             for robot, old, new in zip(running.robots, before, running.garbage(), strict=True):
-                router = robot.transport._router
+                router = robot.transport
                 taken = [key for key in keys if any(matches(wide, key) for wide in router.carriers())]
                 assert new - old >= len(SIZES) * len(taken) + len([*router.served()])
                 lost = {"missing"} & set(robot.kinds())  # of what it did not read

@@ -17,8 +17,8 @@ from mdm import problems
 from mdm.errors import ConfigError
 from mdm.team import Always, Budget, Knowledge, Never, OnChange, Team, ValueOfCommunication
 from mdm.team.communicating import Update, encode
-from mdm.team.transport.envelope import Packer
 from mdm.team.transport.network import Network
+from mdm.team.transport.router import Packer
 from mdm.testing import run_virtual
 
 PERIOD = 1.0
@@ -491,7 +491,7 @@ def test_two_in_episodes_that_another_made_unlike_agree_and_do_not_shout_at_each
         for owner, hearer, episode in ((left, right, new), (right, left, msgspec.structs.replace(new, **changed))):
             word = Update(episode, owner.replica._configuration, (), owner.replica.stops.last)
             packer, key = Packer(owner.name, owner.transport.incarnation, runtime.clock.now), owner.replica._key
-            packer.sent[key] = [hearer.transport.router.unpacker._last[key].number, 0]
+            packer.sent[key] = [hearer.transport.unpacker._last[key].number, 0]
             hearer.transport.arrive(key, packer.pack(key, encode(word)))
         before = sum(robot.transport.statistics().sent[robot.replica._key].messages for robot in robots)
         await asyncio.sleep(2 * PERIOD)

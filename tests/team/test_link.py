@@ -11,9 +11,9 @@ from sentences import refused
 import mdm
 from mdm.team.link import Beat, Link
 from mdm.team.team import Team
-from mdm.team.transport.envelope import Packer
 from mdm.team.transport.keys import join
 from mdm.team.transport.network import Network
+from mdm.team.transport.router import Packer
 from mdm.testing import probe, run_virtual
 
 TEAM = Team("team", ["a", "b", "c"])

@@ -18,9 +18,9 @@ from mdm.team.member import Teammates
 from mdm.team.ownership import Placement
 from mdm.team.sharing.calls import Answers, ask
 from mdm.team.team import Team
-from mdm.team.transport.ceilings import Ceiling
 from mdm.team.transport.network import Network
 from mdm.team.transport.session import Session
+from mdm.team.transport.settings import Ceiling
 from mdm.testing import probe, run_virtual
 
 MODEL = problems.dec_tiger()

@@ -14,7 +14,7 @@ from mdm import Runtime, problems
 from mdm.cli.team import status as cli
 from mdm.errors import Error
 from mdm.team import member
-from mdm.team.sharing import asking
+from mdm.team.sharing import calls
 from mdm.team.sharing.calls import ask
 from mdm.team.team import Team
 from mdm.team.transport.network import Network
@@ -108,7 +108,7 @@ def test_who_has_met_nobody_asks_at_all_endpoints_again_and_again(monkeypatch, m
             yield pair.console, ()
 
         monkeypatch.setattr(member, "_session", session)
-        monkeypatch.setattr(asking, "asking", instead)
+        monkeypatch.setattr(calls, "asking", instead)
         build, nothing = over_beliefs(problems.dec_tiger()), SimpleNamespace(act=lambda _: lambda: None)
         async with Runtime(log=None) as elsewhere:
             faults, began = probe(elsewhere.faults), elsewhere.now() / 1e9

@@ -10,7 +10,7 @@ from sentences import refused
 
 import mdm
 from mdm.team.team import Agent, Team
-from mdm.team.transport.ceilings import Ceiling
+from mdm.team.transport.settings import Ceiling
 
 
 def test_a_team_knows_its_agents_and_how_they_decide():

@@ -16,8 +16,7 @@ from mdm.errors import Error
 from mdm.logic import similar
 from mdm.runtime.statistics import Histogram
 from mdm.team.sharing import commanding
-from mdm.team.sharing.asking import asking
-from mdm.team.sharing.calls import ask
+from mdm.team.sharing.calls import ask, asking
 from mdm.team.transport.access import OPERATOR, WARNING, days_left, ending
 
 if TYPE_CHECKING:

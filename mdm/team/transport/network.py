@@ -9,20 +9,18 @@ from __future__ import annotations
 import asyncio
 from functools import partial
 from random import Random
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from mdm.checks import is_number
 from mdm.errors import ConfigError, Error
-from mdm.team.transport.envelope import LARGEST, Packer, check_size
-from mdm.team.transport.keys import check_expression, check_name
-from mdm.team.transport.router import Router
-from mdm.team.transport.transport import PROTOCOL
+from mdm.team.transport.keys import check_name
+from mdm.team.transport.router import LARGEST, Router
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable
 
     from mdm.runtime.time.clock import Clock
-    from mdm.team.transport.transport import Priority, Sample, TransportStatistics
+    from mdm.team.transport.transport import Priority
 
 __all__ = ["Network", "SimulatedTransport"]
 
@@ -183,36 +181,22 @@ class Network:
             self.clock.call_at(arrival, deliver)
 
 
-class SimulatedTransport:
+class SimulatedTransport(Router):
     """An agent's transport on a simulated `Network`; made by `Network.transport`."""
 
     def __init__(self, network: Network, agent: str, incarnation: int, largest: int) -> None:
-        self.agent = agent
-        self.protocol = PROTOCOL
-        self.incarnation = incarnation
-        self.state: Literal["new", "open", "closed"] = "new"
-        self.packer = Packer(agent, incarnation, network.clock.now, largest=largest)
-        self.router = Router(
-            network.team,
-            agent,
-            later=self._call_later,
-            failed=_raise_in_loop,
-            sent=self.packer.sent,
-            largest=largest,
-        )
+        super().__init__(network.team, agent, incarnation, network.clock.now, largest=largest)
         self._network = network
-        self._largest = largest
         # Agents that have left, with their incarnations, while word of it is on its way here.
         self.leaving: dict[str, int] = {}
 
-    def _call_later(self, seconds: float, callback: Callable[[], None]) -> None:
+    def _later(self, seconds: float, callback: Callable[[], None]) -> None:
         clock = self._network.clock
         clock.call_at(clock.now() + round(seconds * 1e9), callback)
 
     async def open(self) -> None:
         """Take part."""
-        if self.state != "new":
-            raise Error(f"the transport of agent {self.agent!r} is {self.state}: make a new one")
+        self._check_new()
         self._network.join(self)
 
     async def close(self) -> None:
@@ -225,7 +209,7 @@ class SimulatedTransport:
         """See who is live."""
         if self.state == "open":
             left = {agent: life for agent, life in self.leaving.items() if self._network.together(self.agent, agent)}
-            self.router.see(self._network.live(self.agent) | left)
+            self.see(self._network.live(self.agent) | left)
 
     def see_end(self, agent: str, incarnation: int) -> None:
         """Take it that an agent has left."""
@@ -235,56 +219,23 @@ class SimulatedTransport:
 
     def put(self, key: str, body: bytes, *, priority: Priority = "value") -> bool:
         """Send to all who subscribed."""
-        if key not in self.packer.sent:
-            self.router.check_own(key)
-        if self.state == "new":
-            raise Error(f"the transport of agent {self.agent!r} is not open: await open() before put()")
-        if self.state == "closed":
-            self.router.drop("closed", f"a message under {key} was put after the transport was closed")
+        if (self.state != "open" or key not in self.packer.sent) and self._is_closed(key):
             return False
         data = self.packer.pack(key, body, step=priority == "step")
         for receiver in self._network.others(self.agent):
-            if receiver.router.wants(key):
+            if receiver.wants(key):
                 self._network.send(self.agent, receiver, partial(receiver.arrive, key, data))
         return True
 
     def arrive(self, key: str, data: bytes) -> None:
         """Hand a message on that took its way."""
         if self.state == "open":
-            self.router.deliver(key, data, self._network.clock.now())
-
-    def subscribe(self, expression: str, handler: Callable[[Sample], None]) -> None:
-        """Have a handler called with each message under the keys of an expression."""
-        self.router.subscribe(expression, handler)
-
-    def serve(self, key: str, answer: Callable[[bytes], bytes]) -> None:
-        """Answer requests under a key of this agent."""
-        self.router.serve(key, answer)
+            self.deliver(key, data, self._network.clock.now())
 
     async def ask(self, expression: str, body: bytes = b"", *, timeout: float = 1.0) -> dict[str, bytes]:  # noqa: ASYNC109
         """Ask all who serve the keys of an expression; return the answers by agent."""
-        check_expression(expression)
-        if self.state != "open":
-            raise Error(f"the transport of agent {self.agent!r} is {self.state}: nothing can be asked")
-        question = self.packer.seal(body)
-        check_size(expression, question, self._largest)
+        question = self._question(expression, body)
         return await _Inquiry(self._network, self, question).answers(expression, timeout)
-
-    def watch(self, handler: Callable[[Mapping[str, int]], None]) -> None:
-        """Have a handler called with the live agents and their incarnations."""
-        self.router.watch(handler)
-
-    def supervise(self, failed: Callable[[BaseException], None], report: Callable[[str, str], None]) -> None:
-        """Report failures and dropped messages to these."""
-        self.router.supervise(failed, report)
-
-    def refuse(self, sender: str, reason: str) -> None:
-        """Take note of a message that a handler did not take."""
-        self.router.refuse(sender, "incredible", reason)
-
-    def statistics(self) -> TransportStatistics:
-        """Return the counts so far."""
-        return self.router.statistics()
 
 
 class _Inquiry:
@@ -306,7 +257,7 @@ class _Inquiry:
             (other, key)
             for other in network.others(asker.agent)
             if network.connected(asker.agent, other.agent)
-            for key in other.router.served(expression)
+            for key in other.served(expression)
         ]
         self._awaited.update(key for _, key in asked)
         for other, key in asked:
@@ -320,7 +271,7 @@ class _Inquiry:
         return self._answers
 
     def _arrive(self, other: SimulatedTransport, key: str) -> None:
-        answer = other.router.answer(key, self._question) if other.state == "open" else None
+        answer = other.answer(key, self._question) if other.state == "open" else None
         if answer is not None:
             data = other.packer.seal(answer)
             self._network.send(other.agent, self._asker, partial(self._receive, key, data))
@@ -328,7 +279,7 @@ class _Inquiry:
     def _receive(self, key: str, data: bytes) -> None:
         if self._done.done():
             return
-        answer = self._asker.router.answered(key, data, (self._network.clock.now() - self._began) / 1e9)
+        answer = self._asker.answered(key, data, (self._network.clock.now() - self._began) / 1e9)
         if answer is not None:
             self._answers[answer.owner] = answer.body
         self._awaited.discard(key)
@@ -338,8 +289,3 @@ class _Inquiry:
     def _end(self) -> None:
         if not self._done.done():
             self._done.set_result(None)
-
-
-def _raise_in_loop(error: BaseException) -> None:
-    loop = asyncio.get_running_loop()
-    loop.call_exception_handler({"message": "a handler of a team's messages failed", "exception": error})

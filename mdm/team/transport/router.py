@@ -1,25 +1,331 @@
-"""The router: hands the messages of a transport to the handlers, or refuses them, and counts both."""
+"""The router: what the transports of a team have in common.
+
+Each message has an envelope: who sent it, in which life, which number it has under its key, and in which form. What
+comes is handed to the handlers of its key if it is whole, of a form that this program knows, under a key of its sender,
+of the sender's present life, and newer than the last of its key. Any other is refused by its kind; both are counted.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import struct
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from mdm.errors import Error
 from mdm.runtime.statistics import FULL, Latencies
 from mdm.team.transport.bounds import DAY
-from mdm.team.transport.envelope import LARGEST, Refusal, Unpacker
 from mdm.team.transport.keys import check_expression, check_key, includes, matches, owner_of
-from mdm.team.transport.transport import Sample, Traffic, TransportStatistics
+from mdm.team.transport.transport import PROTOCOL, Sample, Traffic, TransportStatistics
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-__all__ = ["Router"]
+__all__ = ["LARGEST", "VERSION", "Packer", "Refusal", "Router", "Unpacker", "check_size", "is_step"]
 
+VERSION = 1
+"""The form of envelopes and bodies that this program speaks; it grows when an older program could not read a newer."""
+
+LARGEST = 1 << 20
+"""The largest message in bytes, unless told otherwise."""
+
+_MAGIC = b"mD"
+_START = struct.Struct("<2sH?QB")  # magic, version, whether of a step, incarnation, bytes of the owner's name; the name
+_REST = struct.Struct("<Qq")  # number, time; then the body
 _MOST_KEYS = 4096
-_REST = "..."
+_NONE = -2  # a number that no other follows
+_FAR = 1024  # further behind than that an owner's messages do not come, whatever overtakes them
+_ENOUGH = 8
+_APART = 250_000_000  # nanoseconds; two that come as far apart are enough: what comes again comes at once
+_NO_START = b"no message begins so"
+_MOST_MISSING = 1 << 20
+_FRESH = 5_000_000_000  # nanoseconds for which a message is not taken for one that is sent again
+
+
+class Refusal(Exception):
+    """Why a message is not handed on.
+
+    Args:
+        kind: One word, as counted in `TransportStatistics.dropped`.
+        reason: A sentence.
+    """
+
+    def __init__(self, kind: str, reason: str) -> None:
+        super().__init__(reason)
+        self.kind = kind
+
+
+class _Doubt:
+    """Whether the last number under a key was one of its owner's: messages far behind it follow each other."""
+
+    __slots__ = ("ahead", "count", "number", "since")
+
+    def __init__(self, number: int, ahead: int, now: int) -> None:
+        self.number = number
+        self.count = 1
+        self.ahead = ahead
+        self.since = now
+
+    def confirms(self, number: int, ahead: int, now: int) -> bool:
+        """Take note of one more message; return whether there were so many, or over so long a time, that they count."""
+        if number == self.number + 1 and ahead == self.ahead:
+            self.count += 1
+        else:
+            self.count, self.since = 1, now
+        self.number, self.ahead = number, ahead
+        return self.count >= _ENOUGH or (self.count > 1 and number < ahead and now - self.since >= _APART)
+
+
+class Packer:
+    """Puts the messages of an agent in envelopes, numbered from 1 under each key.
+
+    Args:
+        owner: The agent.
+        incarnation: Which life of it.
+        now: The time in nanoseconds.
+        version: The form of the bodies.
+        largest: The largest message in bytes.
+
+    Attributes:
+        sent: By key, the number of its messages, which is that of the last, and their bytes.
+    """
+
+    def __init__(
+        self,
+        owner: str,
+        incarnation: int,
+        now: Callable[[], int],
+        *,
+        version: int = VERSION,
+        largest: int = LARGEST,
+    ) -> None:
+        name = owner.encode()
+        self._starts = tuple(
+            _START.pack(_MAGIC, version, step, incarnation, len(name)) + name for step in (False, True)
+        )
+        self._now = now
+        self._largest = largest
+        self.sent: dict[str, list[int]] = {}
+
+    def pack(self, key: str, body: bytes, *, step: bool = False) -> bytes:
+        """Return the next message under a key; one of an agreed step is given up last where there are too many.
+
+        Raises:
+            Error: If every receiver would drop it, since it is too large.
+        """
+        counts = self.sent.get(key)
+        if counts is None:
+            counts = self.sent[key] = [0, 0]
+        data = self._starts[step] + _REST.pack(counts[0] + 1, self._now()) + body
+        size = len(data)
+        if size > self._largest:
+            check_size(key, data, self._largest)
+        counts[0] += 1
+        counts[1] += size
+        return data
+
+    def size(self, body: bytes) -> int:
+        """Return the bytes of a message with its envelope."""
+        return len(self._starts[0]) + _REST.size + len(body)
+
+    def seal(self, body: bytes) -> bytes:
+        """Return a message without a number: a question or an answer."""
+        return self._starts[0] + _REST.pack(0, self._now()) + body
+
+
+class _Last:
+    """The last message under a key: how it began, its number, and how many were left out if it was its owner's."""
+
+    __slots__ = ("incarnation", "leap", "length", "number", "owner", "start")
+
+    def __init__(self, owner: str, incarnation: int, number: int, start: bytes, leap: int = 0) -> None:
+        self.owner = owner
+        self.incarnation = incarnation
+        self.number = number
+        self.leap = leap
+        self.start = _NO_START if leap else start  # else the next is taken without a look at this
+        self.length = len(start)
+
+
+class Unpacker:
+    """Takes the messages of others out of their envelopes, and refuses those that must not be handed on.
+
+    Args:
+        team: Whose keys.
+        agent: Who receives.
+        largest: The largest message in bytes.
+        missing: Called with a key and the number of its messages that were lost before the one that came.
+        renumbered: Called with a key whose last number cannot have been its owner's, such as a forged one far ahead:
+            some messages far behind it that follow each other are then gone on from.
+    """
+
+    def __init__(
+        self,
+        team: str,
+        agent: str,
+        missing: Callable[[str, int], None],
+        renumbered: Callable[[str], None] = lambda _: None,
+        *,
+        largest: int = LARGEST,
+    ) -> None:
+        self.largest = largest
+        self._team = team
+        self._agent = agent
+        self._missing = missing
+        self._renumbered = renumbered
+        self._present: dict[str, int] = {}
+        self._last: dict[str, _Last] = {}
+        self._excused: dict[str, int] = {}
+        self._seen: dict[str, int] = {}
+        self._doubts: dict[str, _Doubt] = {}
+
+    def present(self, owner: str, incarnation: int) -> None:
+        """Take this for the present life of an agent, because it is seen to live; messages of other lives are stale.
+
+        It may be less than that of an earlier life, where a clock was set back.
+        """
+        self._seen[owner] = incarnation
+        self._begin(owner, incarnation)
+
+    def _begin(self, owner: str, incarnation: int) -> None:
+        if self._present.get(owner) != incarnation:
+            self._present[owner] = incarnation
+            for last in self._last.values():
+                if last.owner == owner and last.incarnation != incarnation:
+                    last.number = _NONE
+
+    def excuse(self, key: str, count: int) -> None:
+        """Do not miss so many messages under a key: they came, and were superseded."""
+        if key in self._last:
+            self._excused[key] = self._excused.get(key, 0) + count
+
+    def unpack(self, key: str, data: bytes, now: int = 0) -> Sample:
+        """Return the message under a key.
+
+        Args:
+            key: The key.
+            data: With its envelope.
+            now: The time in nanoseconds, by which messages that are sent again are told from new ones.
+
+        Raises:
+            Refusal: If it must not be handed on.
+        """
+        # Every message comes here. Nearly all begin as the last of their key did, and are the next: these take a third
+        # of the time that it takes to look at all of an envelope.
+        last = self._last.get(key)
+        if last is not None and data.startswith(last.start) and len(data) <= self.largest:
+            length = last.length
+            try:
+                number, time = _REST.unpack_from(data, length)
+            except struct.error:
+                raise Refusal("malformed", f"a message under {key} is shorter than an envelope") from None
+            if number == last.number + 1:
+                last.number = number
+                return Sample(key, last.owner, last.incarnation, data[length + 16 :], time)
+        return self._unpack(key, data, last, now)
+
+    def _unpack(self, key: str, data: bytes, last: _Last | None, now: int) -> Sample:
+        owner, incarnation, number, time, start = _open(key, data, self.largest)
+        if owner != owner_of(key, self._team):
+            raise Refusal("foreign", f"agent {owner!r} sent under {key}, where it is not the owner")
+        if owner == self._agent:
+            raise Refusal("foreign", f"another process sent under {key}, of this agent")
+        present = self._present.get(owner, 0)
+        if incarnation < present and incarnation != self._seen.get(owner):
+            raise Refusal("stale", f"a message under {key} is of an earlier life of agent {owner!r}")
+        self._begin(owner, incarnation)
+        leap = 0  # what one message tells that is far ahead counts when the next is there, and for so many at most
+        if last is None:
+            if len(self._last) >= _MOST_KEYS:
+                oldest = next(iter(self._last))
+                del self._last[oldest]
+                self._excused.pop(oldest, None)
+                self._doubts.pop(oldest, None)
+        elif last.incarnation == incarnation and last.number != _NONE:
+            missed = number - last.number - 1
+            if missed < 0:
+                self._doubt(key, number, last.number, now, fresh=0 < now < time + _FRESH)
+                missed = 0
+            elif missed > _FAR and last.leap == 0:
+                leap, missed = missed, 0
+            else:
+                missed = min(missed + last.leap, _MOST_MISSING)
+            missed -= 0 if leap else self._excused.pop(key, 0)
+            if missed > 0:
+                self._missing(key, missed)
+        self._last[key] = _Last(owner, incarnation, number, data[:start], leap)
+        return Sample(key, owner, incarnation, data[start + _REST.size :], time)
+
+    def _doubt(self, key: str, number: int, ahead: int, now: int, *, fresh: bool) -> None:
+        """Refuse a message that is behind the last of its key, unless that cannot have been its owner's.
+
+        It cannot where it is far ahead of others that follow each other, or of such as were sent only now.
+
+        Raises:
+            Refusal: Nearly always.
+        """
+        if fresh or ahead - number > _FAR:
+            doubt = self._doubts.setdefault(key, _Doubt(number, ahead, now))
+            if doubt.number != number and doubt.confirms(number, ahead, now):
+                del self._doubts[key]
+                self._renumbered(key)
+                return
+        raise Refusal("repeated", f"a message under {key} came again, or after a newer one")
+
+    def unseal(self, key: str, data: bytes, *, of_owner: bool) -> Sample:
+        """Return a question or an answer; an answer is of the owner of the key.
+
+        Raises:
+            Refusal: If it must not be handed on.
+        """
+        owner, incarnation, _, time, start = _open(key, data, self.largest)
+        if of_owner and owner != owner_of(key, self._team):
+            raise Refusal("foreign", f"agent {owner!r} answered under {key}, where it is not the owner")
+        return Sample(key, owner, incarnation, data[start + _REST.size :], time)
+
+
+def is_step(data: bytes) -> bool:
+    """Whether a message in its envelope says that it is one of an agreed step."""
+    return data[4:5] == b"\1"
+
+
+def check_size(key: str, data: bytes, largest: int) -> None:
+    """Refuse to send a message that every receiver would drop.
+
+    Raises:
+        Error: If it is larger than the limit.
+    """
+    if len(data) > largest:
+        raise Error(f"a message under {key} has {len(data):,} bytes, and at most {largest:,} are taken")
+
+
+def _open(key: str, data: bytes, largest: int) -> tuple[str, int, int, int, int]:
+    """Return the owner, its incarnation, the number, the time, and where the last two stand."""
+    if len(data) > largest:
+        raise Refusal("oversize", f"a message under {key} has {len(data):,} bytes, and at most {largest:,} are taken")
+    try:
+        magic, version, _, incarnation, length = _START.unpack_from(data)
+        if magic == _MAGIC and version != VERSION:
+            raise Refusal(
+                "version", f"a message under {key} is of version {version}, and this program reads version {VERSION}"
+            )
+        start = _START.size + length
+        number, time = _REST.unpack_from(data, start)
+    except struct.error:
+        raise Refusal("malformed", f"a message under {key} is shorter than an envelope") from None
+    if magic != _MAGIC:
+        raise Refusal("malformed", f"a message under {key} is not of this program")
+    if incarnation >> 63:
+        raise Refusal("malformed", f"a message under {key} is of life {incarnation}, which no agent has")
+    try:
+        owner = data[_START.size : start].decode()
+    except UnicodeDecodeError:
+        raise Refusal("malformed", f"a message under {key} names no owner") from None
+    return owner, incarnation, number, time, start
+
+
+_REST_OF_KEYS = "..."
 _OFFENCES = frozenset({"malformed", "foreign", "oversize", "version"})
 """Kinds of messages that no agent of this program sends, and no network makes."""
 _MANY = 100
@@ -41,34 +347,30 @@ class _Route:
 
 
 class Router:
-    """The receiving side of a transport.
+    """A transport but for what carries its messages: hands those that come to handlers, and counts all.
 
     Args:
         team: Whose keys.
-        agent: Who receives.
-        later: Calls back after so many seconds.
-        failed: Called with the error of a handler, until `supervise` names another.
-        sent: By key, how many messages this agent has put, and their bytes.
+        agent: The agent.
+        incarnation: Which life of it.
+        now: The time in nanoseconds.
         largest: The largest message in bytes.
+
+    Attributes:
+        protocol: The version of what the agent says.
+        live: The agents that are seen to live, by incarnation.
     """
 
     def __init__(
-        self,
-        team: str,
-        agent: str,
-        *,
-        later: Callable[[float, Callable[[], None]], object],
-        failed: Callable[[BaseException], None],
-        sent: Mapping[str, list[int]],
-        largest: int = LARGEST,
+        self, team: str, agent: str, incarnation: int, now: Callable[[], int], *, largest: int = LARGEST
     ) -> None:
-        self.sent = sent
+        self.team, self.agent, self.incarnation, self.protocol = team, agent, incarnation, PROTOCOL
+        self.state: Literal["new", "opening", "open", "closed"] = "new"
+        self.packer = Packer(agent, incarnation, now, largest=largest)
         self.unpacker = Unpacker(team, agent, self._missing, self._renumbered, largest=largest)
         self.live: dict[str, int] = {}
-        self._team = team
-        self._agent = agent
-        self._later = later
-        self._failed = failed
+        self._largest = largest
+        self._failed: Callable[[BaseException], None] = _tell_loop
         self._report: Callable[[str, str], None] | None = None
         self._subscriptions: list[tuple[str, str, Callable[[Sample], None]]] = []  # carrier, expression, handler
         self._routes: dict[str, _Route] = {}
@@ -82,31 +384,78 @@ class Router:
         self._refused: dict[str, int] = {}
         self._recent: dict[str, tuple[int, int]] = {}  # since when, and how many since then
         self._ignored: dict[str, int] = {}  # until when
-        self._now = 0
+        self._at = 0
         self._round_trips: dict[str, Latencies] = {}
+
+    # -- What a transport does by itself -------------------------------------------------------------------------
+
+    def _later(self, seconds: float, callback: Callable[[], None]) -> object:
+        """Call back after so many seconds."""
+        raise NotImplementedError
+
+    def _carry(self, expression: str) -> None:
+        """Bring messages under the keys of one more expression."""
+
+    def _offer(self, key: str) -> None:
+        """Bring questions under one more key."""
+
+    # -- Its state -----------------------------------------------------------------------------------------------
+
+    def _check_new(self) -> None:
+        """Refuse to open once more.
+
+        Raises:
+            Error: If it was opened before.
+        """
+        if self.state != "new":
+            raise Error(f"the transport of agent {self.agent!r} is {self.state}: make a new one")
+
+    def _is_closed(self, key: str) -> bool:
+        """Return whether nothing is put under a key any more, which is then counted.
+
+        Raises:
+            Error: If the key is another agent's, or it was never open.
+        """
+        self.check_own(key)
+        if self.state == "closed":
+            self.drop("closed", f"a message under {key} was put after the transport was closed")
+        elif self.state != "open":
+            raise Error(f"the transport of agent {self.agent!r} is not open: await open() before put()")
+        return self.state == "closed"
+
+    def _question(self, expression: str, body: bytes) -> bytes:
+        """Return a question in its envelope.
+
+        Raises:
+            Error: If it cannot be asked.
+        """
+        check_expression(expression)
+        if self.state not in {"opening", "open"}:
+            raise Error(f"the transport of agent {self.agent!r} is {self.state}: nothing can be asked")
+        question = self.packer.seal(body)
+        check_size(expression, question, self._largest)
+        return question
 
     def supervise(self, failed: Callable[[BaseException], None], report: Callable[[str, str], None]) -> None:
         """Report failures and dropped messages to these."""
         self._failed, self._report = failed, report
 
     def fail(self, error: BaseException) -> None:
-        """Tell of a failure."""
+        """Report a failure."""
         self._failed(error)
 
-    def subscribe(self, expression: str, handler: Callable[[Sample], None]) -> bool:
-        """Have a handler called; return whether the transport must now carry this expression.
-
-        It need not where the keys are among those of an earlier one.
-        """
+    def subscribe(self, expression: str, handler: Callable[[Sample], None]) -> None:
+        """Have a handler called with each message under the keys of an expression."""
         check_expression(expression)
         carrier = next((wide for wide in self.carriers() if includes(wide, expression)), expression)
-        known = carrier != expression or expression in self.carriers()
+        carried = carrier != expression or expression in self.carriers()  # with the keys of an earlier one
         self._subscriptions.append((carrier, expression, handler))
         for key, route in self._routes.items():
             if matches(expression, key):
                 route.handlers += (handler,)
                 route.carrier = route.carrier or carrier
-        return not known
+        if not carried:
+            self._carry(expression)
 
     def carriers(self) -> tuple[str, ...]:
         """Return the expressions that the transport must carry."""
@@ -128,21 +477,21 @@ class Router:
         route = self._routes.get(key) or self._route(key)
         if (carrier is not None and carrier != route.carrier) or not route.handlers:
             return
-        self._now = now
+        self._at = now
         if self._ignored and self._ignores(key):
             return
         try:
             sample = self.unpacker.unpack(key, data, now)
         except Refusal as refusal:
             if refusal.kind in _OFFENCES:
-                self.refuse(owner_of(key, self._team) or key, refusal.kind, str(refusal))
+                self._refuse(owner_of(key, self.team) or key, refusal.kind, str(refusal))
             else:
                 self.drop(refusal.kind, str(refusal))
             return
         if not -DAY < now - sample.time < DAY:
             hours = abs(sample.time - now) / 3.6e12
-            told = f"the clock of {sample.owner} is {hours:,.0f} hours off that of {self._agent}"
-            self.refuse(sample.owner, "untimely", f"{told}: set it, or nothing that it says counts")
+            told = f"the clock of {sample.owner} is {hours:,.0f} hours off that of {self.agent}"
+            self._refuse(sample.owner, "untimely", f"{told}: set it, or nothing that it says counts")
             return
         route.messages += 1
         route.bytes += len(data)
@@ -180,6 +529,7 @@ class Router:
         if key in self._served:
             raise Error(f"{key} is answered already")
         self._served[key] = answer
+        self._offer(key)
 
     def served(self, expression: str | None = None) -> Iterator[str]:
         """Return the keys that are answered here: all, or those of an expression."""
@@ -189,8 +539,8 @@ class Router:
         """Return the answer to a question; None where there is none."""
         try:
             question = self.unpacker.unseal(key, data, of_owner=False)
-            if question.owner == self._agent:
-                self.drop("duplicate", f"another process asks as agent {self._agent!r}: two have this name")
+            if question.owner == self.agent:
+                self.drop("duplicate", f"another process asks as agent {self.agent!r}: two have this name")
             return self._served[key](question.body)
         except Refusal as refusal:
             self.drop(refusal.kind, str(refusal))
@@ -236,8 +586,8 @@ class Router:
         Raises:
             Error: If it is one, or is no key.
         """
-        if key not in self.sent and owner_of(check_key(key), self._team) != self._agent:
-            raise Error(f"agent {self._agent!r} of team {self._team!r} must not use {key}, which is not its own")
+        if key not in self.packer.sent and owner_of(check_key(key), self.team) != self.agent:
+            raise Error(f"agent {self.agent!r} of team {self.team!r} must not use {key}, which is not its own")
 
     def _missing(self, key: str, count: int) -> None:
         self.drop("missing", f"messages under {key} were lost on the way", count)
@@ -250,26 +600,30 @@ class Router:
         if self._report is not None:
             self._report(kind, reason)
 
-    def refuse(self, sender: str, kind: str, reason: str) -> None:
+    def refuse(self, sender: str, reason: str) -> None:
+        """Take note of a message that a handler did not take."""
+        self._refuse(sender, "incredible", reason)
+
+    def _refuse(self, sender: str, kind: str, reason: str) -> None:
         """Drop a message that no agent of this program sends; a sender that goes on is ignored for a while."""
         self.drop(kind, reason)
         if sender not in self._refused and len(self._refused) >= _MOST_KEYS:
-            sender = _REST
+            sender = _REST_OF_KEYS
         self._refused[sender] = self._refused.get(sender, 0) + 1
         since, count = self._recent.get(sender, _NO_OFFENCES)
-        since, count = (since, count + 1) if self._now - since < _SECOND else (self._now, 1)
+        since, count = (since, count + 1) if self._at - since < _SECOND else (self._at, 1)
         if count > _MANY:
-            self._ignored[sender] = self._now + _IGNORED
+            self._ignored[sender] = self._at + _IGNORED
             since, count = _NO_OFFENCES
         self._recent[sender] = since, count
 
     def _ignores(self, key: str) -> bool:
         """Return whether messages under a key are dropped unread, since their sender sent too many that cannot be."""
-        sender = owner_of(key, self._team) or key
+        sender = owner_of(key, self.team) or key
         until = self._ignored.get(sender)
         if until is None:
             return False
-        if self._now >= until:
+        if self._at >= until:
             del self._ignored[sender]
             return False
         self.drop("ignored", f"{sender} is not heard: it sent a hundred messages in a second that cannot be")
@@ -301,9 +655,9 @@ class Router:
         """Return the counts so far."""
         received = {key: Traffic(route.messages, route.bytes) for key, route in self._routes.items() if route.messages}
         if self._rest.messages:
-            received[_REST] = Traffic(self._rest.messages, self._rest.bytes)
+            received[_REST_OF_KEYS] = Traffic(self._rest.messages, self._rest.bytes)
         return TransportStatistics(
-            sent=_traffic(self.sent),
+            sent=_traffic(self.packer.sent),
             received=received,
             dropped=dict(self._dropped),
             refused=dict(self._refused),
@@ -317,5 +671,11 @@ def _traffic(sent: Mapping[str, list[int]]) -> dict[str, Traffic]:
     told = {key: Traffic(*counts) for key, counts in islice(sent.items(), _MOST_KEYS) if counts[0]}
     if len(sent) > _MOST_KEYS:
         rest = [*islice(sent.values(), _MOST_KEYS, None)]
-        told[_REST] = Traffic(sum(messages for messages, _ in rest), sum(size for _, size in rest))
+        told[_REST_OF_KEYS] = Traffic(sum(messages for messages, _ in rest), sum(size for _, size in rest))
     return told
+
+
+def _tell_loop(error: BaseException) -> None:
+    asyncio.get_running_loop().call_exception_handler(
+        {"message": "a handler of a team's messages failed", "exception": error}
+    )

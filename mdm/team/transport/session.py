@@ -1,7 +1,7 @@
 """The session: a team's transport between processes, over Zenoh.
 
 Zenoh connects, carries and tells who is live. Its messages wait in a `Mailbox` for the event loop. Calls that may block
-(opening, declaring, asking, closing) runs in a thread of the session's own.
+(opening, declaring, asking, closing) run in a thread of the session's own.
 """
 
 from __future__ import annotations
@@ -11,9 +11,13 @@ import json
 import os
 import threading
 import time
+from collections import Counter, deque
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from threading import Lock
+from time import monotonic_ns
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
 import msgspec
 
@@ -21,12 +25,10 @@ from mdm.errors import Error
 from mdm.runtime.time.clock import WallClock, check_seconds
 from mdm.runtime.time.virtual import VirtualEventLoop
 from mdm.team.transport.bounds import UNREADABLE
-from mdm.team.transport.envelope import LARGEST, Packer, check_size, is_step
-from mdm.team.transport.keys import check_expression, check_name, join
-from mdm.team.transport.mailbox import Mailbox
-from mdm.team.transport.router import Router
+from mdm.team.transport.keys import check_name, join
+from mdm.team.transport.router import LARGEST, Router, is_step
 from mdm.team.transport.settings import check_endpoint, exposed, resolve, settings
-from mdm.team.transport.transport import DOUBLE, LONGEST_CLOSE, PROTOCOL
+from mdm.team.transport.transport import DOUBLE, LONGEST_CLOSE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -34,9 +36,9 @@ if TYPE_CHECKING:
     import zenoh
 
     from mdm.team.transport.allowance import Allowance
-    from mdm.team.transport.transport import Priority, Sample, TransportStatistics
+    from mdm.team.transport.transport import Priority
 
-__all__ = ["Session", "import_zenoh"]
+__all__ = ["Mailbox", "Session", "import_zenoh"]
 
 T = TypeVar("T")
 
@@ -44,6 +46,18 @@ _LIVE = "@team/live"
 _WHO = "@team/who"
 _FLUSH = 0.1
 _RETRY = 0.25
+
+Item: TypeAlias = "tuple[str | None, str, Any]"
+"""The carrier of a message, its key and its bytes; or None, nothing, and a function to be called."""
+
+_BOUND = 8192
+_LARGE = 4096
+_MOST_BYTES = 64 << 20
+_ROUND = 32
+_SLICE = 5_000_000
+_WINDOW = 1_000_000
+_PAUSE = 0.001
+_MANY = 50_000
 
 _open: set[zenoh.Session] = set()
 _forked = False
@@ -86,7 +100,218 @@ def _new_incarnation() -> int:
     return _last_incarnation
 
 
-class Session:
+class Mailbox:
+    """Hands messages of threads to the event loop, in order; it is bounded, however long the loop takes.
+
+    A thread appends, and wakes the loop only where nobody has: thousands of messages cost one wake-up. Where more wait
+    than the bound, of each key the newest value stays; then values go, the oldest first, and last messages of agreed
+    steps.
+
+    Args:
+        loop: The running event loop.
+        deliver: Called on the loop with a message's key, its bytes, the time, and its carrier.
+        lost: Called on the loop with a key, and how many of its messages were too many.
+        now: The time in nanoseconds.
+        urgent: Whether a message is one that is given up last.
+        failed: Called with the error of a posted call.
+        bound: How many messages may wait.
+    """
+
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        deliver: Callable[[str, bytes, int, str], None],
+        lost: Callable[[str, int], None],
+        *,
+        now: Callable[[], int],
+        urgent: Callable[[bytes], bool],
+        failed: Callable[[BaseException], None],
+        bound: int = _BOUND,
+    ) -> None:
+        self.items: deque[Item] = deque()
+        self.armed = False
+        self._loop = loop
+        self._deliver = deliver
+        self._lost = lost
+        self._now = now
+        self._urgent = urgent
+        self._failed = failed
+        self._bound = bound
+        self._large = 0
+        self._since = self._taken = 0
+        self._crowd = False
+        self._pause: asyncio.Handle | None = None
+        self._losses: Counter[str] = Counter()
+        self._lock = Lock()
+        self._closed = False
+        self._descriptor: int | None = None
+        if hasattr(os, "eventfd"):
+            self._descriptor = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+            try:
+                loop.add_reader(self._descriptor, self._woken)
+            except NotImplementedError:
+                os.close(self._descriptor)
+                self._descriptor = None
+
+    def put(self, carrier: str, key: str, data: bytes) -> None:
+        """Let a message wait; from any thread."""
+        items = self.items
+        items.append((carrier, key, data))
+        if len(data) > _LARGE or len(items) > self._bound:
+            size = len(data)
+            with self._lock:
+                if size > _LARGE:
+                    self._large += size
+                if len(self.items) > self._bound or self._large > _MOST_BYTES:
+                    self._condense()
+        if not self.armed:
+            self._arm()
+
+    def post(self, call: Callable[[], None]) -> None:
+        """Have a function called on the loop, after the pending messages; from any thread."""
+        self.items.append((None, "", call))
+        if not self.armed:
+            self._arm()
+
+    def offer(self, key: str, call: Callable[[], None]) -> bool:
+        """Have something called on the loop as `post` does, unless too much waits; return whether it will be."""
+        if len(self.items) < self._bound:
+            self.post(call)
+            return True
+        with self._lock:
+            self._losses[key] += 1
+        return False
+
+    def _arm(self) -> None:
+        self.armed = True
+        with self._lock:
+            if self._closed:
+                return
+            if self._descriptor is not None:
+                os.eventfd_write(self._descriptor, 1)
+            else:
+                with suppress(RuntimeError):  # the loop is closed
+                    self._loop.call_soon_threadsafe(self._drain)
+
+    def _condense(self) -> None:
+        """Keep half of the messages that may wait: first all that is urgent, then the newest value of each key."""
+        waiting = []
+        with suppress(IndexError):
+            while True:
+                waiting.append(self.items.popleft())
+        room, space = self._bound // 2, _MOST_BYTES // 2
+        kept: list[Item] = []
+        values: list[Item] = []
+        seen: set[str] = set()
+        order = {id(item): place for place, item in enumerate(waiting)}
+        for item in reversed(waiting):
+            if item[0] is None or self._urgent(item[2]):
+                kept.append(item)
+            elif item[1] not in seen:
+                seen.add(item[1])
+                values.append(item)
+        chosen = []
+        for item in (*kept, *values):
+            size = 0 if item[0] is None else len(item[2])
+            if item[0] is None or (room > 0 and space >= size):
+                room -= 1
+                space -= size
+                chosen.append(item)
+        chosen.sort(key=lambda item: order[id(item)])
+        remaining = {id(item) for item in chosen}
+        self._losses.update(item[1] for item in waiting if id(item) not in remaining)
+        self._large = sum(len(item[2]) for item in chosen if item[0] is not None and len(item[2]) > _LARGE)
+        self.items.extendleft(reversed(chosen))
+
+    def _woken(self) -> None:
+        descriptor = self._descriptor
+        if descriptor is None:
+            return
+        try:  # noqa: SIM105 - suppress() takes longer than to read, at each wake-up
+            os.eventfd_read(descriptor)
+        except BlockingIOError:
+            pass
+        if self._pause is None:
+            self._drain()
+
+    def _drain(self) -> None:
+        if self._closed:
+            return
+        paused, self._pause = self._pause is not None, None
+        if not paused:
+            self.armed = False  # before the first is taken: what comes from now on wakes the loop anew
+        if self._losses:
+            self._report_losses()
+        began = monotonic_ns()
+        if began - self._since >= _WINDOW:
+            self._crowd = self._taken * 1_000_000_000 > _MANY * (began - self._since)
+            self._since, self._taken = began, 0
+        if not self._hand_on(began + _SLICE):
+            return
+        if self.items:  # it took too long: others of the loop have their turn
+            self.armed = True
+            self._pause = self._loop.call_soon(self._drain)
+        elif self._crowd:
+            # So many come that a wake-up for every few of them would cost more than they do: look again a little later.
+            self.armed = True
+            self._pause = self._loop.call_later(_PAUSE, self._drain)
+        elif paused:
+            self.armed = False
+            if self.items:
+                self._arm()
+
+    def _hand_on(self, until: int) -> bool:
+        """Hand on the pending messages, as far as a time allows; return whether the mailbox is still open."""
+        items, deliver = self.items, self._deliver
+        while not self._closed:
+            now = self._now()
+            for number in range(_ROUND):
+                try:
+                    carrier, key, data = items.popleft()
+                except IndexError:
+                    self._taken += number
+                    return not self._closed
+                if carrier is None:
+                    self._call(data)
+                    continue
+                if len(data) > _LARGE:
+                    with self._lock:
+                        self._large -= len(data)
+                deliver(key, data, now, carrier)
+            self._taken += _ROUND
+            if monotonic_ns() > until:
+                break
+        return not self._closed
+
+    def _report_losses(self) -> None:
+        with self._lock:
+            losses, self._losses = self._losses, Counter()
+        for key, count in losses.items():
+            self._lost(key, count)
+
+    def _call(self, call: Callable[[], None]) -> None:
+        try:
+            call()
+        except BaseException as error:
+            self._failed(error)
+
+    def close(self) -> None:
+        """Hand on nothing more, and give the descriptor back."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            descriptor, self._descriptor = self._descriptor, None
+        if self._pause is not None:
+            self._pause.cancel()
+        if descriptor is not None:
+            if not self._loop.is_closed():
+                self._loop.remove_reader(descriptor)
+            os.close(descriptor)
+        self.items.clear()
+
+
+class Session(Router):
     """An agent's transport over Zenoh; see `Transport` for its promises.
 
     Args:
@@ -124,33 +349,24 @@ class Session:
         allowance: Allowance | None = None,
         configuration: Mapping[str, Any] | None = None,
     ) -> None:
-        self.team = check_name(team, "a team")
-        self.agent = check_name(agent, "an agent")
-        self.incarnation = _new_incarnation()
-        self.allowance = allowance
         check_seconds(lease, "the lease")
+        self._clock = WallClock()  # kept, so that it leaps with the runtime's
+        self._now = self._clock.reader()
+        team, agent = check_name(team, "a team"), check_name(agent, "an agent")
+        super().__init__(team, agent, _new_incarnation(), self._now, largest=largest)
+        self.allowance = allowance
         self._listen = [check_endpoint(one) for one in ([listen] if isinstance(listen, str) else listen)]
         self._connect = [check_endpoint(one, connect=True) for one in connect]
         self._lease = lease
-        self._largest = largest
         self._settings = settings(listen=self._listen, connect=self._connect, lease=lease, largest=largest, mode=mode)
         _lay_over(self._settings, configuration or {})
-        self._clock = WallClock()  # kept, so that it leaps with the runtime's
-        self._now = self._clock.reader()
-        self._packer = Packer(agent, self.incarnation, self._now, largest=largest)
-        self._router = Router(
-            team, agent, later=self._call_later, failed=_tell_loop, sent=self._packer.sent, largest=largest
-        )
-        self._state: Literal["new", "opening", "open", "closed"] = "new"
         self._zenoh: zenoh.Session | None = None
         self._mailbox: Mailbox | None = None
         self._worker: ThreadPoolExecutor | None = None
         self._tokens: dict[str, set[int]] = {}
         self._questions: set[asyncio.Future[None]] = set()
         self._keys: dict[str, zenoh.KeyExpr] = {}
-        self._router.serve(join(team, agent, _WHO), self._who)
-
-    protocol = PROTOCOL
+        self.serve(join(team, agent, _WHO), self._who)
 
     @property
     def identity(self) -> bytes:
@@ -166,14 +382,13 @@ class Session:
             Error: If an endpoint cannot be used, a live agent has this name, Zenoh is not installed, or the process was
                 forked.
         """
-        if self._state != "new":
-            raise Error(f"the transport of agent {self.agent!r} is {self._state}: make a new one")
+        self._check_new()
         _check_not_forked()
         library = import_zenoh()
         loop = asyncio.get_running_loop()
         if isinstance(loop, VirtualEventLoop):
             raise Error("Zenoh knows no virtual time: use a mdm.team.transport.network.Network there")
-        self._state = "opening"
+        self.state = "opening"
         _prepare()
         self._priorities = {
             "step": library.Priority.REAL_TIME,
@@ -181,9 +396,7 @@ class Session:
             "bulk": library.Priority.BACKGROUND,
         }
         self._drop = library.CongestionControl.DROP
-        self._mailbox = Mailbox(
-            loop, self._router.deliver, self._overflowed, now=self._now, urgent=is_step, failed=self._router.fail
-        )
+        self._mailbox = Mailbox(loop, self.deliver, self._overflowed, now=self._now, urgent=is_step, failed=self.fail)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix=f"mdm-{self.agent}")
         try:
             while not await self._work(self._begin):  # noqa: ASYNC110 - a router that is not there says nothing
@@ -196,10 +409,10 @@ class Session:
         except BaseException:
             self._end()
             raise
-        self._state = "open"
+        self.state = "open"
         risk = None if "access_control" in self._settings else exposed(self._listen or self._connect)
         if risk is not None:
-            self._router.report("unprotected", risk)
+            self.report("unprotected", risk)
         self._look()
 
     def _begin(self) -> bool:
@@ -215,9 +428,9 @@ class Session:
             raise self._refusal(str(error)) from None
         _open.add(opened)
         self._zenoh = opened
-        for expression in self._router.carriers():
+        for expression in self.carriers():
             self._declare_subscriber(expression)
-        for key in self._router.served():
+        for key in self.served():
             self._declare_queryable(key)
         opened.liveliness().declare_subscriber(
             join(self.team, "*", _LIVE, "*"),
@@ -275,7 +488,7 @@ class Session:
             await asyncio.wait([asyncio.wrap_future(ended)], timeout=LONGEST_CLOSE)
 
     def _end(self) -> Future[None] | None:
-        self._state = "closed"
+        self.state = "closed"
         if self._mailbox is not None:
             self._mailbox.close()
         for question in self._questions:
@@ -310,32 +523,27 @@ class Session:
     def _worked(self, future: Future[None]) -> None:
         error = None if future.cancelled() else future.exception()
         if error is not None and self._mailbox is not None:
-            self._mailbox.post(partial(self._router.fail, error))
+            self._mailbox.post(partial(self.fail, error))
 
     # Sending
 
     def put(self, key: str, body: bytes, *, priority: Priority = "value") -> bool:
         """Send to all who subscribed; never blocks. See `Transport.put`."""
-        if self._state != "open" or _forked:
+        if self.state != "open" or _forked:
             _check_not_forked()
-            self._router.check_own(key)
-            if self._state != "closed":
-                raise Error(f"the transport of agent {self.agent!r} is not open: await open() before put()")
-            self._router.drop("closed", f"a message under {key} was put after the transport was closed")
-            return False
+            if self._is_closed(key):
+                return False
         expression = self._keys.get(key) or self._own_key(key)
-        if self.allowance is not None and not self.allowance.spend(
-            self._packer.size(body), priority, self._now() / 1e9
-        ):
-            self._router.drop("held_back", f"messages under {key} were held back: the agent's allowance is spent")
+        if self.allowance is not None and not self.allowance.spend(self.packer.size(body), priority, self._now() / 1e9):
+            self.drop("held_back", f"messages under {key} were held back: the agent's allowance is spent")
             return False
-        data = self._packer.pack(key, body, step=priority == "step")
+        data = self.packer.pack(key, body, step=priority == "step")
         assert self._zenoh is not None
         self._zenoh.put(expression, data, priority=self._priorities[priority], congestion_control=self._drop)
         return True
 
     def _own_key(self, key: str) -> zenoh.KeyExpr:
-        self._router.check_own(key)
+        self.check_own(key)
         if len(self._keys) >= 4096:
             self._keys.clear()
         expression: zenoh.KeyExpr = import_zenoh().KeyExpr(key)
@@ -355,9 +563,8 @@ class Session:
 
     # Receiving
 
-    def subscribe(self, expression: str, handler: Callable[[Sample], None]) -> None:
-        """Have a handler called with each message under the keys of an expression."""
-        if self._router.subscribe(expression, handler) and self._state in {"opening", "open"}:
+    def _carry(self, expression: str) -> None:
+        if self.state in {"opening", "open"}:
             self._work_later(partial(self._declare_subscriber, expression))
 
     def _declare_subscriber(self, carrier: str) -> None:
@@ -371,15 +578,13 @@ class Session:
         self._zenoh.declare_subscriber(carrier, receive, allowed_origin=import_zenoh().Locality.REMOTE)
 
     def _overflowed(self, key: str, count: int) -> None:
-        self._router.unpacker.excuse(key, count)
-        self._router.drop("overflow", f"messages under {key} came faster than they were taken", count)
+        self.unpacker.excuse(key, count)
+        self.drop("overflow", f"messages under {key} came faster than they were taken", count)
 
     # Questions and answers
 
-    def serve(self, key: str, answer: Callable[[bytes], bytes]) -> None:
-        """Answer requests under a key of this agent."""
-        self._router.serve(key, answer)
-        if self._state in {"opening", "open"}:
+    def _offer(self, key: str) -> None:
+        if self.state in {"opening", "open"}:
             self._work_later(partial(self._declare_queryable, key))
 
     def _declare_queryable(self, key: str) -> None:
@@ -395,11 +600,11 @@ class Session:
 
     def _answer(self, key: str, query: zenoh.Query) -> None:
         payload = query.payload
-        answer = self._router.answer(key, b"" if payload is None else payload.to_bytes())
+        answer = self.answer(key, b"" if payload is None else payload.to_bytes())
 
         def reply() -> None:
             if answer is not None:
-                query.reply(key, self._packer.seal(answer))
+                query.reply(key, self.packer.seal(answer))
             query.drop()  # type: ignore[no-untyped-call]
 
         self._work_later(reply)
@@ -407,18 +612,14 @@ class Session:
     async def ask(self, expression: str, body: bytes = b"", *, timeout: float = 1.0) -> dict[str, bytes]:  # noqa: ASYNC109
         """Ask all who serve the keys of an expression; return the answers by agent."""
         _check_not_forked()
-        check_expression(expression)
-        mailbox = self._mailbox
-        if self._state not in {"opening", "open"} or mailbox is None:
-            raise Error(f"the transport of agent {self.agent!r} is {self._state}: nothing can be asked")
-        question = self._packer.seal(body)
-        check_size(expression, question, self._largest)
+        question, mailbox = self._question(expression, body), self._mailbox
+        assert mailbox is not None
         library, began = import_zenoh(), self._now()
         answers: dict[str, bytes] = {}
         done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
         def take(key: str, data: bytes) -> None:
-            answer = self._router.answered(key, data, (self._now() - began) / 1e9)
+            answer = self.answered(key, data, (self._now() - began) / 1e9)
             if answer is not None and not done.done():
                 answers[answer.owner] = answer.body
 
@@ -453,10 +654,6 @@ class Session:
 
     # Who is live
 
-    def watch(self, handler: Callable[[Mapping[str, int]], None]) -> None:
-        """Have a handler called with the live agents and their incarnations."""
-        self._router.watch(handler)
-
     def _token_changed(self, sample: zenoh.Sample) -> None:
         assert self._mailbox is not None
         live = sample.kind == import_zenoh().SampleKind.PUT
@@ -465,7 +662,7 @@ class Session:
     def _on_token(self, key: str, live: bool) -> None:
         _, _, agent, _, _, text = key.split("/")
         if not (text.isascii() and text.isdigit() and len(text) < 20):
-            self._router.drop("malformed", f"{key} is no sign of life")
+            self.drop("malformed", f"{key} is no sign of life")
             return
         incarnations = self._tokens.setdefault(agent, set())
         if live:
@@ -474,36 +671,22 @@ class Session:
             incarnations.discard(int(text))
         if agent == self.agent:
             incarnations.discard(self.incarnation)
-            if live and incarnations and self._state == "open":
-                self._router.drop("duplicate", f"another agent {agent!r} of team {self.team!r} is live")
+            if live and incarnations and self.state == "open":
+                self.drop("duplicate", f"another agent {agent!r} of team {self.team!r} is live")
         if not incarnations:
             del self._tokens[agent]
         self._look()
 
     def _look(self) -> None:
-        if self._state == "open":
+        if self.state == "open":
             seen = {agent: max(incarnations) for agent, incarnations in self._tokens.items()}
-            self._router.see({**seen, self.agent: self.incarnation})
+            self.see({**seen, self.agent: self.incarnation})
 
     def _who(self, _: bytes) -> bytes:
-        own = {self.agent: [self.incarnation]} if self._state == "open" else {}
+        own = {self.agent: [self.incarnation]} if self.state == "open" else {}
         return msgspec.msgpack.encode({**{agent: sorted(seen) for agent, seen in self._tokens.items()}, **own})
 
-    # Supervision
-
-    def supervise(self, failed: Callable[[BaseException], None], report: Callable[[str, str], None]) -> None:
-        """Report failures and dropped messages to these."""
-        self._router.supervise(failed, report)
-
-    def refuse(self, sender: str, reason: str) -> None:
-        """Take note of a message that a handler did not take."""
-        self._router.refuse(sender, "incredible", reason)
-
-    def statistics(self) -> TransportStatistics:
-        """Return the counts so far."""
-        return self._router.statistics()
-
-    def _call_later(self, seconds: float, callback: Callable[[], None]) -> None:
+    def _later(self, seconds: float, callback: Callable[[], None]) -> None:
         asyncio.get_running_loop().call_later(seconds, callback)
 
 
@@ -536,9 +719,3 @@ def _lay_over(base: dict[str, Any], more: Mapping[str, Any]) -> None:
             _lay_over(base[name], value)
         else:
             base[name] = value
-
-
-def _tell_loop(error: BaseException) -> None:
-    asyncio.get_running_loop().call_exception_handler(
-        {"message": "a handler of a team's messages failed", "exception": error}
-    )

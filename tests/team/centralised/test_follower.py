@@ -11,9 +11,9 @@ from team_robots import over_beliefs, started
 from mdm import problems
 from mdm.team.centralised.messages import Proposal, encode
 from mdm.team.team import Team
-from mdm.team.transport.envelope import Packer
 from mdm.team.transport.keys import join
 from mdm.team.transport.network import Network
+from mdm.team.transport.router import Packer
 from mdm.testing import run_virtual
 
 TEAM = Team("tigers", ["left", "right"], mode="centralised", lease=1.0)
@@ -38,7 +38,7 @@ def speak(owner, receiver, channel, body):
     key = join("tigers", owner.name, "joint", channel)
     transport, clock = receiver.transport, receiver.runtime.clock
     packer = Packer(owner.name, owner.transport.incarnation, clock.now)
-    last = transport.router.unpacker._last.get(key)
+    last = transport.unpacker._last.get(key)
     packer.sent[key] = [0 if last is None else last.number, 0]
     transport.arrive(key, packer.pack(key, encode(body), step=True))
 

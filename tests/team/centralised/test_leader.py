@@ -320,7 +320,7 @@ def test_an_answer_that_an_agent_did_not_give_refuses_nobody():
         robots = [Robot(tigers(), name, network, over_beliefs(problems.dec_tiger())) for name in ("left", "right")]
         for robot in robots:
             await robot.start(runtime)
-            served = robot.transport.router._served
+            served = robot.transport._served
             for key in served:
                 served[key] = lambda _: msgspec.msgpack.encode({"horizon": "5"})
             assert [key.split("/")[-1] for key in served if "configuration" in key] == ["configuration"]

@@ -12,7 +12,7 @@ from mdm.errors import ConfigError
 from mdm.team.transport import access, certificates
 from mdm.team.transport.access import Access, access_settings, valid_until
 from mdm.team.transport.certificates import make_certificates
-from mdm.team.transport.envelope import Packer
+from mdm.team.transport.router import Packer
 from mdm.team.transport.session import Session
 
 AGENTS = ["a", "b", "c"]

@@ -92,7 +92,7 @@ def test_an_end_does_not_overtake_what_was_put_before_it(seed):
         assert set(seen[: seen.index(b"4")]) <= {1, None, b"0", b"1", b"2", b"3"}
         assert None not in seen[seen.index(1) : seen.index(b"4")]
         assert seen[-1] == (2 if seed % 2 else None)
-        assert b.router.live.get("a") == seen[-1]
+        assert b.live.get("a") == seen[-1]
 
     SIMULATED(main, delay=(0, 0.05), seed=seed)
 
@@ -105,7 +105,7 @@ def test_who_left_beyond_a_partition_is_hidden_by_it():
         await a.close()
         net.network.partition({"a"}, {"b"})
         b.look()
-        assert set(b.router.live) == {"b"}
+        assert set(b.live) == {"b"}
 
     SIMULATED(main, delay=0.05)
 
@@ -120,12 +120,12 @@ def test_a_partition_hides_agents_after_the_lease_and_heals():
         a.put(key("a"), b"lost")
         assert await a.ask("mdm/team/**") == {}
         await asyncio.sleep(0.9)
-        assert set(b.router.live) == {"a", "b", "c"}
+        assert set(b.live) == {"a", "b", "c"}
         await asyncio.sleep(0.2)
-        assert (set(a.router.live), set(b.router.live), set(c.router.live)) == ({"a"}, {"b", "c"}, {"b", "c"})
+        assert (set(a.live), set(b.live), set(c.live)) == ({"a"}, {"b", "c"}, {"b", "c"})
         net.network.heal()
         await asyncio.sleep(0.01)
-        assert set(a.router.live) == set(b.router.live) == {"a", "b", "c"}
+        assert set(a.live) == set(b.live) == {"a", "b", "c"}
         a.put(key("a"), b"comes")
         await asyncio.sleep(0.01)
         assert [sample.body for sample in got] == [b"comes"]

@@ -21,10 +21,10 @@ from transports import LOOPBACK, endpoint, free_port, key, routing
 
 from mdm.errors import ConfigError, Error
 from mdm.runtime import VirtualEventLoop
-from mdm.team.sharing import asking
+from mdm.team.sharing import calls
 from mdm.team.team import Team
 from mdm.team.transport import session as module
-from mdm.team.transport.envelope import Packer
+from mdm.team.transport.router import Packer
 from mdm.team.transport.session import Session
 
 pytest.importorskip("zenoh")
@@ -184,7 +184,7 @@ def test_an_answer_under_the_key_of_another_is_dropped():
         first, second = net.transport("a"), net.transport("b")
         first.serve(key("a", "call"), lambda body: b"mine")
         await net.open(first, second)
-        first._packer = Packer("b", 1, int)
+        first.packer = Packer("b", 1, int)
         assert await second.ask(key("a", "call")) == {}
         assert second.statistics().dropped == {"foreign": 1}
 
@@ -500,7 +500,7 @@ def test_a_client_that_waits_for_its_router_can_end():
     async def main(net):
         session = net.transport("a", listen=[], connect=[endpoint()], mode="client")
         opening = asyncio.create_task(session.open())
-        while session._state == "new":
+        while session.state == "new":
             await asyncio.sleep(0)
         opening.cancel()
         with pytest.raises(asyncio.CancelledError):
@@ -526,12 +526,12 @@ def test_a_router_that_everybody_reaches_is_told_once(host, told, monkeypatch):
 
 
 def test_who_asks_a_team_whose_router_is_not_there_is_told(monkeypatch):
-    monkeypatch.setattr(asking, "_OPENING", 0.1)
+    monkeypatch.setattr(calls, "_OPENING", 0.1)
     where = endpoint()
 
     async def main():
         with pytest.raises(Error) as refused:
-            async with asking.asking(Team("team", ["a", "b"], router=where)):
+            async with calls.asking(Team("team", ["a", "b"], router=where)):
                 raise AssertionError
         return str(refused.value)
 

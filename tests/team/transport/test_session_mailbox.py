@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 from patience import PATIENCE
 
-from mdm.team.transport.mailbox import Mailbox
+from mdm.team.transport.session import Mailbox
 
 
 @pytest.fixture(scope="module", autouse=True, params=["eventfd", "call"])

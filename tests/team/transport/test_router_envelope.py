@@ -7,8 +7,8 @@ from hypothesis import given, strategies as st
 from sentences import refused
 
 from mdm.errors import Error
-from mdm.team.transport.envelope import Packer, Refusal, Unpacker, check_size
 from mdm.team.transport.keys import join
+from mdm.team.transport.router import Packer, Refusal, Unpacker, check_size
 
 KEY = join("rescue", "robot1", "patrol", "state")
 NAMES = st.text(st.characters(exclude_characters="/*$#?@", exclude_categories=["C", "Z"]), min_size=1, max_size=64)

@@ -6,7 +6,7 @@ import pytest
 from transports import LOOPBACK, key
 
 from mdm.errors import ConfigError
-from mdm.team.transport.ceilings import Ceiling, ceiling_settings
+from mdm.team.transport.settings import Ceiling, ceiling_settings
 
 
 def test_messages_over_a_ceiling_are_held_back_by_zenoh():

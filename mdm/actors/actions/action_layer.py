@@ -51,11 +51,10 @@ _own, _disown = OWNER.set, OWNER.reset
 class _Run(Life):
     """A life, and the work that carries it out."""
 
-    __slots__ = ("began", "binding", "deadline", "grace", "put_off", "work")
+    __slots__ = ("began", "deadline", "grace", "put_off", "work")
 
     def __init__(self, name: str, binding: Binding, action: Action, *, secures: bool = False) -> None:
         super().__init__(name, binding, action, secures=secures)
-        self.binding = binding
         self.began = action.time
         self.work: Work | None = None
         self.deadline: Timer | None = None
@@ -433,7 +432,7 @@ class ActionLayer(Layer):
     def _returned(self, life: _Run, result: object, jobs: Jobs) -> None:
         """A function has returned: an awaitable runs as a task, and has ended when its jobs have."""
         if inspect.isawaitable(result):
-            self._keep(life, task=True)
+            self._keep(life)
             try:
                 life.work = self.spawn(result, lambda work: self._work_ended(life, work), name=life.name, jobs=jobs)
             except Error as error:  # the layer has ended already
@@ -535,7 +534,7 @@ class ActionLayer(Layer):
                 what = "has failed" if ensemble.failing else f"is {ensemble.life}"
                 self._end_life(life, "failed", f"ensemble {ensemble.path!r} does not run: it {what}")
                 return
-            self._keep(life, task=False)
+            self._keep(life)
             ensemble.when_idle(lambda: self._ensemble_ended(life))
             ensemble.begin(resume=binding.resume)
             return
@@ -551,9 +550,9 @@ class ActionLayer(Layer):
             return
         self._returned(life, result, jobs)
 
-    def _keep(self, life: _Run, *, task: bool) -> None:
+    def _keep(self, life: _Run) -> None:
         life.began = self.runtime.now()
-        self.lives.keep(life, task=task)
+        self.lives.keep(life)
         timeout = self.safe_timeout if life.secures else life.binding.timeout
         if timeout is not None:
             life.deadline = self.after(timeout, lambda: self._obey(self.lives.cancel(life, "timed_out")))

@@ -7,14 +7,15 @@ clock, no task and no event loop: how a life is carried out, and how long that t
 from __future__ import annotations
 
 from enum import Enum
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from mdm.actors.actions.binding import Binding
     from mdm.messages import Action, ActionStatus
 
-__all__ = ["Gate", "Kind", "Life", "Lives", "Order", "Orders", "Part"]
+__all__ = ["Gate", "Life", "Lives", "Order", "Orders", "Part"]
 
 
 class Gate(Enum):
@@ -65,42 +66,28 @@ class Order(Enum):
     CANCEL_NOW = "cancel now"
 
 
-class Kind(Protocol):
-    """The traits that all lives of an action share."""
-
-    @property
-    def concurrent(self) -> bool:
-        """Whether they neither end the running one nor are ended by the next."""
-
-    @property
-    def group(self) -> object:
-        """Where not None, those of the same group replace each other: the next begins before the running one ends."""
-
-
 class Life:
     """One run of one action.
 
     Args:
         name: The action's.
-        kind: The traits of its action.
+        binding: Its action's: the same of all its lives.
         action: The decision.
         secures: Whether it is the safe action's.
 
     Attributes:
         number: Counted from 1 on by the order in which they begin; 0 before it has begun.
-        task: Whether it goes on as a task behind the call that began it.
         ending: How it was asked to end; None where it was not.
     """
 
-    __slots__ = ("action", "ending", "kind", "name", "number", "secures", "task")
+    __slots__ = ("action", "binding", "ending", "name", "number", "secures")
 
-    def __init__(self, name: str, kind: Kind, action: Action, *, secures: bool = False) -> None:
+    def __init__(self, name: str, binding: Binding, action: Action, *, secures: bool = False) -> None:
         self.name = name
-        self.kind = kind
+        self.binding = binding
         self.action = action
         self.secures = secures
         self.number = 0
-        self.task = False
         self.ending: ActionStatus | None = None
 
 
@@ -235,7 +222,7 @@ class Lives(Generic[L]):
 
     def met_by(self, life: L) -> L | None:
         """Return the life that goes on, is replaced or is waited for where another one is chosen, if any."""
-        return self.beside.get(life.name) if life.kind.concurrent else self.current
+        return self.beside.get(life.name) if life.binding.concurrent else self.current
 
     def choose(self, life: L, goes_on: Callable[[], bool], *, own: bool) -> Orders[L]:
         """An action was decided, while decided actions may begin.
@@ -247,9 +234,9 @@ class Lives(Generic[L]):
                 about, as by an event that it raises, or is over. The decision is then to begin it once more.
         """
         current = self.current
-        if life.kind.concurrent:
+        if life.binding.concurrent:
             return self._choose_beside(life, goes_on, own=own)
-        if current is not None and current.kind is life.kind and current.ending is None and goes_on():
+        if current is not None and current.binding is life.binding and current.ending is None and goes_on():
             self.pending = life if own else None
             return ()
         if self.pending is not None:
@@ -258,7 +245,7 @@ class Lives(Generic[L]):
         if current is None:
             if self._is_free_for(life):
                 return ((Order.BEGIN, life),)
-        elif current.task and current.ending is None and not own and _same_group(current, life):
+        elif current.binding.ensemble is None and current.ending is None and not own and _same_group(current, life):
             current.ending = "preempted"
             self.current = None
             self.replaced.append(current)
@@ -281,14 +268,13 @@ class Lives(Generic[L]):
 
     def _is_free_for(self, life: L) -> bool:
         """Whether none but those of its own group still come to their end, having been replaced."""
-        return all(replaced.kind.group is life.kind.group for replaced in self.replaced)
+        return all(replaced.binding.group is life.binding.group for replaced in self.replaced)
 
     # -- Lives ---------------------------------------------------------------------------------------------------
 
-    def keep(self, life: L, *, task: bool) -> None:
+    def keep(self, life: L) -> None:
         """A life lasts: it goes on behind the call that began it."""
-        life.task = task
-        if life.kind.concurrent and not life.secures:
+        if life.binding.concurrent and not life.secures:
             self.beside[life.name] = life
         else:
             self.current = life
@@ -328,7 +314,7 @@ class Lives(Generic[L]):
 
     def itself(self, life: L) -> L | None:
         """Return the abandoned life of the same action that still runs: none is begun beside itself."""
-        return next((left for left in self.left if left.kind is life.kind or left.name == life.name), None)
+        return next((left for left in self.left if left.binding is life.binding or left.name == life.name), None)
 
     @property
     def safe_action_is_due(self) -> bool:
@@ -348,4 +334,4 @@ class Lives(Generic[L]):
 
 
 def _same_group(one: Life, other: Life) -> bool:
-    return one.kind.group is not None and one.kind.group is other.kind.group
+    return one.binding.group is not None and one.binding.group is other.binding.group

@@ -48,74 +48,6 @@ class Team(Protocol):
         """Who is not there whose factors are unknown, and what to do, in words; empty where nobody is."""
 
 
-class Source(Protocol):
-    """Where a control layer's input comes from.
-
-    Attributes:
-        shared: Whether other agents decide on the same.
-        catching_up: Whether it repeats decisions that others made long ago, so that none is carried out.
-    """
-
-    shared: bool
-    catching_up: bool
-
-    @property
-    def held(self) -> bool:
-        """Whether input is decided on only when a safe mode is over; nothing is decided then."""
-
-    def open(self) -> None:
-        """Listen; the layer starts."""
-
-    def asked(self, command: CommandName) -> bool:
-        """Somebody asks the ensemble for something; return whether that was passed on to others."""
-
-    @property
-    def absence(self) -> str:
-        """Who is not there whose factors of the state are unknown, and what to do, in words; empty where nobody is."""
-
-    @property
-    def may_begin(self) -> bool:
-        """Whether an episode may begin."""
-
-    @property
-    def may_decide(self) -> bool:
-        """Whether decisions may follow at once."""
-
-    def hold(self, done: int | None) -> None:
-        """The ensemble is safe.
-
-        Args:
-            done: The safe action, where it is one of the model's: the belief then goes by it.
-        """
-
-    def let_go(self) -> None:
-        """The ensemble is stopped."""
-
-    def latch(self) -> None:
-        """Nothing of the ensemble starts any more: it comes to its end."""
-
-    def go_on(self, time: int, *, anew: bool, predict: bool) -> None:
-        """A safe mode is over.
-
-        Args:
-            time: When.
-            anew: Begin a new episode: the effect of the safe action on the state is unknown.
-            predict: Time has passed, of which the belief does not know.
-        """
-
-    def decide_again(self, time: int) -> None:
-        """Decide once more on the known input: nothing was observed, so that no belief is updated by it."""
-
-    def observe_aside(self, observation: Observation) -> None:
-        """An observation has come on which nothing is decided."""
-
-    def tick_aside(self, tick: Tick) -> None:
-        """A tick has come at which nothing is decided, unless it ends a safe mode."""
-
-    def answer_later(self, cause: str, observation: Observed) -> None:
-        """Decide when the safe mode is over which this observation has brought about."""
-
-
 class Held(Enum):
     """How a safe mode of the ensemble holds its input, and what the belief knows of it.
 
@@ -137,6 +69,12 @@ class OwnChannels:
 
     Args:
         control: The layer.
+
+    Attributes:
+        shared: Whether other agents decide on the same.
+        catching_up: Whether it repeats decisions that others made long ago, so that none is carried out.
+        absence: Who is not there whose factors of the state are unknown, and what to do, in words; empty where nobody
+            is.
     """
 
     shared = catching_up = False
@@ -185,7 +123,11 @@ class OwnChannels:
         return guard is None or guard.deciding
 
     def hold(self, done: int | None) -> None:
-        """Decide nothing until the safe mode is over."""
+        """Decide nothing until the safe mode is over.
+
+        Args:
+            done: The safe action, where it is one of the model's: the belief then goes by it.
+        """
         control = self._control
         control.running = False
         control.withdraw()
@@ -204,7 +146,13 @@ class OwnChannels:
         self._control.running = False
 
     def go_on(self, time: int, *, anew: bool, predict: bool) -> None:
-        """Decide on the input known now."""
+        """Decide on the input known now: a safe mode is over.
+
+        Args:
+            time: When.
+            anew: Begin a new episode: the effect of the safe action on the state is unknown.
+            predict: Time has passed, of which the belief does not know.
+        """
         control = self._control
         moved = self._held is Held.MOVED
         self._held, control.running = Held.NOT, True
@@ -470,3 +418,7 @@ class JointProcess:
                 raise ModelError(f"this is not a snapshot of a control layer: there is no {what} {index} of {size}")
         control.controller.restore(controller)
         control.running, control.state, control.output.acted = running, state, acted
+
+
+Source = OwnChannels | JointProcess
+"""Where a control layer's input comes from."""

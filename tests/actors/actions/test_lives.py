@@ -15,6 +15,7 @@ class Kind:
 
     def __init__(self, what="task", *, concurrent=False, group=None):
         self.what, self.concurrent, self.group = what, concurrent, group
+        self.ensemble = self if what == "ensemble" else None
 
     def __deepcopy__(self, memory):
         return self
@@ -80,20 +81,22 @@ class World:
         if self.lives.itself(life) is not None:
             self.fail_at_once(life, rest)
             return
-        self.demand(all(left.kind is not life.kind for left in self.left), "an abandoned action begins beside itself")
+        self.demand(
+            all(left.binding is not life.binding for left in self.left), "an abandoned action begins beside itself"
+        )
         alone = [one for one in self.running if one is not life]
         if life.secures:
             self.demand(not alone and self.safe == "due", "the safe action begins beside another")
             self.safe = "runs"
         else:
             self.demand(self.admitted and not self.barred, "it begins though nothing may")
-            if not life.kind.concurrent:
+            if not life.binding.concurrent:
                 for one in alone:
-                    replaced = life.kind.group is not None and one.kind.group is life.kind.group and one.ending
-                    self.demand(one.kind.concurrent or replaced, "two live at once")
+                    replaced = life.binding.group is not None and one.binding.group is life.binding.group and one.ending
+                    self.demand(one.binding.concurrent or replaced, "two live at once")
         life.cancelled = False
-        if life.kind.what == "ensemble":  # which starts without a call of its own
-            self.lives.keep(life, task=False)
+        if life.binding.what == "ensemble":  # which starts without a call of its own
+            self.lives.keep(life)
             self.running.append(life)
             self.obey(rest)
             return
@@ -101,7 +104,7 @@ class World:
         self.lives.calling = True
 
     def fail_at_once(self, life, rest):
-        self.demand(any(left.kind is life.kind for left in self.left), "it fails though nothing of it runs")
+        self.demand(any(left.binding is life.binding for left in self.left), "it fails though nothing of it runs")
         if life.secures:
             self.safe = "done"
             self.lives.secured(failed=True)
@@ -111,7 +114,7 @@ class World:
         life, rest = self.calls.pop()
         self.lives.calling = False
         if lasts:
-            self.lives.keep(life, task=True)
+            self.lives.keep(life)
             self.running.append(life)
         elif life.secures:
             self.safe = "done"
@@ -138,14 +141,14 @@ class World:
     def events(self):
         if self.calls:
             yield "returned", lambda: self.returns(lasts=False)
-            if self.calling.kind.what == "task":
+            if self.calling.binding.what == "task":
                 yield "goes on", lambda: self.returns(lasts=True)
         elif self.lives.open:
             for name in self.kinds:
                 kind = KINDS[name]
                 met = self.lives.met_by(Run(name, kind, None))
                 for goes_on in (True, False):
-                    for own in (True, False) if met and met.task else (False,):
+                    for own in (True, False) if met and not met.binding.ensemble else (False,):
                         yield (
                             f"choose {name} {goes_on} {own}",
                             lambda name=name, kind=kind, goes_on=goes_on, own=own: self.obey(
@@ -153,9 +156,9 @@ class World:
                             ),
                         )
         # The end of a task, and a timeout, are turns of their own: no function is being called.
-        for life in [one for one in self.running if not self.calls or one.kind.what == "ensemble"]:
+        for life in [one for one in self.running if not self.calls or one.binding.what == "ensemble"]:
             yield f"end {life.name}", lambda life=life: self.end(life)
-            if life.ending is not None and life.kind.what == "task":
+            if life.ending is not None and life.binding.what == "task":
                 yield f"abandon {life.name}", lambda life=life: self.abandon(life)
             if life.ending is None:
                 yield f"time out {life.name}", lambda life=life: self.obey(self.lives.cancel(life, "timed_out"))
@@ -243,7 +246,7 @@ class World:
     @property
     def key(self):
         def of(life):
-            return life and (life.name, life.ending, life.task, life.secures, getattr(life, "cancelled", False))
+            return life and (life.name, life.ending, life.secures, getattr(life, "cancelled", False))
 
         lives = self.lives
         machine = (lives.gate, lives.part, lives.calling, of(lives.current), of(lives.pending), *lives.behind)
@@ -340,7 +343,7 @@ def begin_the_safe_action_beside_what_lives(patch):
 
 
 def forget_a_life_that_lasts(patch):
-    patch.setattr(Lives, "keep", lambda self, life, *, task: None)
+    patch.setattr(Lives, "keep", lambda self, life: None)
 
 
 def begin_an_abandoned_action_beside_itself(patch):
@@ -397,7 +400,7 @@ def test_what_was_overtaken_before_it_began_is_counted():
     lives.admit()
     first, second, third = (Run(name, KINDS["go"] if name == "go" else Kind(), None) for name in ("go", "a", "b"))
     assert lives.choose(first, lambda: True, own=False) == ((Order.BEGIN, first),)
-    lives.keep(first, task=True)
+    lives.keep(first)
     assert lives.choose(second, lambda: True, own=False) == ((Order.CANCEL, first),)
     assert lives.choose(third, lambda: True, own=False) == ()
     assert (lives.skipped, lives.pending) == (1, third)

@@ -9,9 +9,8 @@ from mdm.runtime.channel import Subscription
 from mdm.runtime.dispatcher import Alarm
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
-    from mdm.errors import ConfigError
     from mdm.runtime import Timer
 
 __all__ = ["Layer"]
@@ -31,7 +30,3 @@ class Layer(Actor):
         timer = Alarm(runtime.dispatcher, turn)
         timer.set(runtime.dispatcher.counts_from(self.path) + round(seconds * 1e9))
         return timer
-
-    def problems(self) -> Iterator[ConfigError]:
-        """Yield everything that would keep this layer from starting."""
-        yield from ()

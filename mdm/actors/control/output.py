@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -43,13 +43,6 @@ def symbol_of(observation: Observation) -> Observed:
         return observation.values
     found: int = index if index.__class__ is int else operator.index(index)
     return found
-
-
-class Outlet(Protocol):
-    """Where the decided actions go: to the channel ``action``, or another way."""
-
-    def emit(self, action: Action, /) -> None:
-        """Take a decided action."""
 
 
 class _Muted:
@@ -148,7 +141,7 @@ class Output:
         # Whether the outlet is the channel of actions itself, whenever it is decided.
         self._alone = deadline is None
         self._actions: Channel[Action] | None = None
-        self._outlet: Outlet = _Muted()
+        self._outlet: Channel[Action] | _Muted | _Relay = _Muted()
         self._path = ""
         self._observed = False
 
@@ -379,7 +372,7 @@ class Output:
         """Tell somebody of each decision besides, until the layer starts anew."""
         self._let_out(_Relay(self._channel, tell))
 
-    def _let_out(self, outlet: Outlet) -> None:
+    def _let_out(self, outlet: Channel[Action] | _Muted | _Relay) -> None:
         self._outlet = outlet
         self._alone = outlet is self._actions and self._deadline is None
 

@@ -50,7 +50,7 @@ VERBS = {
     "import-ros1": ("projects", "take over a package of the original MDM for ROS"),
     "completion": ("projects", "print what lets a shell complete the arguments of mdm"),
 }
-"""The verbs: the folder of each, which says what it takes, and a line of help."""
+"""The verbs: the folder of each, which declares its arguments, and a line of help."""
 
 
 def make_parser(verbs: Collection[str] = tuple(VERBS), *, lines_alone: bool = False) -> argparse.ArgumentParser:

@@ -16,7 +16,7 @@ _NUMBERS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP
 def hear_interrupts() -> None:
     """Have SIGINT end this process in order, where a shell that is no terminal's ignores it for its background.
 
-    What drives a robot has to stop at it; other signals that are ignored, as SIGHUP after ``nohup``, stay so.
+    A process that drives a robot has to stop at it; other signals that are ignored, as SIGHUP after ``nohup``, stay so.
     """
     if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -39,7 +39,7 @@ class Interruption:
 
     @property
     def status(self) -> int:
-        """The exit status that tells of the signal."""
+        """The exit status for the signal."""
         return 128 + (self.number or signal.SIGINT)
 
     def asked(self) -> bool:

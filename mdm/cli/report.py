@@ -1,4 +1,4 @@
-"""What verbs print: JSON, tables, names from files."""
+"""The output of verbs: JSON, tables, names from files."""
 
 from __future__ import annotations
 

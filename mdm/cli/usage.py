@@ -1,4 +1,4 @@
-"""What verbs take, as data: their arguments, the types of these, and those that several verbs share."""
+"""The arguments of verbs, as data: their types, and those that several verbs share."""
 
 from __future__ import annotations
 
@@ -41,16 +41,16 @@ class Verb(NamedTuple):
     """A verb, or one below it.
 
     Args:
-        about: What it does, as its help says.
+        about: Its purpose, as its help says.
         example: A command line.
-        arguments: What it takes.
+        arguments: Its arguments.
         runs: The module, below ``mdm.cli``, whose function `run` is called, or ``module:function``.
         line: Its line in the help of the verb above it.
         verbs: The verbs below it.
         chosen: Where the parsed arguments keep the verb below it, and how the usage calls it.
         command: Its name in errors; by default the words of the command line.
         usage: The line of its usage, where argparse's does not do.
-        settings: What the parsed arguments have beside.
+        settings: More attributes of the parsed arguments.
     """
 
     about: str
@@ -78,9 +78,9 @@ def argument(
     exclusive: bool = False,
     **options: Any,
 ) -> Argument:
-    """Return an argument: with its help, what parses its text, and more that argparse is told.
+    """Return an argument: with its help, the function that parses its text, and more options of argparse.
 
-    The words are the names of an option and what it takes, as ``-o --output FILE``; without the latter it is a flag. Of
+    The words are the names of an option and of its value, as ``-o --output FILE``; without a value it is a flag. Of
     a positional argument they are its name and how the usage calls it: ``model MODEL``; ``[MODEL]`` may be left out,
     ``MODEL...`` stands for one or more.
     """
@@ -104,7 +104,7 @@ def argument(
 
 
 def add_verb(verbs: Any, name: str, line: str, verb: Verb, *, command: str = "") -> None:
-    """Add a verb and all below it to the verbs of a parser, each with ``--debug`` and what the command needs of it."""
+    """Add a verb and all below it to the verbs of a parser, each with ``--debug`` and the command's settings."""
     about, example = verb.about, f"example: {verb.example}"
     parser = verbs.add_parser(name, help=line, usage=verb.usage, description=about, epilog=example)
     command = verb.command or f"{command} {name}".lstrip()
@@ -139,9 +139,9 @@ def number(
     apart: tuple[float, ...] = (),
     be: str = "was",
 ) -> Callable[[str], Any]:
-    """Return what parses an argument as a number from the least to the most, but for those ends that are apart.
+    """Return a parser of numbers from the least to the most, but for those ends that are apart.
 
-    Another text is refused with the words for what was expected, and their verb.
+    Another text is refused with the words for the expected numbers, and their verb.
     """
 
     def read(text: str) -> Any:

@@ -1,7 +1,7 @@
 """Maps: where the cells of a floor are free, which place each belongs to, and how the places hang together.
 
-With `Places` a robot's poses are predicates and events, and with `Navigation` the ways of a map are actions. What takes
-actors is loaded when it is first asked for.
+With `Places` a robot's poses are predicates and events, and with `Navigation` the ways of a map are actions. Names that
+take actors are loaded when they are first asked for.
 """
 
 from __future__ import annotations

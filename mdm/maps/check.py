@@ -1,4 +1,4 @@
-"""Checks of a map: what would keep a robot from its goals, or its predicates from being true."""
+"""Checks of a map: errors that would keep a robot from its goals, or its predicates from being true."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ RADIUS = 0.25
 MARGIN = 0.3
 """How deep inside a place a robot must be that comes into it, in metres, if nobody says another."""
 _TOLD = ("entered", "left", "at_goal", "arrived", "reached", "next")
-"""What is told of a place, after its name and a dot."""
+"""The predicates and events of a place, after its name and a dot."""
 _SLACK = 1e-9
 _SHOWN = 200
 """Cells of a stray colour that a problem names."""
@@ -41,8 +41,8 @@ class Problem:
     """Something that is wrong with a map.
 
     Args:
-        kind: What it is about: `greys`, `colours`, `goals`, `rooms`, `ways` or `lifts`.
-        text: What is wrong, in a sentence.
+        kind: Its subject: `greys`, `colours`, `goals`, `rooms`, `ways` or `lifts`.
+        text: The problem in a sentence.
         places: The names of the places that it is about.
         cells: Rows and columns of cells where it is seen.
         floor: The floor that it is on, where there are several.
@@ -60,9 +60,10 @@ class Problem:
 
 
 def check(floor: Map | Floors, *, radius: float = RADIUS, margin: float = MARGIN) -> tuple[Problem, ...]:
-    """Return what is wrong with a map.
+    """Return the problems of a map.
 
-    * A goal lies outside its own place, or so near to what is not free that the robot does not fit, with 5 cm to spare.
+    * A goal lies outside its own place, or so near to a cell that is not free that the robot does not fit, with 5 cm to
+      spare.
     * A place, or its goal, is not so far from other places that a robot there counts as having come.
     * A way joins places that do not touch, or by a passage that is too narrow, with 5 cm on each side; or no path as
       wide leads from goal to goal; or it joins a place with itself. Places touch by a passage that is wide enough, and
@@ -73,9 +74,9 @@ def check(floor: Map | Floors, *, radius: float = RADIUS, margin: float = MARGIN
     * The name of a place stands for something else in formulas, so that `Places` would refuse it.
     * Of several floors: a robot does not fit where a lift stops, or no way on the floor leads there.
 
-    Where the files are at hand, `mdm map check` also tells of larger colours that are no place's and cover free cells.
+    Where the files are at hand, `mdm map check` also lists larger colours that are no place's and cover free cells.
 
-    What takes a grid is left out where the map has none.
+    Checks that take a grid are left out where the map has none.
 
     Args:
         floor: The map, or several floors.
@@ -108,7 +109,7 @@ def examine(
     colours: NDArray[np.uint32] | None = None,
     alone: bool = True,
 ) -> Iterator[Problem]:
-    """Yield what is wrong with labels and a graph, of the places that both have.
+    """Yield the problems of labels and a graph, of the places that both have.
 
     Where a floor is not alone, its places may be joined by way of another one: see `examine_lifts`.
     """
@@ -145,7 +146,7 @@ def examine(
 def examine_lifts(
     graph: Graph, lifts: Sequence[Lift], grids: Mapping[str, Grid | None], *, radius: float
 ) -> Iterator[Problem]:
-    """Yield what is wrong with the lifts between floors, and with how the places of all floors hang together.
+    """Yield the problems of the lifts between floors, and of how the places of all floors hang together.
 
     Args:
         graph: The graph of all floors.
@@ -187,7 +188,7 @@ def missing(labels: Labels, grid: Grid, colours: NDArray[np.uint32]) -> dict[int
 
 
 def _inmost(cells: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return the cell that is furthest from what is not among cells."""
+    """Return the cell that is furthest from all others than some cells."""
     depth = scipy.ndimage.distance_transform_edt(np.pad(cells, 1))[1:-1, 1:-1]
     row, column = np.unravel_index(int(depth.argmax()), depth.shape)
     return int(row), int(column)

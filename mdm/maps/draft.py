@@ -3,18 +3,18 @@
 Labels take two stages. First the free cells are divided at narrow passages: each cell belongs to the peak of clearance
 that leads up from it (a watershed), and peaks that rise by less than `_RISE` above the saddle between them are one.
 Then regions are joined through the widest passage first, but never two that both hold a goal. A region that holds
-several has no passage between them, and where it is divided is a convention: what is in sight of a goal belongs to the
-nearest such goal, the rest to what is next to it.
+several has no passage between them, and where it is divided is a convention: cells in sight of a goal belong to the
+nearest such goal, the rest to the cells next to them.
 
 The first stage is a watershed of the distance to walls (S. Beucher and C. Lantuejoul, *Use of watersheds in contour
 detection*, 1979) whose small dynamics are suppressed (M. Grimaud, *A new measure of contrast: the dynamics*, 1992); the
 second is a minimum spanning forest rooted in the goals (F. Meyer, *Minimum spanning forests for morphological
 segmentation*, 1994). It costs a few passes over the cells: .2 s for 160,000 of them.
 
-Without goals, regions are joined across what is no door: it is wide, or nearly as wide as the narrower of the two; then
-those that are too small for rooms, through their widest passages. Of a region without doors, such as a hall, nothing
-divides the parts: it is one room. A goal is as near to the middle of its room as a robot fits well. Ways lead through
-passages that are wide enough. What a robot cannot reach from the largest part of the floor is left out.
+Without goals, regions are joined across a passage that is no door: it is wide, or nearly as wide as the narrower of the
+two; then those that are too small for rooms, through their widest passages. Of a region without doors, such as a hall,
+nothing divides the parts: it is one room. A goal is as near to the middle of its room as a robot fits well. Ways lead
+through passages that are wide enough. Cells that a robot cannot reach from the largest part of the floor are left out.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def draft(grid: Grid, graph: Graph) -> Labels:
 
 
 def rooms(grid: Grid, reached: Mask, least: float) -> Regions:
-    """Divide the free cells of a grid at what may be doors, without goals; return regions by one of their cells.
+    """Divide the free cells of a grid at possible doors, without goals; return regions by one of their cells.
 
     Regions are joined where the passage between them is no door, and where one is too small for a room.
 
@@ -234,7 +234,7 @@ class _Forest:
             self.parents[low] = high
 
     def join_small(self, found: Sequence[tuple[int, int, float]], sizes: Vector, least: float) -> None:
-        """Join what is too small through its widest passage, until nothing is."""
+        """Join regions that are too small through their widest passages, until none is."""
         areas: dict[int, float] = {}
         for region in self.parents:
             root = self.root(region)
@@ -274,7 +274,7 @@ def propose(grid: Grid, *, radius: float = 0.25, margin: float = 0.3, least: flo
         grid: The floor.
         radius: Of the robot, in metres.
         margin: How deep inside a place a robot must be that comes into it, in metres.
-        least: The square metres of a room, of what a robot can reach; smaller ones belong to their neighbours.
+        least: The square metres of a room that a robot can reach; smaller ones belong to their neighbours.
 
     Raises:
         MapError: If the robot fits nowhere, or a length is none.

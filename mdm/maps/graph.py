@@ -76,8 +76,8 @@ class Edge:
         source: The name of the place that it leads from.
         target: The name of the place that it leads to.
         label: The action that takes it, such as ``Up``.
-        cost: What it costs, where the graph knows.
-        lift: What it takes to another floor, where it is not driven.
+        cost: Its cost, where the graph knows.
+        lift: The lift that it takes to another floor, where it is not driven.
         seconds: How long that takes.
     """
 

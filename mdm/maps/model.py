@@ -2,8 +2,8 @@
 
 The state has the factor `POSITION`, the place, and the users' factors behind it. An action of a way's label leads to
 the next place with its probability of success, else the robot stays; where there is no such way it stays, at a small
-cost, or the action would tie with those that lead nowhere either. What users' factors do depends on the place where
-the robot is next.
+cost, or the action would tie with those that lead nowhere either. Users' factors change with the place
+where the robot is next.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class FloorFactor:
         name: Its name.
         values: Its symbols.
         transitions: P(next value | next place, value): places x values x values.
-        rewards: What the change to a value earns: places x values x values, of the next place, the value, and the next.
+        rewards: Of the change to a value: places x values x values, of the next place, the value, and the next.
         initial: The distribution of the first value; the first one by default.
     """
 
@@ -68,7 +68,7 @@ def latch(graph: Graph, name: str, *, on: str, off: str, reward: float = 1.0) ->
         name: Its name; its values are ``no``, the first, and ``yes``.
         on: The place that makes it ``yes``.
         off: The place that makes it ``no``.
-        reward: What each change earns.
+        reward: Of each change.
 
     Raises:
         MapError: If there is no such place, both are the same, or the reward is no number.
@@ -91,8 +91,8 @@ def visits(graph: Graph, order: Sequence[str], *, reward: float = 1.0) -> FloorF
 
     Args:
         graph: The places.
-        order: The places of the tour, after the last of which it begins anew.
-        reward: What each place earns that is come to in its turn.
+        order: The places of the tour, after the last of which it begins again.
+        reward: Of each place that is come to in its turn.
 
     Raises:
         MapError: If there are fewer than two places, one is unknown or given twice, or the reward is no number.
@@ -126,8 +126,8 @@ def model(
         graph: The places and ways; the labels of ways are the actions.
         factors: The users' factors, most significant first, behind the place.
         success: The probability that a way is gone in one step: one for all, or places x labels, as of `chances`.
-        rewards: What a step earns that ends in a place, by its name.
-        idle_cost: What an action costs that leads nowhere.
+        rewards: Of a step that ends in a place, by its name.
+        idle_cost: The cost of an action that leads nowhere.
         sightings: P(place that is seen | place), as of `sightings`; without it places are known, and it is an MDP.
         discount: In (0, 1].
         start: Where the robot is first; anywhere by default.
@@ -218,7 +218,7 @@ def _numbers(given: npt.ArrayLike, shape: tuple[int, ...], what: str) -> Vector:
 
 
 def _moves(graph: Graph, labels: Sequence[str], taken: Vector, idle_cost: float) -> tuple[Vector, Vector]:
-    """Return P(next place | action, place), actions x places x places, and what actions cost, actions x places."""
+    """Return P(next place | action, place), actions x places x places, and the costs of actions, actions x places."""
     places = len(graph.nodes)
     moves = np.tile(np.eye(places), (len(labels), 1, 1))
     costs = np.zeros((len(labels), places))
@@ -333,7 +333,7 @@ def durations(model: FactoredMDP | FactoredPOMDP, seconds: npt.NDArray[np.float6
 def sightings(floor: Map | Floors, noise: float, *, radius: float = 0.25) -> Vector:
     """Return P(place that is seen | place): a robot may be anywhere in a place, and its poses have a normal error.
 
-    What falls outside all places is seen as what it would be seen as otherwise: rows sum to 1.
+    Poses outside all places are left out, in proportion: rows sum to 1.
 
     Args:
         floor: The map, or several floors; where it has a grid, a robot is only where it fits. Of a floor's places none

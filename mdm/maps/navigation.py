@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class Navigator(Protocol):
-    """What drives a robot: an ``async`` method that ends when the robot is there.
+    """Drives a robot: an ``async`` method that ends when the robot is there.
 
     It raises where the robot cannot get there, with a sentence, and stops the robot when it is cancelled. A navigator
     whose robot may go on to a new goal without a stop says so by an attribute ``replaces = True``. Then a new call may
@@ -51,7 +51,7 @@ class ReportingNavigator(Protocol):
     def go(self, goal: Pose, feedback: Callable[[float], object], /) -> Awaitable[None]:
         """Drive to a pose; call the feedback with the metres that remain, from any thread, as often as it likes.
 
-        Of what waits in another thread the newest counts.
+        Of reports that wait in another thread the newest counts.
         """
 
 
@@ -73,7 +73,7 @@ class Navigation:
     one whose predicate is true when the action begins. From a place without such a way the robot finishes its way to
     the place's goal, as the model has it stay there; where it is at the goal already, or no place is known, the action
     fails with a sentence, and the robot is not moved. Chosen again, an action goes on to its goal; where it leads
-    elsewhere by now, as in the next room, it starts anew. A robot that starts between places goes to the nearest first.
+    elsewhere by now, as in the next room, it starts again. A robot between places first goes to the nearest.
 
     After a failure it is decided again, see `Sequel`, unless ``then`` says otherwise: nothing but a drive would change
     the place that is decided on.
@@ -85,15 +85,15 @@ class Navigation:
     navigator's method `ride`, and from the stop by `go` again. The robot's floor is that of its last pose; where none
     counts, that of the place that was decided on, or whose predicate is true.
 
-    Where each drive leads and why is on the channel ``navigation/headings``, and what a navigator tells of its way on
+    Where each drive leads and why is on the channel ``navigation/headings``, and the reports of a navigator are on
     ``navigation/progress``.
 
     Args:
         floor: The map, or its graph alone; or several floors.
-        navigator: What drives the robot.
+        navigator: Drives the robot.
         places: Where the robot is: `Places`; or the predicate manager, which has a predicate for each place.
-        prefix: Of a predicate manager, what predicates have before the names of places.
-        name: What its channel begins with.
+        prefix: Of a predicate manager, the text of predicates before the names of places.
+        name: The beginning of its channel.
 
     Raises:
         ConfigError: If there is no predicate for a place, or the navigator cannot be called, or has no `ride` where
@@ -101,7 +101,7 @@ class Navigation:
 
     Attributes:
         heading: Where the drive under way leads, and why; None where there is none.
-        prefix: What predicates have before the names of places.
+        prefix: The text of predicates before the names of places.
         replaces: Whether the navigator's robot goes on to a new goal without a stop.
 
     Example::
@@ -214,8 +214,8 @@ class Navigation:
 
         Raises:
             MapError: If there is no such place.
-            Error: If a drive is under way that this one does not replace, or the robot comes elsewhere; or what the
-                navigator raises.
+            Error: If a drive is under way that this one does not replace, or the robot comes elsewhere; or the error
+                of the navigator.
         """
         node = self.graph.node(place)
         if self.heading is not None and not self.replaces:
@@ -284,7 +284,7 @@ class Navigation:
 
         Args:
             label: The way's.
-            action: What was decided.
+            action: The decided action.
             position: Tells which place it was decided on.
 
         Raises:
@@ -453,7 +453,7 @@ def _stay() -> None:
 
 
 def _awaitable(given: Any, method: str) -> Any:
-    """Return what a navigator's method returned, if it can be awaited."""
+    """Return the result of a navigator's method, if it can be awaited."""
     if not inspect.isawaitable(given):
         raise Error(
             f"a navigator's {method!r} is an async function, and this one returned {given!r}: the drive has no end"
@@ -489,15 +489,15 @@ def _takes_feedback(navigator: object) -> bool:
 
 
 class Position:
-    """Tells in which place a robot was when an ensemble decided, as far as what it decided on says so.
+    """Tells in which place a robot was when an ensemble decided, as far as its state or belief says so.
 
     A factor is about places where each of its values is one: by the predicates of a place (``Hall``, ``Hall.reached``,
     ``Hall.at_goal``), or by its name as a symbol of the model.
 
     Args:
-        ensemble: What decides.
+        ensemble: The ensemble that decides.
         graph: The places.
-        prefix: What predicates have before the names of places.
+        prefix: The text of predicates before the names of places.
     """
 
     def __init__(self, ensemble: Ensemble, graph: Graph, prefix: str) -> None:
@@ -517,7 +517,7 @@ class Position:
         return places[int(action.state) // stride % len(places)]
 
     def likely(self) -> tuple[str, ...]:
-        """Return the places by what the ensemble believes now, the likeliest first, without those that are impossible.
+        """Return the places by the present belief of the ensemble, the likeliest first, without impossible ones.
 
         None where it tracks no belief, or its states have no place.
         """

@@ -1,4 +1,4 @@
-"""Paths over the free cells of a grid, what can be seen from a cell, and passages straight from place to place."""
+"""Paths over the free cells of a grid, the view from a cell, and passages straight from place to place."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
 
 PATH_MARGIN = 0.05
-"""Metres that a robot needs on each side, beside its radius: in paths, in driving, and in what is checked."""
+"""Metres that a robot needs on each side, beside its radius: in paths, in driving, and in checks."""
 WALL_GAP = 0.01
 """Metres left between a robot and the edges of walls, where these end and not where the centres of their cells are."""
 _SLACK = 1e-9
@@ -340,7 +340,7 @@ def undivided(labels: Labels, grid: Grid, found: tuple[Passage, ...]) -> tuple[s
 
 
 def route_sentence(crowded: int, places: int) -> str:
-    """Return what is said of places that are no rooms, and what to do."""
+    """Return the sentence about places that are no rooms, with the way out."""
     return (
         f"{crowded} of {places} places have a neighbour from which nothing divides them: are these the points of a "
         f"route, and no rooms? Give the nodes of a room the same `zone` in their metadata, or begin with the rooms "

@@ -352,7 +352,7 @@ class Picture:
     def _text(self, text: str, at: Point, fill: Ink, *, needed: bool) -> None:
         """Write a text, black or white, on a plate about a point, or beside it where something is written already.
 
-        Where no place is free, what is needed is written over other texts, and what is not is left out.
+        Where no place is free, a needed text is written over others, and another one is left out.
         """
         wide, high = self._font.getlength(text) / 2 + 6 * self._unit, 10.5 * self._unit
         steps = [(0.0, 0.0)] + [

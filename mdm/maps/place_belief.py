@@ -1,4 +1,4 @@
-"""The belief over places: from the particles of a filter to what an ensemble believes."""
+"""The belief over places: from the particles of a filter to the belief of an ensemble."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class PlaceBelief(Actor):
         factor: The factor of the model's states whose symbols are the names of the places; where there is but one, it
             is that one.
         name: Its name among actors.
-        supervision: What its failure means.
+        supervision: The meaning of its failure.
 
     Raises:
         ConfigError: If the ensemble takes no beliefs, or the factor is none of its model's or has other symbols.

@@ -39,7 +39,7 @@ class PlacesSettings(Options, frozen=True, kw_only=True):
         margin: In metres; three standard deviations of the poses' error are right.
         max_age: In seconds.
         tolerance: How near to a goal counts as there, in metres, where the graph does not say.
-        prefix: What all names begin with, as ``IsIn`` in ``IsInKitchen`` and ``IsInKitchen.entered``.
+        prefix: The beginning of all names, as ``IsIn`` in ``IsInKitchen`` and ``IsInKitchen.entered``.
         outside: What counts in cells of no place after the ``max_age``: the place is ``unknown``, or ``keep`` the last
             one until another is entered, as for zones that are islands.
         tour: Places to come to one after the other, again and again.
@@ -86,7 +86,7 @@ class Places(Actor):
     place is of the last one, for at most the ``max_age``. A goal is left at the tolerance and the margin. Without a
     pose for as long as the ``max_age``, and at a pose that is not finite, all is unknown; the first pose after that
     counts wherever it is. A robot that starts in a cell of no place counts as in the one whose goal is nearest by path
-    until it enters any, since nothing would move it there else. What has changed is one update of the predicate
+    until it enters any, since nothing would move it there else. All changes are one update of the predicate
     manager; a pose that changes nothing costs it none.
 
     While a drive of `Navigation` is under way, its goal does not count as one where the robot is before the drive has
@@ -96,7 +96,7 @@ class Places(Actor):
         floor: The map; or its labels alone, without goals; or several floors, of which each pose names one.
         predicates: The predicate manager, where all is declared; started with this actor unless it already runs.
         name: Its name among actors.
-        supervision: What its failure means.
+        supervision: The meaning of its failure.
         options: See `PlacesOptions`.
 
     Raises:
@@ -108,7 +108,7 @@ class Places(Actor):
         floor: The map, the labels, or the floors.
         labels: Which place each cell belongs to; of several floors, on that of the last pose.
         predicates: The predicate manager.
-        prefix: What all names begin with.
+        prefix: The beginning of all names.
         late: How many poses were older than the last one, or than the ``max_age``.
     """
 
@@ -195,7 +195,7 @@ class Places(Actor):
     # -- What users call -----------------------------------------------------------------------------------------
 
     def see(self, pose: Pose, stamp: float | None = None) -> None:
-        """Take it that the robot is at a pose, in the frame of the map. From any thread.
+        """Take a pose of the robot, in the frame of the map. From any thread.
 
         Args:
             pose: Where it is.
@@ -242,7 +242,7 @@ class Places(Actor):
     # -- What navigation calls -----------------------------------------------------------------------------------
 
     def set_out(self, place: str | None) -> None:
-        """Take it that a drive to a place's goal is under way, or none."""
+        """Note that a drive to a place's goal is under way, or none."""
         self._travel(place)
 
     def _travel(self, place: str | None, *, arrived: bool = False) -> None:
@@ -266,7 +266,7 @@ class Places(Actor):
             self._near_since = None
 
     async def arrive(self, place: str) -> None:
-        """Take it that a drive has come to a place's goal: by the last pose, or by one that comes within ``max_age``.
+        """Let a drive have come to a place's goal: by the last pose, or by one that comes within ``max_age``.
 
         Where no pose counts, nobody knows better than what has driven.
 
@@ -475,7 +475,7 @@ class Places(Actor):
             self._tell()
 
     def _tell(self) -> None:
-        """Tell the predicate manager what has changed, as one update."""
+        """Give the predicate manager all changes as one update."""
         values: dict[str, bool | None] = {
             name: label == self._room if self._room else None for label, name in enumerate(self._rooms, 1)
         }
@@ -504,7 +504,7 @@ class Places(Actor):
             self.predicates.derive(changes, tuple(events))
 
     def _wait(self) -> None:
-        """Wait until what is known is too old; the timer is moved on lazily, not at each pose."""
+        """Wait until all knowledge is too old; the timer is moved on lazily, not at each pose."""
         if self._room or self._located:
             since = self._placed if self._room else self._seen
             self._timer = self.call_at(since + self._max_age, self._look)

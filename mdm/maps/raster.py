@@ -79,7 +79,7 @@ class Frame:
         return math.cos(self.yaw), math.sin(self.yaw)
 
     def cell(self, x: float, y: float) -> tuple[int, int] | None:
-        """Return the row and the column that a point lies in; None outside, and for what is not finite."""
+        """Return the row and the column that a point lies in; None outside, and for numbers that are not finite."""
         cosine, sine = self.turn
         along = (cosine * (x - self.x) + sine * (y - self.y)) / self.resolution
         up = (cosine * (y - self.y) - sine * (x - self.x)) / self.resolution
@@ -111,7 +111,7 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The occupancy grid of a floor. What is neither free nor occupied is unknown.
+    """The occupancy grid of a floor. A cell that is neither free nor occupied is unknown.
 
     Args:
         frame: Where its cells lie.
@@ -233,7 +233,7 @@ class Labels:
     def strays(self) -> dict[int, int]:
         """The unnamed colours with fewer cells than any place, and than 1 % of all, and the numbers of their cells.
 
-        Black is none of them: it is what drafts have where there is no place, and on a large floor that is little.
+        Black is none of them: drafts have it where there is no place, and on a large floor that is little.
         """
         sizes = np.bincount(self.raster.ravel(), minlength=1)[1:]
         least = min([self.raster.size / 100, *sizes[sizes > 0].tolist()])
@@ -255,7 +255,7 @@ class Labels:
     def _depth(self, label: int, box: tuple[slice, slice]) -> Vector:
         """Return how far each cell of the box around a place is from the next cell of another one.
 
-        One looks around the box, and further away until what lies beyond cannot be nearer.
+        One looks around the box, and further away until nothing beyond can be nearer.
         """
         around = 1 + max(side.stop - side.start for side in box) // 8
         while True:
@@ -290,7 +290,7 @@ def lookup(labels: Labels, margin: float) -> Callable[[float, float], int]:
     """Return a function from a point, in metres, to twice the label of its place; plus 1 where it lies deep in it.
 
     Deep is a cell whose centre is at least the margin away from the border of any other place. The function returns 0
-    in no place, outside of the raster, and for what is not finite.
+    in no place, outside of the raster, and for numbers that are not finite.
 
     Hot path: 0.12 µs a call, 0.18 where the raster is turned. The label and whether it is deep are one number, so that
     there is one look into plain bytes, whose rows are those of the raster from the lowest up.

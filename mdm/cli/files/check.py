@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 _TOLD = 5
 _PLACES = 5
 _VARYING = re.compile(r"'[^']*'|\d[\d.e+-]*|; did you mean .*")
-"""What differs between problems of one kind: names, numbers, places, suggestions."""
+"""The parts that differ between problems of one kind: names, numbers, places, suggestions."""
 _PLACE = re.compile(r"\S*?:(\d+)(?::\d+)?: ")
 
 Findings = tuple[str | None, list[str], list[str]]
@@ -314,7 +314,7 @@ def _long_times(table: dict[str, Any], key: str) -> Iterator[str]:
 
 
 def _together(one: str, other: str, definitions: Definitions) -> str | None:
-    """Return where two predicates are both true: one follows from the other, or what they share makes them so."""
+    """Return where two predicates are both true: one follows from the other, or a common input makes them so."""
     first, second = (_of_inputs(P(name), definitions) for name in (one, other))
     shared, inputs = first.names & second.names, sorted(first.names | second.names)
     if not shared or len(inputs) > _INPUTS:
@@ -331,7 +331,7 @@ def _together(one: str, other: str, definitions: Definitions) -> str | None:
 
 
 def _of_inputs(formula: Formula, definitions: Definitions) -> Formula:
-    """Return a formula of what code tells and of latches alone."""
+    """Return a formula of inputs and latches alone."""
     if isinstance(formula, P):
         made = definitions.get(formula.name, ())
         return _of_inputs(made[0], definitions) if len(made) == 1 else formula

@@ -62,7 +62,7 @@ def _load(path: str) -> Any:
 
 
 def kind_of(content: Any) -> str:
-    """Return in a few words what a model or a policy is."""
+    """Return the kind of a model or a policy in a few words."""
     return f"a model ({content.kind})" if isinstance(content, MDP) else f"a policy ({content.form})"
 
 

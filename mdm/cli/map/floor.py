@@ -1,4 +1,4 @@
-"""What the verbs of maps share: the files of a floor that are given, and pictures of it."""
+"""Common to the verbs of maps: the files of a floor that are given, and pictures of it."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def load(arguments: argparse.Namespace) -> Parts:
 
 
 def kinds(arguments: argparse.Namespace) -> dict[str, str]:
-    """Return what the robot is, by kinds."""
+    """Return the properties of the robot by their kinds."""
     return {kind: value for kind, _, value in (each.partition("=") for each in arguments.kinds) if value}
 
 

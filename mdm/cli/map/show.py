@@ -81,7 +81,7 @@ def _show_building(building: BuildingParts, arguments: argparse.Namespace) -> No
 
 
 def _show_grid(arguments: argparse.Namespace) -> Callable[[], Any]:
-    """Show a map without places; return what draws it."""
+    """Show a map without places; return a function that draws it."""
     for option in ("names", "reach", "radius"):
         if getattr(arguments, option) is not None:
             raise UsageError(f"--{option} is for the places of a graph, and there is none")

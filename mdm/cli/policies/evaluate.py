@@ -151,7 +151,7 @@ class Verdict(msgspec.Struct, frozen=True):
         exact: The exact value, and its minimum and maximum over the states.
         simulated: The result of simulation.
         comparable: Whether the claim is for the same horizon.
-        other_unit: In words what the discount of the claim is of, where that cannot be converted into the model's.
+        other_unit: In words the unit of the claim's discount, where it cannot be converted into the model's.
         possible: Of an estimated model, the exact values in models that its records leave possible.
     """
 

@@ -69,7 +69,7 @@ def _check_usage(arguments: argparse.Namespace) -> None:
 
 
 def _recorder(given: Simulated, path: str | None) -> Recorder | None:
-    """Return what records a simulation, with the files that a replay reads; None where it is not recorded."""
+    """Return the recorder of a simulation, with the files that a replay reads; None where it is not recorded."""
     if path is None:
         return None
     recorder = Recorder(path)

@@ -23,7 +23,7 @@ class Example(NamedTuple):
     """An example.
 
     Args:
-        line: What it shows.
+        line: Its subject.
         paths: Its files and folders, below the folder of examples.
         command: How to run it, in the folder to which it was copied.
     """

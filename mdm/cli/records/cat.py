@@ -111,7 +111,7 @@ def traced(
 
     Args:
         record: The record.
-        ensemble: What is said to this ensemble alone, beside what sensors say; by default to all.
+        ensemble: Take the stimuli of this ensemble alone, beside those of sensors; by default of all.
         since: From this time on.
         until: Before this time.
         others: Where the numbers of stimuli are put that it has no words for, by their channels.
@@ -152,7 +152,7 @@ def _ensembles(record: Record) -> set[str]:
 def _said(
     record: Record, ensemble: str | None, since: int | None, until: int | None, others: dict[str, int]
 ) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Yield what each stimulus says, and its time."""
+    """Yield the words of each stimulus, and its time."""
     actions = _actions(record)
     for _, time, _, stimulus in record.messages(["stimuli"], since, until):
         if isinstance(stimulus, Said):
@@ -171,7 +171,7 @@ def _said(
 
 
 def _line(channel: str, message: Any) -> dict[str, Any] | None:
-    """Return what a message on a channel is for `mdm trace`, None where it has no words for it."""
+    """Return a message on a channel in the words of `mdm trace`, None where it has none."""
     if channel == "sensed" and isinstance(message, SensorUpdate):
         line: dict[str, Any] = {"predicates": dict(message.predicates)} if message.predicates else {}
         return line | ({"events": list(message.events)} if message.events else {})

@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 class _Shown:
-    """A record that is shown, and read anew for as long as it grows: its recorder may still be at work.
+    """A record that is shown, and read again for as long as it grows: its recorder may still be at work.
 
     Args:
         path: The record.

@@ -1,4 +1,4 @@
-"""``mdm record info``, ``export`` and ``repair``: what is in a record, as a table, and as a complete one."""
+"""``mdm record info``, ``export`` and ``repair``: the content of a record, as a table, and as a complete one."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _lines(facts: dict[str, Any]) -> Iterator[str]:
-    """Yield the lines of a table, without what is not known."""
+    """Yield the lines of a table, without unknown values."""
     ends = {True: "in order", False: "its process ended before it closed the record", None: None}
     told = {
         "bytes": f"{facts['bytes']:,}",

@@ -59,7 +59,7 @@ def _replay_one(record: Record, arguments: argparse.Namespace) -> int:
 
 
 def _redecided(record: Record, ensembles: Mapping[str, Ensemble]) -> list[dict[str, object]]:
-    """Return what is decided otherwise in the same state, or on the same belief: a row for each state and action."""
+    """Return the decisions that differ in the same state, or on the same belief: a row for each state and action."""
     names: dict[str, Names] = names_of(record)
     rows: list[dict[str, object]] = []
     by_ensemble: dict[str, list[Decision]] = defaultdict(list)
@@ -110,7 +110,7 @@ def _lines(table: Sequence[Mapping[str, object]]) -> Iterator[str]:
 
 
 def _different(record: Record, ensembles: Mapping[str, Ensemble]) -> str | None:
-    """Return in words what differs first of model, policy and options, whether decisions do or not; None if nothing."""
+    """Return in words the first difference of model, policy and options, whether decisions differ or not; else None."""
     entry = different_entry(record, ensembles)
     if entry is not None:
         return entry
@@ -122,7 +122,7 @@ def _different(record: Record, ensembles: Mapping[str, Ensemble]) -> str | None:
 
 
 def _replay_team(folder: Path, arguments: argparse.Namespace) -> int:
-    """Replay the records of a team's agents together: each receives what the replays of the others send."""
+    """Replay the records of a team's agents together: each receives the messages of the others' replays."""
     records = records_of(folder)
     result = replay_team(records, arguments.config, most=arguments.most or 1)
     epochs = {name: int(record.head["epoch"]) for name, record in records.items()}
@@ -258,7 +258,7 @@ def explain(arguments: argparse.Namespace) -> int:
 
 
 def _difference(record: Record, ensemble: Ensemble, *, given: bool) -> str | None:
-    """Return what differs of the model, policy or options that decided, where they were given; None if nothing does.
+    """Return the difference of the model, policy or options that decided, where they were given; None if there is none.
 
     Raises:
         Error: If they are the record's own, which are read otherwise now.

@@ -1,4 +1,4 @@
-"""``mdm statistics``: what the decisions of records tell of their model."""
+"""``mdm statistics``: their model, by the decisions of records."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _check_targets(output: str | None, durations: str | None) -> None:
 
 
 def _model(arguments: argparse.Namespace, given: MDP, records: Sequence[Record], chains: Chains) -> MDP:
-    """Return the model as the ensemble had it: with the observations of what it sees of the state, or without."""
+    """Return the model as the ensemble had it: with the state factors that it sees as observations, or without."""
     seen = revealed(given)
     if seen is not given and chains.hidden:
         with suppress(ModelError):

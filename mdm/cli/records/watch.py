@@ -97,7 +97,7 @@ async def _watch_record(shown: RecordedRun, at: float | None, *, once: bool) -> 
 
 
 def _stepped(shown: RecordedRun, key: str, time: float) -> tuple[float, str]:
-    """Return the second to which a key steps, and what is said where nothing is there."""
+    """Return the second to which a key steps, and a sentence where nothing is there."""
     kind, back = _STEPS[key.lower()], key.isupper()
     to = shown.step(kind, time, back=back)  # type: ignore[arg-type]
     if round(1e9 * (to - time)):

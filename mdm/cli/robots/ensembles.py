@@ -61,7 +61,7 @@ def wiring(ensemble: Ensemble) -> dict[str, Any]:
     """Return the sources of states and observations and the targets of actions, ready for JSON.
 
     Factors are None if code publishes the ensemble's states or observations itself. Where several make up symbols that
-    the model does not divide, ``joint_states`` or ``joint_observations`` say what each of these is, if they are few.
+    the model does not divide, ``joint_states`` or ``joint_observations`` say which each of these is, if they are few.
     """
     facts: dict[str, Any] = {
         "states": _factors(ensemble.state),

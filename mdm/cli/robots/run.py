@@ -121,7 +121,7 @@ def why_in(log: Log, ensembles: Iterable[Ensemble]) -> Callable[[Decision], None
 
 
 def _page(arguments: argparse.Namespace) -> Page | None:
-    """Return what shows the run live; None where nobody asked for it."""
+    """Return the page that shows the run live; None where nobody asked for it."""
     if arguments.page is None:
         refuse_without_page(arguments)
         return None
@@ -165,7 +165,7 @@ def page_hosts(arguments: argparse.Namespace, name: str | None) -> dict[str, Any
 
 
 def _recorder(arguments: argparse.Namespace) -> Recorder | None:
-    """Return what records the run, with its configuration; None where it is not recorded."""
+    """Return the recorder of the run, with its configuration; None where it is not recorded."""
     if arguments.record is None:
         return None
     path, agent = Path(arguments.record), arguments.agent
@@ -285,7 +285,7 @@ def _wired(factors: Sequence[StateFactor], state: int) -> str:
 
 @contextmanager
 def decisions_to(path: str | None) -> Iterator[Callable[[Runtime], None]]:
-    """Open a file before a run begins; what is yielded adds each decision of a runtime to it, as a line of JSON.
+    """Open a file before a run begins; yield a function that adds each decision of a runtime to it, as a line of JSON.
 
     Raises:
         Error: If the file cannot be opened.

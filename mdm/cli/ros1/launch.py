@@ -56,13 +56,13 @@ class Node:
 
 @dataclass
 class Launch:
-    """What a launch file starts, with those that it includes.
+    """The programs that a launch file starts, with those that it includes.
 
     Args:
         nodes: The programs.
         parameters: Of namespaces, by full name.
         files: Files of parameters that are loaded: the namespace in which, and the path.
-        notes: What could not be known and was left out, with its place.
+        notes: Unknown things that were left out, with their places.
     """
 
     nodes: list[Node] = field(default_factory=list)
@@ -109,7 +109,7 @@ def read_launch(path: Path, package: Path) -> Launch:
         package: The folder of its package, for which ``$(find NAME)`` of that name stands.
 
     Raises:
-        FormatError: If a file is malformed, or what makes layers depends on what cannot be known.
+        FormatError: If a file is malformed, or a program that makes layers depends on unknown values.
     """
     reader = _Reader(package)
     reader.read(path, {}, "")

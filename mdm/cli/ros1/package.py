@@ -1,4 +1,4 @@
-"""``mdm import-ros1``: a package of the original, written as a TOML file with what it needs."""
+"""``mdm import-ros1``: a package of the original, written as a TOML file with the files that it needs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _FOR_NOTHING = {"is_sparse", "cache_flat_models", "marginalize", "pm_id", "pm_up
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Import a package, and check what it became; return the exit status."""
+    """Import a package, and check the file that it became; return the exit status."""
     package = Path(arguments.package).resolve()
     if not package.is_dir():
         raise Error(f"{arguments.package}: there is no such folder; name that of a package")
@@ -79,7 +79,7 @@ class _Ensemble:
 
 
 class _Package:
-    """What a package makes, and its text."""
+    """The ensembles that a package makes, and their text."""
 
     def __init__(self, folder: Path, launch: Launch) -> None:
         self.folder, self.launch, self.name = folder, launch, name_of(folder)
@@ -106,7 +106,7 @@ class _Package:
         self._copied: dict[Path, str] = {}
 
     def summary(self) -> str:
-        """Return what was found, in a line."""
+        """Return the result in a line."""
         notes = len(self.notes.lines())
         return (
             f"{len(self.ensembles)} {'ensemble' if len(self.ensembles) == 1 else 'ensembles'}, "
@@ -158,7 +158,7 @@ class _Package:
     # -- The text ------------------------------------------------------------------------------------------------
 
     def text(self, made: Path) -> str:
-        """Return the TOML file, and copy what it needs to a folder."""
+        """Return the TOML file, and copy the files that it needs to a folder."""
         ensembles = [line for ensemble in self.ensembles for line in ("", *self._ensemble(ensemble, made))]
         lines = [f"# Imported from the package {self.name} of the original MDM for ROS."]
         lines += [f"# not taken over: {self._told(note)}" for note in self.notes.lines()]

@@ -69,7 +69,7 @@ class Control:
 
     Args:
         kind: The class, such as ``ControllerEventMDP``, or one that is not known, such as a learner.
-        arguments: Of each the parts that make its text, see `Text`; None for what cannot be known.
+        arguments: Of each the parts that make its text, see `Text`; None where it cannot be known.
         place: ``file:line``.
     """
 
@@ -79,7 +79,7 @@ class Control:
 
     @property
     def is_known(self) -> bool:
-        """Whether it does what an ensemble does."""
+        """Whether an ensemble can stand for it."""
         return self.kind in _KNOWN
 
 
@@ -108,7 +108,7 @@ class Declaration:
 
 @dataclass
 class Program:
-    """What a program makes.
+    """The parts that a program makes.
 
     Args:
         path: Its source.
@@ -118,7 +118,7 @@ class Program:
         actions: Its actions.
         declarations: Its predicates and events.
         map: The topological map of its action layer, as `Control.arguments`; None where there is none.
-        notes: What could not be read, with its place.
+        notes: Unread calls, with their places.
     """
 
     path: Path
@@ -191,7 +191,7 @@ def _split(arguments: str, at: str = ",") -> list[str]:
 
 
 def _added(code: str) -> list[str]:
-    """Return what all calls of `add` in code add; the number of a predicate manager may come before it."""
+    """Return the arguments of all calls of `add` in code; the number of a predicate manager may come before it."""
     calls = re.finditer(r"\.\s*add\s*\(", code)
     return ["".join(_split(code[call.end() : _closed(code, call.end() - 1)])[-1:]) for call in calls]
 
@@ -250,7 +250,7 @@ class _Reader:
         return f"{path}:{bisect_right(lines, position - start)}"
 
     def _calls(self, name: str) -> list[tuple[str, list[str], int]]:
-        """Return the calls of a method: on what, with which arguments, and where."""
+        """Return the calls of a method: the object, the arguments, and the place of each."""
         found = []
         for match in re.finditer(rf"\b({_NAME})\s*(?:\(\s*\)\s*)?(?:\.|->)\s*({name})\s*\(", self.code):
             end = _closed(self.code, match.end() - 1)

@@ -97,7 +97,7 @@ def load_floors(path: str | PathLike[str], *, robot: Mapping[str, str] | None = 
 
     Args:
         path: The file.
-        robot: What the robot is, as `load_map` takes it.
+        robot: The properties of the robot, as `load_map` takes them.
 
     Raises:
         FormatError: If the file, or one that it names, is missing or malformed, or a lift stops nowhere.

@@ -1,4 +1,4 @@
-"""The places and ways of a file, gathered one by one, so that what is wrong is told with its line."""
+"""The places and ways of a file, gathered one by one, so that each error has its line."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def load_map(
         names: The number of each place's colour, or its file: `predicate_labels.yaml`. Without, a place has the colour
             that is under its goal.
         reach: How far from its goal a place without zone reaches, in metres; over free cells, where there is a grid.
-        robot: What the robot is, by which restrictions of a tmap2 are judged, such as ``{"robot": "short"}``.
+        robot: The properties of the robot, by which restrictions of a tmap2 are judged, such as ``{"robot": "short"}``.
 
     Raises:
         FormatError: If a file is missing or malformed, or the image has another size than the map.
@@ -154,7 +154,7 @@ def load_graph(path: GivenPath, *, robot: Mapping[str, str] | None = None) -> Gr
 
     Args:
         path: The file.
-        robot: What the robot is, see `load_map`.
+        robot: The properties of the robot, see `load_map`.
 
     Raises:
         FormatError: If the file is missing or malformed.
@@ -185,7 +185,7 @@ def load_graph(path: GivenPath, *, robot: Mapping[str, str] | None = None) -> Gr
 def colours_by_name(
     graph: Graph, colours: NDArray[np.uint32], names: Mapping[str, int]
 ) -> tuple[dict[str, int], list[Problem]]:
-    """Return the colours of the places of a graph by names that are given, and what is wrong with them."""
+    """Return the colours of the places of a graph by names that are given, and the problems of these."""
     problems: list[Problem] = []
     of: dict[int, str] = {}
     for name, colour in names.items():
@@ -211,7 +211,7 @@ def colours_by_name(
 
 
 def colours_under_goals(graph: Graph, colours: NDArray[np.uint32], grid: Grid) -> tuple[dict[str, int], list[Problem]]:
-    """Return for each place the colour that is under its goal, and what is wrong with these."""
+    """Return for each place the colour that is under its goal, and the problems of these."""
     problems: list[Problem] = []
     of: dict[int, str] = {}
     for node in graph.nodes:
@@ -274,7 +274,7 @@ def labels_of(graph: Graph, frame: Frame, reach: float | None, grid: Grid | None
     """Return the labels of a graph's zones.
 
     A cell belongs to a place if its centre lies in the zone; where zones overlap, to that of the nearer goal, with one
-    warning. Of a place without zone is what lies in no zone, up to `reach` metres from its goal, and nearer to it than
+    warning. A place without zone has the cells in no zone, up to `reach` metres from its goal, and nearer to it than
     to the goals of others without zone: where there is a grid, by ways over its free cells.
 
     Raises:

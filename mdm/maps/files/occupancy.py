@@ -3,7 +3,7 @@
 How numbers become free and occupied is as in Nav2's map_server, whose modes are kept:
 
 * `trinary` (the default): darkness of `free_thresh` or less is free, else of `occupied_thresh` or more occupied, in
-  between unknown. What is not opaque is unknown.
+  between unknown. A pixel that is not opaque is unknown.
 * `scale`: the same. Numbers in between, which are for planners, are unknown here.
 * `raw`: brightness is the occupancy itself, in hundredths; the two thresholds tell it apart, and above 100 is unknown.
 

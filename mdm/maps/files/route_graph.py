@@ -5,7 +5,7 @@ number; likewise a way, whose label is else `to` and the name of its target. Goa
 
 A route's nodes need not be places. Those that have the same `zone` in their metadata are one place of that name, whose
 goal is the node in their middle. Nodes on one point are one place too, with the name of the first. Ways within a place
-are left out. Costs, operations and what else a route server would heed are named as not carried over.
+are left out. Costs, operations and all else that a route server would heed are named as not carried over.
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@ A node's zone, `verts`, is relative to its position and not turned with it. The 
 are the same for many: an edge's label is `to` and the name of its target.
 
 Restrictions of nodes and edges are formulas of conditions, a kind with a value such as ``robot_short``: they hold where
-the robot may go. A kind of which nothing is told, such as ``obstacleFree``, is unknown. What is forbidden is left out.
+the robot may go. A kind that is not given, such as ``obstacleFree``, is unknown. Forbidden places and ways are left
+out.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ def read_tmap2(root: Entry, robot: Mapping[str, str]) -> Graph:
 
     Args:
         root: The text.
-        robot: What the robot is, by which restrictions are judged.
+        robot: The properties of the robot, by which restrictions are judged.
 
     Raises:
         FormatError: If it is malformed, an edge leads nowhere, a node lies in an unknown frame, or a restriction of
@@ -101,7 +102,7 @@ def read_tmap2(root: Entry, robot: Mapping[str, str]) -> Graph:
 
 
 class _Judge:
-    """Judges the restrictions of nodes and edges, and notes what is left out or not carried over."""
+    """Judges the restrictions of nodes and edges, and notes all that is left out or not carried over."""
 
     def __init__(self, robot: Mapping[str, str]) -> None:
         self._robot = robot
@@ -116,7 +117,7 @@ class _Judge:
                 self.left.leave(f"{key}{shown}", f"line {value.line}")
 
     def allows(self, entry: Entry, what: str) -> bool:
-        """Whether the robot may go there; what is known only while it drives is noted."""
+        """Whether the robot may go there; a condition that is known only while it drives is noted."""
         for key in (_PLANNING, _RUNTIME):
             given = entry.get(key, what)
             if given is None or given.content in _EMPTY:

@@ -23,18 +23,43 @@ class UsageError(Error):
     """The arguments are inconsistent; the command prints its usage and exits with 2."""
 
 
-class Argument(NamedTuple):
-    """An argument of a verb, see `argument`.
+class Argument:
+    """An argument of a verb: with its help, the function that parses its text, and more options of argparse.
 
-    Args:
+    The words are the names of an option and of its value, as ``-o --output FILE``; without a value it is a flag. Of
+    a positional argument they are its name and how the usage calls it: ``model MODEL``; ``[MODEL]`` may be left out,
+    ``MODEL...`` stands for one or more.
+
+    Attributes:
         names: Its names, as argparse has them.
-        options: The rest that argparse is told.
+        options: All that argparse takes beside.
         exclusive: Whether it stands in the place of others that are.
     """
 
-    names: tuple[str, ...]
-    options: dict[str, Any]
-    exclusive: bool = False
+    def __init__(
+        self,
+        words: str,
+        help: str | None,  # noqa: A002
+        type: Callable[[str], Any] | None = None,  # noqa: A002
+        *,
+        exclusive: bool = False,
+        **options: Any,
+    ) -> None:
+        parts = words.split()
+        self.names = tuple(part for part in parts if part.startswith("-")) or (parts[0],)
+        metavars = parts[len(self.names) :]
+        made: dict[str, Any] = {"help": help}
+        if not metavars:
+            made["action"] = "store_true"
+        elif len(metavars) > 1:
+            made |= {"metavar": tuple(metavars), "nargs": len(metavars)}
+        elif metavars[0].startswith("["):
+            made |= {"metavar": metavars[0][1:-1], "nargs": "?"}
+        else:
+            many = metavars[0].endswith("...")
+            made |= {"metavar": metavars[0].removesuffix("..."), "nargs": "+" if many else None}
+        self.options = made | options | ({} if type is None else {"type": type})
+        self.exclusive = exclusive
 
 
 class Verb(NamedTuple):
@@ -70,39 +95,6 @@ class Verb(NamedTuple):
         return self.arguments if self.verbs or DEBUG in self.arguments else (*self.arguments, DEBUG)
 
 
-def argument(
-    words: str,
-    help: str | None,  # noqa: A002
-    type: Callable[[str], Any] | None = None,  # noqa: A002
-    *,
-    exclusive: bool = False,
-    **options: Any,
-) -> Argument:
-    """Return an argument: with its help, the function that parses its text, and more options of argparse.
-
-    The words are the names of an option and of its value, as ``-o --output FILE``; without a value it is a flag. Of
-    a positional argument they are its name and how the usage calls it: ``model MODEL``; ``[MODEL]`` may be left out,
-    ``MODEL...`` stands for one or more.
-    """
-    parts = words.split()
-    names = tuple(part for part in parts if part.startswith("-")) or (parts[0],)
-    metavars = parts[len(names) :]
-    if not metavars:
-        options = {"action": "store_true"} | options
-    elif len(metavars) > 1:
-        options |= {"metavar": tuple(metavars), "nargs": len(metavars)}
-    else:
-        metavar, nargs = metavars[0], None
-        if metavar.startswith("["):
-            metavar, nargs = metavar[1:-1], "?"
-        elif metavar.endswith("..."):
-            metavar, nargs = metavar.removesuffix("..."), "+"
-        options = {"metavar": metavar, "nargs": nargs} | options
-    if type is not None:
-        options["type"] = type
-    return Argument(names, {"help": help, **options}, exclusive)
-
-
 def add_verb(verbs: Any, name: str, line: str, verb: Verb, *, command: str = "") -> None:
     """Add a verb and all below it to the verbs of a parser, each with ``--debug`` and the command's settings."""
     about, example = verb.about, f"example: {verb.example}"
@@ -114,10 +106,10 @@ def add_verb(verbs: Any, name: str, line: str, verb: Verb, *, command: str = "")
             add_verb(kinds, each, below.line, below, command=command)
         return
     group: Any = None
-    for names, options, exclusive in verb.all_arguments:
-        if exclusive and group is None:
+    for argument in verb.all_arguments:
+        if argument.exclusive and group is None:
             group = parser.add_mutually_exclusive_group()
-        (group if exclusive else parser).add_argument(*names, **options)
+        (group if argument.exclusive else parser).add_argument(*argument.names, **argument.options)
     parser.set_defaults(format_usage=parser.format_usage, command=command, runs=verb.runs, **verb.settings)
 
 
@@ -192,33 +184,33 @@ def _unit(text: str) -> Unit:
         raise argparse.ArgumentTypeError(f"step, second, or the seconds of a step was expected, not {text!r}") from None
 
 
-DEBUG = argument("--debug", "show the traceback of an error, and more in the log")
-JSON = argument("--json", "one JSON object")
-SEED = argument("--seed S", "the same seed gives the same result", seed)
-DISCOUNT = argument("--discount G", "overrides the model's", share)
-DISCOUNT_OF = argument(
+DEBUG = Argument("--debug", "show the traceback of an error, and more in the log")
+JSON = Argument("--json", "one JSON object")
+SEED = Argument("--seed S", "the same seed gives the same result", seed)
+DISCOUNT = Argument("--discount G", "overrides the model's", share)
+DISCOUNT_OF = Argument(
     "--discount-of UNIT",
     "what the discount is of: step, second (where durations say how long a step takes), or the seconds of a step; by "
     "default as the model's file has it",
     _unit,
 )
-DURATIONS = argument(
+DURATIONS = Argument(
     "--durations FILE.npz", "how long actions take, and what they earn by time: values are those in real time"
 )
-FALSE_NEGATIVE = argument(
+FALSE_NEGATIVE = Argument(
     "--false-negative O",
     "the observation, by name or index, that is a false negative: an event that nobody detected",
 )
-IMPORT = argument("--import", "import the functions of a TOML file, which runs its modules", dest="imports")
+IMPORT = Argument("--import", "import the functions of a TOML file, which runs its modules", dest="imports")
 
 
 def given_file(help: str) -> tuple[Argument, ...]:  # noqa: A002
     """Return the arguments for a TOML file, or a model and its policy in its place; `take_model` tells them apart."""
     return (
-        argument("file [FILE]", f"{help}; or a model, before its policy"),
-        argument("policy_file [POLICY]", "the policy, after a model"),
-        argument("--model M", "a model, in place of a TOML file"),
-        argument("--policy P", "a policy, in place of a TOML file"),
+        Argument("file [FILE]", f"{help}; or a model, before its policy"),
+        Argument("policy_file [POLICY]", "the policy, after a model"),
+        Argument("--model M", "a model, in place of a TOML file"),
+        Argument("--policy P", "a policy, in place of a TOML file"),
     )
 
 
@@ -238,8 +230,8 @@ def take_model(arguments: argparse.Namespace) -> None:
 def live_page(shows: str, whose: str) -> tuple[Argument, ...]:
     """Return the options of a page that shows a run live; the texts say of which agents, and whose certificate."""
     return (
-        argument("--page [PORT]", f"{shows} for this machine's browsers, at port PORT (8765)", port, const=8765),
-        argument(
+        Argument("--page [PORT]", f"{shows} for this machine's browsers, at port PORT (8765)", port, const=8765),
+        Argument(
             "--page-control",
             "let the page start, stop, reset and release ensembles, and set predicates that no sensor tells",
         ),
@@ -251,9 +243,9 @@ def page_hosts(whose: str = "", *, prefix: str = "--page-") -> tuple[Argument, .
     """Return the options that open a page to other machines; a text says whose certificate is shown by default."""
     files = "the page's certificate: NAME.pem, NAME.key.pem and authority.pem of a folder"
     return (
-        argument(
+        Argument(
             f"{prefix}host HOST",
             "open the page to other machines, with TLS, at this name or address of this machine (0.0.0.0: at all)",
         ),
-        argument(f"{prefix}access FOLDER/NAME", files + (whose and f" ({whose})"), certificate),
+        Argument(f"{prefix}access FOLDER/NAME", files + (whose and f" ({whose})"), certificate),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from mdm.cli.usage import DISCOUNT_OF, DURATIONS, IMPORT, JSON, Verb, argument, share
+from mdm.cli.usage import DISCOUNT_OF, DURATIONS, IMPORT, JSON, Argument, Verb, share
 
 __all__ = ["VERBS"]
 
@@ -18,12 +18,12 @@ VERBS = {
         "for in the source of their modules, which are not run, unless --import is given.",
         "mdm check examples/patrol/patrol.toml",
         (
-            argument("file FILE", "a TOML file, a model or a policy"),
-            argument("--model M", "the model that a policy is for, to check it against"),
+            Argument("file FILE", "a TOML file, a model or a policy"),
+            Argument("--model M", "the model that a policy is for, to check it against"),
             DURATIONS,
-            argument("--normalize", "take distributions that do not sum to 1 for notes, not problems"),
+            Argument("--normalize", "take distributions that do not sum to 1 for notes, not problems"),
             IMPORT,
-            argument("--json", "one JSON object, with every problem"),
+            Argument("--json", "one JSON object, with every problem"),
         ),
         "files.check",
     ),
@@ -31,7 +31,7 @@ VERBS = {
         "Print the sizes and names of a model or policy, or the tree of a TOML file's ensembles and which predicate, "
         "event or function stands for each symbol. Modules of functions are not run, unless --import is given.",
         "mdm info examples/patrol/top.pomdpx --json",
-        (argument("file FILE", "a model, a policy or a TOML file"), IMPORT, JSON),
+        (Argument("file FILE", "a model, a policy or a TOML file"), IMPORT, JSON),
         "files.info",
     ),
     "show": Verb(
@@ -41,11 +41,11 @@ VERBS = {
         "network, what depends on what in a factored model. Zeros are left out.",
         "mdm show tiger.pomdp O listen tiger-left",
         (
-            argument("file MODEL", "a model"),
-            argument("part [PART]", f"one of {', '.join(_PARTS)}", choices=_PARTS),
-            argument("symbols SYMBOL", "names or indices", nargs="*"),
-            argument("--from STATE", "the state before, for observations of events", dest="before"),
-            argument("--picture PNG", "draw the network into a file (needs mdm[plot])"),
+            Argument("file MODEL", "a model"),
+            Argument("part [PART]", f"one of {', '.join(_PARTS)}", choices=_PARTS),
+            Argument("symbols SYMBOL", "names or indices", nargs="*"),
+            Argument("--from STATE", "the state before, for observations of events", dest="before"),
+            Argument("--picture PNG", "draw the network into a file (needs mdm[plot])"),
             JSON,
         ),
         "files.show",
@@ -56,12 +56,12 @@ VERBS = {
         "policies. What was written is read again and compared.",
         "mdm convert tiger.pomdp tiger.pomdpx",
         (
-            argument("source IN", "a model or a policy"),
-            argument("target OUT", "the file to write, another than IN; one that is there is replaced"),
-            argument("--discount G", "a discount in place of the model's", share),
+            Argument("source IN", "a model or a policy"),
+            Argument("target OUT", "the file to write, another than IN; one that is there is replaced"),
+            Argument("--discount G", "a discount in place of the model's", share),
             DISCOUNT_OF,
-            argument("--normalize", "make distributions sum to 1 however far they are off"),
-            argument("--model M", "the model that a policy is for, whose names .npz keeps"),
+            Argument("--normalize", "make distributions sum to 1 however far they are off"),
+            Argument("--model M", "the model that a policy is for, whose names .npz keeps"),
         ),
         "files.convert",
     ),
@@ -70,8 +70,8 @@ VERBS = {
         "and their parameters; `mdm problem NAME --help` explains one.",
         "mdm problem rock_sample --size 4 --rocks 3 -o rocks.pomdpx",
         (
-            argument("--list", "list the problems and their parameters"),
-            argument("words NAME", "the problem and its parameters", nargs=argparse.REMAINDER, metavar="NAME ..."),
+            Argument("--list", "list the problems and their parameters"),
+            Argument("words NAME", "the problem and its parameters", nargs=argparse.REMAINDER, metavar="NAME ..."),
         ),
         "files.problem",
         usage="mdm problem [--list] | NAME [--PARAMETER VALUE ...] -o FILE",

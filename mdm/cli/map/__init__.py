@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 
-from mdm.cli.usage import JSON, Argument, Verb, argument, count, finite, number, seconds, share
+from mdm.cli.usage import JSON, Argument, Verb, count, finite, number, seconds, share
 
 __all__ = ["DISCOUNT", "RADIUS", "STAGES", "SUCCESS", "VERBS"]
 
@@ -40,30 +40,30 @@ def _kind(text: str) -> str:
 
 
 def _given_again(words: str, help: str | None, type: object, dest: str) -> Argument:  # noqa: A002
-    return argument(words, help, type, action="append", default=[], dest=dest)  # type: ignore[arg-type]
+    return Argument(words, help, type, action="append", default=[], dest=dest)  # type: ignore[arg-type]
 
 
 _GRAPH = "the original's TopologicalMap (XML), LCAS's tmap2 (YAML), or Nav2's route graph (GeoJSON)"
-_MAP = argument("map MAP.yaml", "ROS's map.yaml, whose image is a PGM, PNG or BMP")
+_MAP = Argument("map MAP.yaml", "ROS's map.yaml, whose image is a PGM, PNG or BMP")
 _ROBOT = "what the robot is, such as robot=short, by which the restrictions of a tmap2 are judged"
 _KINDS = _given_again("--robot KIND=VALUE", _ROBOT, _kind, "kinds")
 _FLOOR = (
-    argument(
+    Argument(
         "map MAP.yaml",
         "ROS's map.yaml, whose image is a PGM, PNG or BMP; or a building.toml, alone, which names several floors",
     ),
-    argument(
+    Argument(
         "labels [LABELS.png]",
         "an image of the same size, with a colour for each place; without, the zones of the graph are its places",
     ),
-    argument("graph [GRAPH]", _GRAPH),
-    argument("--names FILE", "predicate_labels.yaml, the colours of places; by default those under their goals"),
-    argument("--reach M", "how far from its goal a place without zone reaches over free cells, in metres", _metres),
+    Argument("graph [GRAPH]", _GRAPH),
+    Argument("--names FILE", "predicate_labels.yaml, the colours of places; by default those under their goals"),
+    Argument("--reach M", "how far from its goal a place without zone reaches over free cells, in metres", _metres),
 )
 """The files of a floor; a graph without labels comes as the labels."""
 _SIZE = (
-    argument("--radius M", "the radius of the robot, in metres (0.25)", _metres),
-    argument("--margin M", "how deep inside a place a robot must be to be there, in metres (0.3)", _metres),
+    Argument("--radius M", "the radius of the robot, in metres (0.25)", _metres),
+    Argument("--margin M", "how deep inside a place a robot must be to be there, in metres (0.3)", _metres),
 )
 
 _VERBS = {
@@ -74,14 +74,14 @@ _VERBS = {
         "mdm map goals map.yaml -o graph.xml --picture rooms.png",
         (
             _MAP,
-            argument("-o --output GRAPH.xml", "the graph, as the original's TopologicalMap", required=True),
+            Argument("-o --output GRAPH.xml", "the graph, as the original's TopologicalMap", required=True),
             *_SIZE,
-            argument(
+            Argument(
                 "--least M2",
                 "the least area of a room, in square metres of where a robot fits (4)",
                 _metres,
             ),
-            argument("--picture PNG", "draw the rooms into a file (needs mdm[maps])"),
+            Argument("--picture PNG", "draw the rooms into a file (needs mdm[maps])"),
             JSON,
         ),
         "map.draft:goals",
@@ -94,9 +94,9 @@ _VERBS = {
         "mdm map draft map.yaml graph.xml -o labels.png",
         (
             _MAP,
-            argument("graph GRAPH", _GRAPH),
+            Argument("graph GRAPH", _GRAPH),
             _KINDS,
-            argument("-o --output LABELS.png", "the image of labels (needs mdm[maps])", required=True),
+            Argument("-o --output LABELS.png", "the image of labels (needs mdm[maps])", required=True),
             JSON,
         ),
         "map.draft",
@@ -113,7 +113,7 @@ _VERBS = {
             *_FLOOR,
             _KINDS,
             *_SIZE,
-            argument("--pictures DIR", "a folder for a picture of each problem, of the first 50 (needs mdm[maps])"),
+            Argument("--pictures DIR", "a folder for a picture of each problem, of the first 50 (needs mdm[maps])"),
             JSON,
         ),
         "map.check",
@@ -127,9 +127,9 @@ _VERBS = {
         (
             *_FLOOR,
             _KINDS,
-            argument("-o --output PNG", "draw the map into a file (needs mdm[maps])"),
-            argument("--radius M", "leave out passages that are too narrow for a robot of this radius", _metres),
-            argument("--coordinates", "draw lines of coordinates, too"),
+            Argument("-o --output PNG", "draw the map into a file (needs mdm[maps])"),
+            Argument("--radius M", "leave out passages that are too narrow for a robot of this radius", _metres),
+            Argument("--coordinates", "draw lines of coordinates, too"),
             JSON,
         ),
         "map.show",
@@ -151,7 +151,7 @@ _VERBS = {
                 str,
                 "kinds",
             ),
-            argument("-o --output MODEL", "the model: .pomdpx, .pgmx or .npz", required=True),
+            Argument("-o --output MODEL", "the model: .pomdpx, .pgmx or .npz", required=True),
             _given_again("--reward PLACE=VALUE", None, _reward, "rewards"),
             _given_again(
                 "--latch NAME=ON/OFF[:REWARD]",
@@ -166,21 +166,21 @@ _VERBS = {
                 None,
                 "visits",
             ),
-            argument(
+            Argument(
                 "--factors MODULE:FUNCTION",
                 "a function of the graph that returns more factors (mdm.maps.model.FloorFactor); modules beside "
                 "GRAPH take precedence",
             ),
-            argument("--start PLACE", "where the robot is first; by default it may be anywhere"),
-            argument("--stay NAME", "one more action, which stays at no cost"),
-            argument("--success P", f"the probability that a way is gone in a step ({SUCCESS})", share),
-            argument("--discount G", f"of a step, with --durations of a second ({DISCOUNT})", share),
-            argument("--noise M", "the standard deviation of poses, in metres", _metres),
-            argument("--speed M/S", "of the robot, in metres a second", _speed),
-            argument("--period S", "the seconds between decisions at a fixed rate", seconds),
-            argument("--durations FILE.npz", "write how long actions take"),
-            argument("--stages N", f"the more, the less durations vary: Erlang's stages ({STAGES})", count),
-            argument("--radius M", f"the radius of the robot, in metres ({RADIUS})", _metres),
+            Argument("--start PLACE", "where the robot is first; by default it may be anywhere"),
+            Argument("--stay NAME", "one more action, which stays at no cost"),
+            Argument("--success P", f"the probability that a way is gone in a step ({SUCCESS})", share),
+            Argument("--discount G", f"of a step, with --durations of a second ({DISCOUNT})", share),
+            Argument("--noise M", "the standard deviation of poses, in metres", _metres),
+            Argument("--speed M/S", "of the robot, in metres a second", _speed),
+            Argument("--period S", "the seconds between decisions at a fixed rate", seconds),
+            Argument("--durations FILE.npz", "write how long actions take"),
+            Argument("--stages N", f"the more, the less durations vary: Erlang's stages ({STAGES})", count),
+            Argument("--radius M", f"the radius of the robot, in metres ({RADIUS})", _metres),
             JSON,
         ),
         "map.model",

@@ -15,7 +15,6 @@ from mdm.cli.usage import (
     SEED,
     Argument,
     Verb,
-    argument,
     count,
     given_file,
     limit,
@@ -44,18 +43,18 @@ class _Solver(argparse.Action):
 
 def _picture(line: str, about: str, example: str, *arguments: Argument) -> Verb:
     """Return a kind of picture of the verb ``plot``."""
-    file = argument("-o --output PNG", "the picture's file", required=True)
+    file = Argument("-o --output PNG", "the picture's file", required=True)
     return Verb(about, example, (file, DEBUG, *arguments), "policies.plot", command="plot", line=line)
 
 
-_MODEL, _POLICY = argument("model MODEL", "a model"), argument("policy POLICY", "a policy for it")
+_MODEL, _POLICY = Argument("model MODEL", "a model"), Argument("policy POLICY", "a policy for it")
 _VALUES = (
-    argument(
+    Argument(
         "--episodes N",
         "simulate N episodes, even if the exact value is known (10000; 1000 if they cannot run as a batch)",
         count,
     ),
-    argument("--steps H", "decisions in an episode (no limit)", count),
+    Argument("--steps H", "decisions in an episode (no limit)", count),
     SEED,
     DISCOUNT,
     DISCOUNT_OF,
@@ -65,7 +64,7 @@ _VALUES = (
 )
 """The options that evaluation and comparison share."""
 _INPUTS = (_MODEL, _POLICY, DISCOUNT, DISCOUNT_OF)
-_DRAWN = (argument("--seed S", "of the simulated episodes (0)", seed, default=0), FALSE_NEGATIVE)
+_DRAWN = (Argument("--seed S", "of the simulated episodes (0)", seed, default=0), FALSE_NEGATIVE)
 
 VERBS = {
     "simulate": Verb(
@@ -75,14 +74,14 @@ VERBS = {
         "mdm simulate tiger.pomdp tiger.vf --episodes 1000 --seed 1",
         (
             *given_file("a TOML file with ensembles"),
-            argument("--ensemble NAME", "which of its ensembles; by default the first"),
-            argument("--episodes N", "how many episodes (100)", count, default=100),
+            Argument("--ensemble NAME", "which of its ensembles; by default the first"),
+            Argument("--episodes N", "how many episodes (100)", count, default=100),
             SEED,
             DISCOUNT,
             DISCOUNT_OF,
             FALSE_NEGATIVE,
-            argument("--steps H", "decisions in an episode", count),
-            argument(
+            Argument("--steps H", "decisions in an episode", count),
+            Argument(
                 "--record PATH",
                 "record all decisions, with the world's true states, to this file, such as run.mcap; a record there is "
                 "kept, and run.2.mcap written",
@@ -98,29 +97,29 @@ VERBS = {
         "mdm solve tiger.pomdp -o tiger.npz --gap 0.01",
         (
             _MODEL,
-            argument(
+            Argument(
                 "-o --output POLICY",
                 "the policy's file; its suffix chooses the format: .npz keeps any policy, .vf, .alpha and .policy "
                 "alpha vectors, .policy tables, .pg controllers",
             ),
-            argument("--solver NAME", "by default chosen for the model; 'help' lists them", action=_Solver),
-            argument("--gap G", "stop when the bounds are this close (0.001)", limit, default=1e-3),
-            argument("--time S", "stop after S seconds; to lay out a large model takes what it takes", limit),
-            argument("--memory MB", "stop at this much memory (80 %% of the machine's)", limit),
-            argument("--iterations N", "stop after N sweeps, trials or rounds", count),
+            Argument("--solver NAME", "by default chosen for the model; 'help' lists them", action=_Solver),
+            Argument("--gap G", "stop when the bounds are this close (0.001)", limit, default=1e-3),
+            Argument("--time S", "stop after S seconds; to lay out a large model takes what it takes", limit),
+            Argument("--memory MB", "stop at this much memory (80 %% of the machine's)", limit),
+            Argument("--iterations N", "stop after N sweeps, trials or rounds", count),
             DISCOUNT,
             DISCOUNT_OF,
             DURATIONS,
-            argument("--horizon H", "decisions, for solvers of finite horizons", count),
+            Argument("--horizon H", "decisions, for solvers of finite horizons", count),
             FALSE_NEGATIVE,
-            argument("--seed S", "for randomised solvers", seed),
-            argument(
+            Argument("--seed S", "for randomised solvers", seed),
+            Argument(
                 "--whole",
                 "keep all of SARSOP's vectors, not only those of a good plan",
                 action="store_const",
                 const=True,
             ),
-            argument("--history FILE.json", "write the bounds over time, for mdm plot bounds"),
+            Argument("--history FILE.json", "write the bounds over time, for mdm plot bounds"),
             JSON,
         ),
         "policies.solve",
@@ -132,8 +131,8 @@ VERBS = {
         "known by then.",
         "mdm evaluate tiger.pomdp tiger.vf --seed 1",
         (
-            argument("model MODEL", "a model, or a TOML file"),
-            argument("policy POLICY", "a policy for it, or the name of an ensemble of the file"),
+            Argument("model MODEL", "a model, or a TOML file"),
+            Argument("policy POLICY", "a policy for it, or the name of an ensemble of the file"),
             *_VALUES,
         ),
         "policies.evaluate",
@@ -143,7 +142,7 @@ VERBS = {
         "random numbers, so that their differences are known far better than their values. Differences are from the "
         "first policy, with their 95 % confidence.",
         "mdm compare tiger.pomdp tiger.vf tiger.npz --seed 1",
-        (_MODEL, argument("policies POLICY...", "policies for it; the first is the reference"), *_VALUES),
+        (_MODEL, Argument("policies POLICY...", "policies for it; the first is the reference"), *_VALUES),
         "policies.evaluate:compare",
     ),
     "plot": Verb(
@@ -155,7 +154,7 @@ VERBS = {
                 "the bounds of solvers over time",
                 "Draw the bounds over time of one or several runs, from the files of mdm solve --history.",
                 "mdm plot bounds sarsop.json perseus.json -o bounds.png",
-                argument("histories HISTORY.json...", "a file written by mdm solve --history"),
+                Argument("histories HISTORY.json...", "a file written by mdm solve --history"),
             ),
             "policy": _picture(
                 "the actions and values of a policy",
@@ -163,12 +162,12 @@ VERBS = {
                 "two factors, or over beliefs in two states.",
                 "mdm plot policy tiger.pomdp tiger.vf -o tiger.png",
                 *_INPUTS,
-                argument(
+                Argument(
                     "--states A B",
                     "draw over beliefs in these two states; by default those that are most often confused",
                 ),
-                argument("--axes DOWN ACROSS", "draw over these two factors of the state"),
-                argument("--columns N", "lay states without factors out in rows of N", count),
+                Argument("--axes DOWN ACROSS", "draw over these two factors of the state"),
+                Argument("--columns N", "lay states without factors out in rows of N", count),
                 *_DRAWN,
             ),
             "belief": _picture(
@@ -176,7 +175,7 @@ VERBS = {
                 "Draw the belief over one simulated episode, with true states, actions and observations.",
                 "mdm plot belief tiger.pomdp tiger.vf -o belief.png --seed 1",
                 *_INPUTS,
-                argument("--steps H", "decisions (25)", count, default=25),
+                Argument("--steps H", "decisions (25)", count, default=25),
                 *_DRAWN,
             ),
             "run": _picture(
@@ -184,10 +183,10 @@ VERBS = {
                 "Draw the record of a run over time: the modes of each ensemble, its decisions, the lives of its "
                 "actions, its faults, its belief, and the rewards since the start.",
                 "mdm plot run run.mcap -o run.png --since 10 --until 20",
-                argument("record FILE", "the record"),
-                argument("--ensemble NAME", "this ensemble alone; can be given again", action="append"),
-                argument("--since S", "from second S of the record on (0)", moment, default=0.0),
-                argument("--until S", "to second S of the record (its end)", moment),
+                Argument("record FILE", "the record"),
+                Argument("--ensemble NAME", "this ensemble alone; can be given again", action="append"),
+                Argument("--since S", "from second S of the record on (0)", moment, default=0.0),
+                Argument("--until S", "to second S of the record (its end)", moment),
             ),
         },
     ),

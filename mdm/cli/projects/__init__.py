@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mdm.cli.usage import Verb, argument
+from mdm.cli.usage import Argument, Verb
 
 __all__ = ["SHELLS", "VERBS"]
 
@@ -18,10 +18,10 @@ VERBS = {
         "MDP.",
         "mdm new watchman --pomdp",
         (
-            argument("name NAME", "the folder, which is made; its last part names the project"),
-            argument("--pomdp", "a robot that keeps a belief", const="pomdp", **_KIND),
-            argument("--team", "two robots that decide as one", const="team", **_KIND),
-            argument("--map", "a robot that goes about a floor", const="map", **_KIND),
+            Argument("name NAME", "the folder, which is made; its last part names the project"),
+            Argument("--pomdp", "a robot that keeps a belief", const="pomdp", **_KIND),
+            Argument("--team", "two robots that decide as one", const="team", **_KIND),
+            Argument("--map", "a robot that goes about a floor", const="map", **_KIND),
         ),
         "projects.examples:new",
         settings={"kind": "mdp"},
@@ -30,8 +30,8 @@ VERBS = {
         "List the examples, a line each; or copy one of them, with all files that it needs, to a folder where it runs.",
         "mdm examples patrol -o patrol",
         (
-            argument("name [NAME]", "an example, as they are listed"),
-            argument("-o --output FOLDER", "where to copy it (a folder of its name)"),
+            Argument("name [NAME]", "an example, as they are listed"),
+            Argument("-o --output FOLDER", "where to copy it (a folder of its name)"),
         ),
         "projects.examples",
     ),
@@ -40,7 +40,7 @@ VERBS = {
         'eval "$(mdm completion bash)". For zsh, to ~/.zshrc, after compinit: eval "$(mdm completion zsh)". For fish, '
         "write it to ~/.config/fish/completions/mdm.fish.",
         "mdm completion bash",
-        (argument("shell SHELL", f"one of {', '.join(SHELLS)}", choices=SHELLS),),
+        (Argument("shell SHELL", f"one of {', '.join(SHELLS)}", choices=SHELLS),),
         "projects.completion",
     ),
     "import-ros1": Verb(
@@ -49,9 +49,9 @@ VERBS = {
         "what could not be taken over as comments with their places; then check that file.",
         "mdm import-ros1 mdm_example -o patrol",
         (
-            argument("package PACKAGE", "the folder of the package, with its launch files and sources"),
-            argument("-o --output FOLDER", "where to write (a folder of the package's name)"),
-            argument("--launch FILE", "the launch file to begin with, where several make a control layer"),
+            Argument("package PACKAGE", "the folder of the package, with its launch files and sources"),
+            Argument("-o --output FOLDER", "where to write (a folder of the package's name)"),
+            Argument("--launch FILE", "the launch file to begin with, where several make a control layer"),
         ),
         "ros1.package",
     ),

@@ -66,7 +66,8 @@ def _commands(words: str, verb: Verb) -> Iterator[Command]:
     verbs = {name: _text(below.line) for name, below in verb.verbs.items()}
     options: list[Option] = [_HELP]
     values: tuple[str, ...] = ()
-    for names, given, _ in verb.all_arguments:
+    for each in verb.all_arguments:
+        names, given = each.names, each.options
         known = _values(words, names[-1].strip("-"), given)
         if names[0].startswith("-"):
             takes = given.get("action") not in {"store_true", "store_const"}

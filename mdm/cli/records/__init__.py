@@ -9,8 +9,8 @@ from mdm.cli.usage import (
     DISCOUNT_OF,
     JSON,
     LATEST,
+    Argument,
     Verb,
-    argument,
     count,
     finite,
     moment,
@@ -35,8 +35,8 @@ def _place(text: str) -> float:
     return found
 
 
-_FILE = argument("file FILE", "the record")
-_CONFIG = argument("--config OTHER.toml", "another configuration of the same ensembles")
+_FILE = Argument("file FILE", "the record")
+_CONFIG = Argument("--config OTHER.toml", "another configuration of the same ensembles")
 _within = number("a number above 0 and below 1", 0, 1, apart=(0, 1))
 
 _OF_A_RECORD = {
@@ -57,11 +57,11 @@ _OF_A_RECORD = {
         "mdm record cat run.mcap --topic decisions --since 10 --until 20",
         (
             _FILE,
-            argument("--topic NAME", "this topic alone; can be given again", action="append"),
-            argument("--since S", "from second S of the record on", moment),
-            argument("--until S", "before second S of the record", moment),
-            argument("--ensemble NAME", "messages of this ensemble alone, and of those below it"),
-            argument("--stimuli", "print the stimuli, as mdm trace reads them"),
+            Argument("--topic NAME", "this topic alone; can be given again", action="append"),
+            Argument("--since S", "from second S of the record on", moment),
+            Argument("--until S", "before second S of the record", moment),
+            Argument("--ensemble NAME", "messages of this ensemble alone, and of those below it"),
+            Argument("--stimuli", "print the stimuli, as mdm trace reads them"),
         ),
         "records.cat",
         line="print the messages of a record, a line of JSON each",
@@ -74,9 +74,9 @@ _OF_A_RECORD = {
         "mdm record export run.mcap -o run.csv",
         (
             _FILE,
-            argument("-o --output TABLE", "the table's file", required=True),
-            argument("--ensemble NAME", "the decisions of this ensemble alone"),
-            argument("--no-beliefs", "leave out the columns of beliefs"),
+            Argument("-o --output TABLE", "the table's file", required=True),
+            Argument("--ensemble NAME", "the decisions of this ensemble alone"),
+            Argument("--no-beliefs", "leave out the columns of beliefs"),
         ),
         "records.record:export",
         line="write the decisions of a record as a table",
@@ -85,7 +85,7 @@ _OF_A_RECORD = {
         "Write all that can be read of a record as a complete one: of a robot whose machine has failed, or of a "
         "full disk. Where a run was split, its files become one. The record itself stays as it is.",
         "mdm record repair run.mcap -o whole.mcap",
-        (_FILE, argument("-o --output OUT", "the complete record's file", required=True)),
+        (_FILE, Argument("-o --output OUT", "the complete record's file", required=True)),
         "records.record:repair",
         line="write what is left of a torn record as a complete one",
     ),
@@ -103,9 +103,9 @@ VERBS = {
         "a decision or a message differs, or something cannot be told.",
         "mdm replay run.mcap",
         (
-            argument("file FILE", "the record, or a folder with those of a team's agents"),
+            Argument("file FILE", "the record, or a folder with those of a team's agents"),
             _CONFIG,
-            argument("--most N", "tell at most N differences (1; with --config, of one robot, 20)", count),
+            Argument("--most N", "tell at most N differences (1; with --config, of one robot, 20)", count),
             JSON,
         ),
         "records.replay",
@@ -118,15 +118,15 @@ VERBS = {
         "mdm explain run.mcap --at 12.5s",
         (
             _FILE,
-            argument(
+            Argument(
                 "--at EPOCH|TIME",
                 "the decision of that number, such as 12, or the last one by a second of the record, such as 12.0 or "
                 "12s (the last one of all)",
                 _place,
             ),
-            argument("--ensemble PATH", "the ensemble; by default the one that decided then"),
-            argument("--last N", "look at the last N observations (10)", count),
-            argument("--config OTHER.toml", "a configuration of the same ensembles"),
+            Argument("--ensemble PATH", "the ensemble; by default the one that decided then"),
+            Argument("--last N", "look at the last N observations (10)", count),
+            Argument("--config OTHER.toml", "a configuration of the same ensembles"),
             JSON,
         ),
         "records.replay:explain",
@@ -138,24 +138,24 @@ VERBS = {
         "anew, and how long actions take, can be written, solved and evaluated.",
         "mdm statistics run.mcap --model top.pomdpx --ensemble top -o new.npz --durations times.npz",
         (
-            argument("files FILE...", "the record; several are runs, or agents, that are pooled"),
-            argument("--model M", "the model that the ensemble had", required=True),
-            argument(
+            Argument("files FILE...", "the record; several are runs, or agents, that are pooled"),
+            Argument("--model M", "the model that the ensemble had", required=True),
+            Argument(
                 "--ensemble PATH",
                 "the ensemble, where several have decided: robot is each .../robot, in all records",
             ),
-            argument("-o --output NEW_MODEL", "write the model estimated anew"),
-            argument("--durations OUT.npz", "write how long actions take, for --durations of mdm solve"),
-            argument(
+            Argument("-o --output NEW_MODEL", "write the model estimated anew"),
+            Argument("--durations OUT.npz", "write how long actions take, for --durations of mdm solve"),
+            Argument(
                 "--step S",
                 "the seconds of the model's time step: rates of changes of the state become its probabilities",
                 seconds,
             ),
-            argument("--level P", "the level of the intervals (0.95)", _within, default=0.95),
+            Argument("--level P", "the level of the intervals (0.95)", _within, default=0.95),
             DISCOUNT,
             DISCOUNT_OF,
-            argument("--seed N", "of the intervals where states are hidden (0)", seed),
-            argument("--json", "one JSON object, with all rows"),
+            Argument("--seed N", "of the intervals where states are hidden (0)", seed),
+            Argument("--json", "one JSON object, with all rows"),
         ),
         "records.statistics",
     ),
@@ -173,9 +173,9 @@ VERBS = {
         "mdm page run.mcap",
         (
             _FILE,
-            argument("--port PORT", "where the page is (8765)", port, default=8765),
+            Argument("--port PORT", "where the page is (8765)", port, default=8765),
             *page_hosts(prefix="--"),
-            argument("--no-replay", "begin at once, without the values of predicates"),
+            Argument("--no-replay", "begin at once, without the values of predicates"),
         ),
         "records.page",
     ),
@@ -186,10 +186,10 @@ VERBS = {
         "next decision, fault and mode, with shift to the one before.",
         "mdm watch run.mcap",
         (
-            argument("source URL|FILE", "the address of a page, or a record"),
-            argument("--once", "print one picture, of a record its end, and stop"),
-            argument("--at S", "of a record, begin at second S", moment),
-            argument(
+            Argument("source URL|FILE", "the address of a page, or a record"),
+            Argument("--once", "print one picture, of a record its end, and stop"),
+            Argument("--at S", "of a record, begin at second S", moment),
+            Argument(
                 "--authority FILE",
                 "of a page with TLS, who has signed its certificate, such as authority.pem; by default whom this "
                 "machine trusts",

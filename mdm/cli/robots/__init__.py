@@ -5,8 +5,8 @@ from __future__ import annotations
 from mdm.cli.usage import (
     DISCOUNT,
     FALSE_NEGATIVE,
+    Argument,
     Verb,
-    argument,
     count,
     given_file,
     live_page,
@@ -16,26 +16,26 @@ from mdm.cli.usage import (
 
 __all__ = ["RUN", "VERBS", "VIRTUAL"]
 
-VIRTUAL = argument("--virtual", "in virtual time: without waiting, until nothing is pending")
+VIRTUAL = Argument("--virtual", "in virtual time: without waiting, until nothing is pending")
 RUN = (
-    argument("file FILE", "the TOML file"),
-    argument("--agent NAME", "of a team's file, which agent this process is"),
-    argument("--decisions PATH", "add each decision, of a team each joint step, to this file as a line of JSON"),
-    argument(
+    Argument("file FILE", "the TOML file"),
+    Argument("--agent NAME", "of a team's file, which agent this process is"),
+    Argument("--decisions PATH", "add each decision, of a team each joint step, to this file as a line of JSON"),
+    Argument(
         "--record PATH",
         "record the run to this file, such as run.mcap, which mdm replay runs again; a record there is kept, and "
         "run.2.mcap written",
     ),
     *live_page("show the run live on a page", "of a team's file the agent's own"),
-    argument("--quiet", "write no log"),
+    Argument("--quiet", "write no log"),
     VIRTUAL,
-    argument("--epochs N", "stop after N decisions of the first ensemble", count),
-    argument("--seconds N", "stop after N seconds", seconds),
-    argument("--attached", "stop when standard input ends, as agents do when `mdm team up` ends"),
-    argument(
+    Argument("--epochs N", "stop after N decisions of the first ensemble", count),
+    Argument("--seconds N", "stop after N seconds", seconds),
+    Argument("--attached", "stop when standard input ends, as agents do when `mdm team up` ends"),
+    Argument(
         "--why", "write why with each decision that is logged; that takes some milliseconds each, beside the decisions"
     ),
-    argument("--log {console,json}", "how to write the log", choices=("console", "json"), default="console"),
+    Argument("--log {console,json}", "how to write the log", choices=("console", "json"), default="console"),
 )
 """The arguments of `mdm run`; `mdm team run` has them without virtual time."""
 
@@ -57,17 +57,17 @@ VERBS = {
         "echo '{\"observation\": 0}' | mdm trace tiger.pomdp tiger.vf",
         (
             *given_file("the TOML file, whose functions are not called"),
-            argument("--drive event|RATE", "decide on events (default), or RATE times a second"),
+            Argument("--drive event|RATE", "decide on events (default), or RATE times a second"),
             DISCOUNT,
             FALSE_NEGATIVE,
-            argument("--horizon H", "decisions in an episode", count),
-            argument(
+            Argument("--horizon H", "decisions in an episode", count),
+            Argument(
                 "--on-impossible {predict,keep,reset}",
                 "reaction to an observation of probability 0 (predict)",
                 choices=("predict", "keep", "reset"),
             ),
-            argument("--on-no-observation predict|repeat|NAME", "meaning of a tick without an observation (predict)"),
-            argument("--seed S", "for a stochastic policy", seed),
+            Argument("--on-no-observation predict|repeat|NAME", "meaning of a tick without an observation (predict)"),
+            Argument("--seed S", "for a stochastic policy", seed),
         ),
         "robots.trace",
     ),

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from mdm.cli.robots import RUN, VIRTUAL
-from mdm.cli.usage import IMPORT, JSON, Verb, argument, count, live_page, seconds
+from mdm.cli.usage import IMPORT, JSON, Argument, Verb, count, live_page, seconds
 
 __all__ = ["VERBS"]
 
-_FILE = argument("file FILE", "the TOML file")
-_FRESH = argument("--fresh", "forget that agents were stopped, or wait for a release, before they start")
+_FILE = Argument("file FILE", "the TOML file")
+_FRESH = Argument("--fresh", "forget that agents were stopped, or wait for a release, before they start")
 
 
 def _command(name: str, line: str, about: str) -> Verb:
@@ -19,8 +19,8 @@ def _command(name: str, line: str, about: str) -> Verb:
         f"mdm team {name} examples/team/meeting.toml",
         (
             _FILE,
-            argument("--ensemble NAME", "this ensemble of the team alone"),
-            argument("--wait SECONDS", "how long to wait (default: 5)", seconds, default=5.0),
+            Argument("--ensemble NAME", "this ensemble of the team alone"),
+            Argument("--wait SECONDS", "how long to wait (default: 5)", seconds, default=5.0),
         ),
         "team.status:command",
         line=line,
@@ -36,12 +36,12 @@ _VERBS = {
         "mdm team up examples/team/meeting.toml --seconds 20 --decisions decided",
         (
             _FILE,
-            argument("--seconds N", "end in order after N seconds", seconds),
-            argument("--decisions FOLDER", "write each agent's joint steps to a file of its own in this folder"),
-            argument("--record FOLDER", "record each agent's run to a file of its own in this folder, NAME.mcap"),
+            Argument("--seconds N", "end in order after N seconds", seconds),
+            Argument("--decisions FOLDER", "write each agent's joint steps to a file of its own in this folder"),
+            Argument("--record FOLDER", "record each agent's run to a file of its own in this folder, NAME.mcap"),
             _FRESH,
             *live_page("show all agents live on one page", "where the team has access, that of its operator"),
-            argument("--log {console,json}", "how to write the log", choices=("console", "json"), default="console"),
+            Argument("--log {console,json}", "how to write the log", choices=("console", "json"), default="console"),
         ),
         "team.up",
         line="run all agents on this machine",
@@ -98,7 +98,7 @@ _VERBS = {
         "the longest time without a decision of any of them. The exit status is 1 if a step differs. Agents of a "
         "communicating team decide by themselves, and so their steps may.",
         "mdm team decisions decided/",
-        (argument("paths PATH...", "a file of decisions, or a folder of such files"), JSON),
+        (Argument("paths PATH...", "a file of decisions, or a folder of such files"), JSON),
         "team.decisions",
         line="compare files of decisions",
     ),
@@ -109,9 +109,9 @@ _VERBS = {
         "mdm team certificates examples/team/meeting.toml -o certificates",
         (
             _FILE,
-            argument("-o --output FOLDER", "where to (certificates)", default="certificates"),
-            argument("--days N", "how long they are valid (30)", count, default=30),
-            argument(
+            Argument("-o --output FOLDER", "where to (certificates)", default="certificates"),
+            Argument("--days N", "how long they are valid (30)", count, default=30),
+            Argument(
                 "--host NAME",
                 "a name or address in the operator's certificate, for the page of `mdm team up`; can be given again",
                 action="append",

@@ -274,7 +274,9 @@ class _Builder:
         )
         ensembles = builder.build(document)
         given = document.get("tasks", [])
-        tasks = self._tasks(given if share is None else self._problems.attempt("tasks", share.tasks, given, "tasks"))
+        if share is not None and isinstance(given, dict):
+            given = self._problems.attempt("tasks", share.own, given)
+        tasks = self._tasks(given)
         emergency = self._emergency(document.get("emergency"))
         starved_after = self._problems.convert(document.get("starved_after"), Seconds | None, "starved_after")
         if located:
@@ -365,7 +367,7 @@ class _Builder:
         return None if held is None else f"the file holds {held}; a TOML file of ensembles was expected"
 
     def _tasks(self, references: object) -> list[Callable[[System], Any]]:
-        if references is None:  # problems have been noted
+        if references is None:  # an agent has none, or problems have been noted
             return []
         if not isinstance(references, list) or not all(isinstance(reference, str) for reference in references):
             self._problems.add("tasks must be a list of functions, such as ['sensors:read']", "tasks")

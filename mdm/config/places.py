@@ -107,7 +107,7 @@ def _navigator(given: str | dict[str, str] | None, share: Share | None) -> str |
         return given
     if share is None:
         raise ConfigError("a navigator per agent is for a team's file, which has a table [team]")
-    return share.navigator(given)
+    return share.own(given)
 
 
 def _made(reference: str, functions: Functions) -> Any:

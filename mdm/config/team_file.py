@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from contextlib import suppress
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import msgspec
 from msgspec import Meta
@@ -235,6 +235,8 @@ def _policy(table: CommunicationTable, functions: Functions, problems: Problems,
 
 # -- One agent's part ----------------------------------------------------------------------------------------------
 
+T = TypeVar("T")
+
 _BINDING = ("call", "ensemble", "way", "place")
 
 
@@ -313,20 +315,8 @@ class Share:
                 raise ConfigError(f"a table of the actions of agent {name!r} was expected, not {value!r}", key=key)
         return given.get(self.agent)
 
-    def tasks(self, given: object, key: str) -> object:
-        """Return this agent's tasks.
-
-        Raises:
-            ConfigError: If some are those of no agent.
-        """
-        if not isinstance(given, dict):
-            return given
-        for name in given:
-            self.team.check_agent(name, key=f"{key}.{name}")
-        return given.get(self.agent, [])
-
-    def navigator(self, given: Mapping[str, str]) -> str | None:
-        """Return the function that makes this agent's navigator; None where it has none.
+    def own(self, given: Mapping[str, T]) -> T | None:
+        """Return this agent's entry of a table with one for each agent; None where it has none.
 
         Raises:
             ConfigError: If one is that of no agent.
@@ -380,7 +370,10 @@ class Share:
         if not joint:
             if table.placement is not None:
                 raise ConfigError("a placement is for what a team decides together", key=f"{key}.placement")
-            return Seat(self._own_index(name, table, agents), who=self.agent)
+            if table.agent is not None:
+                return Seat(table.agent, who=self.agent)
+            acting = matched(self.team, name, agents, None) if table.local and agents else ()
+            return Seat(acting.index(self.agent) if self.agent in acting else 0, who=self.agent)
         if table.agent is not None:
             raise ConfigError("in a team each agent acts for itself: leave out agent", key=f"{key}.agent")
         placement = problems.convert(table.placement or {}, Placement, f"{key}.placement") or Placement()
@@ -390,20 +383,9 @@ class Share:
                 f"all agents of team {self.team.name!r} decide this together: leave out agents, or place its control",
                 key=f"{key}.agents",
             )
-        acting = self._acting(name, agents, placement)
+        acting = matched(self.team, name, agents, placement)
         acts = self.agent in acting
         return Seat(acting.index(self.agent) if acts else 0, placement, acts, self.agent)
-
-    def _own_index(self, name: str, table: EnsembleTable, agents: Sequence[str]) -> int | str:
-        if table.agent is not None:
-            return table.agent
-        if not table.local or not agents:
-            return 0
-        acting = self._acting(name, agents)
-        return acting.index(self.agent) if self.agent in acting else 0
-
-    def _acting(self, name: str, agents: Sequence[str], placement: Placement | None = None) -> tuple[str, ...]:
-        return matched(self.team, name, agents, placement)
 
     def _below(self, table: Any, agent: str) -> set[str]:
         given = table.get("actions") if isinstance(table, dict) else None

@@ -114,7 +114,7 @@ class SafetySettings(ControlSettings, frozen=True, kw_only=True):
         on_lost_teammate: In a team, this agent's reaction to one that was there and has not left in order:
             ``continue`` (the default: the team decides without it), ``hold`` (decided actions do not begin here until
             it is back), or ``safe_action``.
-        after_safe: The belief after a safe action that is none of the model's: it starts anew (``reset``,
+        after_safe: The belief after a safe action that is none of the model's: it starts again (``reset``,
             the default), or goes on by prediction (``keep``).
         idle_after: Seconds after which an ensemble that has nothing to do is told as a fault, unless the ended action's
             binding says ``then="wait"``; infinite for never. By default 10, where that action takes time or has failed,
@@ -193,7 +193,7 @@ class BindingSettings(DriveSettings, frozen=True, kw_only=True):
 
     Attributes:
         on_repeat: Whether a running task goes on when its action is chosen again (``continue``), or is
-            cancelled and started anew (``restart``). Take ``restart`` where the action's goal depends on the state
+            cancelled and started again (``restart``). Take ``restart`` where the action's goal depends on the state
             in which it was chosen, such as "go up" in the next room: a task that goes on keeps its old goal.
         resume: For an ensemble: start it from the belief that it was stopped with.
         concurrent: The action neither ends the running one nor is ended by the next.

@@ -110,7 +110,7 @@ class System(Actor):
         return tuple(ensemble for name, ensemble in self.ensembles.items() if name not in below)
 
     def on_start(self) -> None:
-        """Give the runtime what is its own; have teammates' predicates known before the predicate manager starts."""
+        """Hand the runtime its settings, and declare teammates' predicates before the predicate manager starts."""
         if self.emergency is not None and not self._is_repeated:
             self.runtime.add_emergency(self.emergency)
         if self.starved_after is not None:
@@ -119,7 +119,7 @@ class System(Actor):
             self.member.prepare(self.runtime)
 
     def on_running(self) -> None:
-        """Run the tasks; where a run is repeated, its record has what they said."""
+        """Run the tasks; where a run is repeated, its record has their messages."""
         for task in () if self._is_repeated else self.tasks:
             self.spawn(self._run_task(task), name=task.__name__)
 

@@ -217,7 +217,7 @@ class Ensembles:
         return ensemble
 
     def _watch(self, ensemble: Ensemble, odds: float) -> None:
-        """Have an ensemble's decisions held against its model."""
+        """Start to watch an ensemble's model for drift."""
         from mdm.actors.drift import DriftMonitor  # noqa: PLC0415 - other files load nothing that estimates
 
         if ensemble.name in self.joint:
@@ -325,7 +325,7 @@ class Ensembles:
     # -- Parts -----------------------------------------------------------------------------------------------------
 
     def _load(self, load: Callable[[Path], Any], path: str | None) -> Any:
-        """Return what is loaded from a path that a file names; None where it names none."""
+        """Return the content of a file by its path; None where no path is given."""
         return None if path is None else load(self._resolve(path))
 
     def _resolve(self, path: str) -> Path:
@@ -369,7 +369,7 @@ class Ensembles:
         return policy if policy is None or table.seed is None else attempt(place, seeded, policy, table.seed)
 
     def _made(self, reference: str, model: MDP | POMDP | None, key: str, what: str) -> Any:
-        """Return what the user's code makes; True where no module is run, None where there are problems."""
+        """Return an object of the user's code; True where no module is run, None where there are problems."""
         before = len(self._problems)
         made = self._functions.make(reference, key, model)
         if made is None and len(self._problems) == before:

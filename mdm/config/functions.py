@@ -54,7 +54,7 @@ class Functions:
         self.looks = look
 
     def make(self, reference: str, key: str, model: MDP | None) -> Any:
-        """Return what the class or function ``module:name`` makes; None where there is none, or no module is run."""
+        """Return the result of the class or function ``module:name``; None where there is none, or no module is run."""
         return self._problems.attempt(key, self._made, reference, model)
 
     def _made(self, reference: str, model: MDP | None) -> Any:
@@ -163,7 +163,7 @@ def look_for(reference: str, folder: Path) -> Callable[..., Any] | None:
 
     Returns:
         A function that does nothing, of the same kind (async, a generator's) and with the same arguments; None where
-        the source does not tell these, as of what is imported or decorated.
+        the source does not tell these, as of imported or decorated functions.
 
     Raises:
         ConfigError: If there is no such module, its source is not Python, it defines no such name, or another module
@@ -299,7 +299,7 @@ def is_reference(text: object) -> bool:
 
 
 def made(make: Callable[..., Any], reference: str, model: MDP | None) -> Any:
-    """Return what a class or function makes: it is called with the model, or without arguments where it takes none.
+    """Return the result of a class or function, called with the model, or without arguments where it takes none.
 
     Raises:
         ConfigError: If it raises, or takes other arguments.
@@ -328,10 +328,10 @@ def unseen_policy(
     states: Sequence[StateFactor],
     observations: Sequence[ObservationFactor],
 ) -> Policy:
-    """Return what stands for a policy whose module is not run: of the sizes, and the input, that all else says.
+    """Return a stand-in for a policy whose module is not run: of the sizes, and the input, that all else says.
 
     Args:
-        reference: The name of what makes it.
+        reference: The name of its maker.
         model: Its model, if there is one.
         actions: The number of actions bound.
         states: The factors that the ensemble has.

@@ -29,7 +29,7 @@ class PlacesTable(PlacesSettings, frozen=True):
 
     Attributes:
         building: The file of several floors, in place of the graph and the other files of a map.
-        robot: What the robot is, by which the restrictions of a tmap2 are judged.
+        robot: The robot's properties, by which the restrictions of a tmap2 are judged.
         navigator: A function or class that makes the navigator, ``module:name``; in a team's file it may be a table
             with one for each agent.
     """
@@ -111,7 +111,7 @@ def _navigator(given: str | dict[str, str] | None, share: Share | None) -> str |
 
 
 def _made(reference: str, functions: Functions) -> Any:
-    """Return a navigator, or what stands for one that is not made."""
+    """Return a navigator, or a stand-in for one that is not made."""
     make: Any = functions.find(reference, "places.navigator")
     if make is None or not functions.imported:
         return _Parked()

@@ -37,7 +37,7 @@ class Rebuilt(NamedTuple):
     Attributes:
         actors: The system, or the ensemble of a simulation.
         ensembles: The ensembles by their paths.
-        transports: Of agents of a team, what carries their messages in a replay.
+        transports: Of agents of a team, the transports of their messages in a replay.
     """
 
     actors: System | Ensemble
@@ -51,7 +51,7 @@ def rebuilt(record: Record, folder: str | Path, given: str | Path | None = None)
     Args:
         record: The record.
         folder: Where its files are laid out.
-        given: A TOML file, in place of what the record keeps.
+        given: A TOML file, in place of the record's own.
 
     Raises:
         ConfigError: If the record has no configuration and none is given, or that cannot be loaded.
@@ -90,9 +90,9 @@ def recorded_simulation(record: Record, folder: str | Path, given: str | Path | 
     """Return the ensemble of a recorded simulation.
 
     Args:
-        record: The record, whose head says what was simulated.
+        record: The record; its head has the simulation.
         folder: Where files of the record are laid out.
-        given: A TOML file, in place of what was simulated.
+        given: A TOML file, in place of the simulation's own.
 
     Raises:
         Error: If the head says nothing that can be simulated, or as `Simulated.options`.
@@ -123,7 +123,7 @@ def replay_team(records: Mapping[str, Record], given: str | Path | None = None, 
 
     Args:
         records: The records, by names of theirs.
-        given: A TOML file, in place of what the records keep.
+        given: A TOML file, in place of the records' own.
         most: How many differences of each are kept.
 
     Raises:
@@ -200,7 +200,7 @@ def _check_same_team(record: Record, run: Rebuilt) -> None:
     """Refuse to repeat an agent in a team of another name, or of other agents: it would send under other keys.
 
     Raises:
-        Error: With what differs, and was in the run.
+        Error: With the difference, and the name or agents of the run.
     """
     if not isinstance(run.actors, System) or run.actors.member is None:
         return
@@ -278,8 +278,8 @@ def different_part(known: Mapping[str, str], controller: Controller) -> str | No
     """Return in words the first part of a model, policy or options that is another than in a run.
 
     Args:
-        known: What the record's head says of the ensemble.
-        controller: What decides now.
+        known: The facts of the ensemble in the record's head.
+        controller: The present controller.
 
     Returns:
         The sentence; None where the head has no parts, as those of older records, or none of them differs.

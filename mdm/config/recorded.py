@@ -175,7 +175,7 @@ def lay_out(record: Record, folder: str | Path) -> Path:
 
 
 class Simulated(msgspec.Struct, frozen=True):
-    """What a simulation is of: an ensemble of a TOML file, or a model and a policy by their files.
+    """The subject of a simulation: an ensemble of a TOML file, or a model and a policy by their files.
 
     Attributes:
         file: The TOML file; None where it is of a model and a policy.

@@ -131,7 +131,7 @@ class EnsembleTable(SafetySettings, frozen=True, kw_only=True):
 
     Attributes:
         policy: A file, a list with the index of an action for each state, or ``module:name`` for one of your own.
-        actions: What each action is bound to, by name or by index.
+        actions: The binding of each action, by name or by index.
         model: A file; needed by policies over beliefs; gives names and rewards.
         discount: Replaces the model's, above 0 and at most 1.
         durations: A file that says how long actions take in the model that the policy is for, of `save_durations`.
@@ -221,7 +221,7 @@ class Problems:
             self.add(str(error), key)
 
     def attempt(self, key: str, make: Callable[..., T], /, *arguments: Any, **options: Any) -> T | None:
-        """Return what a function makes; None where it raises an error of ours, which is noted with its key."""
+        """Return the result of a function; None where it raises an error of ours, which is noted with its key."""
         made: list[T] = []
         with self.collecting(key):
             made.append(make(*arguments, **options))

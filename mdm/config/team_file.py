@@ -39,7 +39,7 @@ class TeamTable(TeamSettings, frozen=True, kw_only=True):
         port: Agents without an endpoint listen on this machine: the first at this port, the second at the next one.
         router: The endpoint of a router, through which all agents talk; they then listen nowhere.
         access: A folder with ``authority.pem``, and ``NAME.pem`` and ``NAME.key.pem`` of each agent: mutual TLS.
-        allowance: What each agent may send; by default anything.
+        allowance: The most that each agent may send; by default anything.
         state: The folder in which each agent keeps that it was stopped; by default that of the file.
     """
 

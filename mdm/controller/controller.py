@@ -298,7 +298,7 @@ class Controller:
         return f"<Controller: {self.policy!r}, epoch {self.epoch}>"
 
     def step_by_step(self) -> None:
-        """Begin anew, as a controller that is told of each time step, also where nothing is observed.
+        """Begin again, as a controller that hears each time step, also where nothing is observed.
 
         So is one that decides at a fixed rate. Beliefs then count no unseen steps; see `POMDP.step_by_step`.
         """
@@ -538,7 +538,7 @@ class Controller:
         self._forget(begins=not keep or ended)
 
     def _forget(self, *, begins: bool = False) -> None:
-        """Begin the past anew: what comes next does not follow from what was before."""
+        """Forget the past: later decisions do not follow from it."""
         self._past = Past(self._made_of, self.epoch, self._initial, begins=begins)
 
     def begin_from(self, belief: Any) -> None:
@@ -570,7 +570,7 @@ class Controller:
         return copied(tracked) if self._own_tracker and tracked is not None else tracked
 
     def case(self, last: int = KEPT) -> Case:
-        """Return what the last decision was made of, for the functions of `mdm.explanation`.
+        """Return the last decision with its inputs, for the functions of `mdm.explanation`.
 
         Args:
             last: How many of the last observations.
@@ -593,7 +593,7 @@ class Controller:
         return None
 
     def continue_at(self, epoch: int) -> None:
-        """Count the next decision as that of an epoch; what was before is not known then.
+        """Count the next decision as that of an epoch; those before it are not known then.
 
         It is for decisions that are made again, of which some are missing.
         """
@@ -633,7 +633,7 @@ class Controller:
         return dict(zip(("model", "policy", "options"), map(of_parts, self._constants()), strict=True))
 
     def parts(self) -> dict[str, str]:
-        """Return what model, policy and options are made of, by names in words.
+        """Return the parts of model, policy and options, by names in words.
 
         Numbers and names are told as they are, arrays by short digests, which begin with ``#``: of two controllers
         whose digests differ, the first part that differs says where.
@@ -657,7 +657,7 @@ class Controller:
         return told
 
     def _constants(self) -> tuple[list[Any], list[Any], list[Any]]:
-        """Return what model, policy and options are, as parts of a digest."""
+        """Return model, policy and options as parts of a digest."""
         if self._model_digest is None and self.model is not None:
             self._model_digest = digest(self.model)
         policy = [type(self.policy).__name__, self._num_actions, *getattr(self.policy, "parameters", list)()]

@@ -1,4 +1,4 @@
-"""What comes to a controller from outside: beliefs of a user's own tracker, and snapshots, maybe of another process."""
+"""Input of a controller from outside: beliefs of a user's own tracker, and snapshots, maybe of another process."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ _decode = msgspec.msgpack.Decoder(Held).decode
 
 
 def opened(snapshot: bytes) -> Held:
-    """Return the content of a snapshot; refuse what is none."""
+    """Return the content of a snapshot; refuse any other bytes."""
     try:
         return _decode(snapshot)
     except (msgspec.MsgspecError, TypeError, ValueError, RecursionError) as error:

@@ -38,7 +38,7 @@ class Step(msgspec.Struct, frozen=True, gc=False):
             the start and for policies over states.
         at: The state, the belief (an array or a `Support`) or the nodes that it was decided on. Steps are equal
             without it.
-        past: What came before, to explain it by; None of a step that no controller has made.
+        past: The decisions before, to explain it by; None of a step that no controller has made.
     """
 
     epoch: int
@@ -50,7 +50,7 @@ class Step(msgspec.Struct, frozen=True, gc=False):
     past: Past | None = None
 
     def explain(self, last: int = KEPT) -> Explanation:
-        """Return why it was decided: values, the observation that mattered, what would have decided otherwise.
+        """Return why it was decided: values, the observation that mattered, the change for another decision.
 
         Args:
             last: How many of the last observations are looked at; ten are kept, of large beliefs fewer.
@@ -63,7 +63,7 @@ class Step(msgspec.Struct, frozen=True, gc=False):
         return explain(self.case(last))
 
     def case(self, last: int = KEPT) -> Case:
-        """Return what it was made of, for the functions of `mdm.explanation`; arguments as of `explain`."""
+        """Return it with its inputs, for the functions of `mdm.explanation`; arguments as of `explain`."""
         if self.past is None:
             raise ModelError("no controller has made this step, so that nothing is known of why")
         return self.past.case(self, last)
@@ -86,11 +86,11 @@ class Past:
     """The last decisions of an episode, which only grow: a step is explained by those before it, also when it is old.
 
     Args:
-        made_of: What makes them: policy, model, symbols, what an impossible observation means, and whether the
+        made_of: Their makers: policy, model, symbols, the meaning of an impossible observation, and whether the
             information state is a tracker of the user's.
         first: The number of the first one.
         initial: The belief from which the episode began, where that is not the model's; None for that.
-        begins: Whether nothing came before the first one; else what did is not known.
+        begins: Whether nothing came before the first one; else that is not known.
     """
 
     __slots__ = ("_begins", "_first", "_initial", "_made_of", "decided", "updates")
@@ -114,7 +114,7 @@ class Past:
         return past
 
     def case(self, step: Step, last: int) -> Case:
-        """Return what a step was made of."""
+        """Return a step with its inputs."""
         from mdm.explanation.case import Case, Update  # noqa: PLC0415 - see `Step.explain`
 
         (policy, model, symbols, on_impossible, own_tracker), number = self._made_of, step.epoch - self._first

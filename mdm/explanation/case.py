@@ -36,7 +36,7 @@ class Update(NamedTuple):
 
 
 class Case(NamedTuple):
-    """A decision, and what it was made of.
+    """A decision and its inputs.
 
     Args:
         policy: The policy.
@@ -46,11 +46,11 @@ class Case(NamedTuple):
         observations: The observations, or None where there are none.
         epoch: The number of the decision in its episode.
         action: The action.
-        at: What the policy has chosen by: a state, a belief (an array or a `Support`), or the nodes of a plan.
+        at: The policy's information: a state, a belief (an array or a `Support`), or the nodes of a plan.
         before: The same of an earlier decision, from which ``updates`` lead to ``at``; None if it is unknown.
         updates: Those since then, the first one first.
         initial: The belief from which ``updates`` lead, where they are all of the episode; else None.
-        on_impossible: What an impossible observation means, as in `Controller`.
+        on_impossible: The meaning of an impossible observation, as in `Controller`.
         tracked: Whether the policy's own information state takes the updates, and not a tracker of the user's.
     """
 
@@ -97,7 +97,7 @@ class Rerun:
         self._information = case.policy.information(None if alone else case.model)
 
     def at(self, updates: Iterable[Update]) -> Any:
-        """Return what the policy would choose by after other updates."""
+        """Return the information that the policy would choose by after other updates."""
         case, information = self._case, self._information
         before = case.before
         if getattr(case.policy, "input", "belief") == "observation":

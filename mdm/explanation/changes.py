@@ -1,8 +1,8 @@
 """The fewest values that would have had to be others for another action: factors of a state, or observations of a plan.
 
-What leads to another action is looked for among all changes of one value, then of two, and so on. Of a known state its
-factors change: a look-up of the policy for each, up to a bound. A plan has no belief, and follows the edges of what is
-observed: one or two of the last observations change, and each change costs a walk, up to another bound.
+Another action is looked for among all changes of one value, then of two, and so on. Of a known state its
+factors change: a look-up of the policy for each, up to a bound. A plan has no belief, and follows edges by
+observations: one or two of the last observations change, and each change costs a walk, up to another bound.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class StateChange(msgspec.Struct, frozen=True, tag="state"):
     """A change of the fewest factors of a state that would have decided otherwise.
 
     Attributes:
-        factors: What changes.
+        factors: The factors that change.
         action: The name of the action that would have been chosen.
     """
 
@@ -69,7 +69,7 @@ class ObservationChange(msgspec.Struct, frozen=True, tag="observation"):
     """A change of the fewest of the last observations by which a plan would have acted otherwise.
 
     Attributes:
-        observations: What changes.
+        observations: The observations that change.
         action: The name of the action that would have been chosen.
     """
 

@@ -1,4 +1,4 @@
-"""Expectations: what a model says will come next, after an action in a state or on a belief.
+"""Expectations: a model's next states and observations, after an action in a state or on a belief.
 
 Next states are predicted by T; an observation's probability is that of Bayes' rule, P(o | b, a), as the belief's filter
 has it. Cost: a step of the filter for each observation.

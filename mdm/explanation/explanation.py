@@ -1,4 +1,4 @@
-"""Explanations: why an action was decided, computed from what decided.
+"""Explanations: why an action was decided, computed from policy, model and belief.
 
 Nothing is made up: values are the policy's own, the margin is their difference, observations are removed and the belief
 computed anew, and the smallest change is the solution of a linear program or of an enumeration. A policy that cannot
@@ -59,7 +59,7 @@ class Explanation(msgspec.Struct, frozen=True):
         state: The name of the state that it was decided on; None where that is not known.
         nodes: The nodes of a plan; else None.
         belief: The most probable states of the belief that it was decided on.
-        by: What was compared (see `mdm.policies.Scores`); None where nothing was.
+        by: The kind of numbers compared (see `mdm.policies.Scores`); None where nothing was.
         effort: How many leaves a search has expanded; None without one.
         values: All actions, the best one first.
         second: The name of the best other action; None where there is none.
@@ -70,7 +70,7 @@ class Explanation(msgspec.Struct, frozen=True):
         ways: How many changes of that size there are, of which ``otherwise`` has the first.
         next_states: The most probable next states.
         next_observations: The most probable next observations.
-        cannot: What cannot be told, a sentence each.
+        cannot: The parts that cannot be told, a sentence each.
     """
 
     epoch: int

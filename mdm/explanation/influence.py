@@ -1,6 +1,6 @@
-"""Influences: what each of the last observations has done to a decision.
+"""Influences of the last observations on a decision.
 
-An observation is removed, what the policy chooses by is computed anew without it (time has passed, and nothing of it
+An observation is removed, the policy's information is computed again without it (time has passed, and nothing of it
 was seen), and so is the margin of the chosen action over the best other one. Of a joint observation each agent's or
 factor's component is removed alone. Cost: one run of the filter over the updates for each component.
 """
@@ -24,7 +24,7 @@ __all__ = ["Influence", "influences", "strongest"]
 
 
 class Influence(msgspec.Struct, frozen=True):
-    """What an observation has done to a decision.
+    """The influence of an observation on a decision.
 
     Attributes:
         epoch: The decision that came after the observation.
@@ -98,7 +98,7 @@ def _action(case: Case, at: object) -> int | None:
 
 
 def scores_at(case: Case, at: Any, belief: Vector | None) -> Scores | None:
-    """Return what the policy of a case compares at an information state; None if it compares nothing.
+    """Return the numbers that the policy of a case compares at an information state; None if it compares nothing.
 
     A policy of another kind is asked for ``q_values``, where it has them. Of a plan whose nodes have values, the number
     of an action is the value of the present node, or of the best node that stands for it, at the belief.

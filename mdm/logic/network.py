@@ -276,7 +276,7 @@ class Plan:
 
 
 class Memory(dict[K, V]):
-    """Results by key: a dictionary that begins anew when it is full."""
+    """Results by key: a dictionary that is emptied when it is full."""
 
     __slots__ = ()
 

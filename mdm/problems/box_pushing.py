@@ -84,7 +84,7 @@ def _name(pair: _Poses) -> str:
 
 
 def _in_front(pair: _Poses, agent: int) -> str:
-    """Return what an agent sees."""
+    """Return the sight in front of an agent."""
     place, heading = pair[agent]
     if heading == "N":
         return "smallBox" if place in _SMALL else "largeBox"
@@ -119,7 +119,7 @@ def _after(pair: _Poses, actions: tuple[int, ...], succeeded: tuple[bool, ...]) 
 
 
 def _reward(pair: _Poses, actions: tuple[int, ...]) -> float:
-    """Return what two actions earn, whether they succeed or not."""
+    """Return the reward of two actions, whether they succeed or not."""
     if _push_the_large_box(pair, actions):
         return 100 - 0.2
     worth = {"smallBox": 10.0, "emptyField": 0.0}

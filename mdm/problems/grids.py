@@ -110,9 +110,9 @@ def grid_world(
             pit, ``s`` a cell where the agent may begin; a blank or ``#`` is a wall. Without an ``s`` it begins in any
             ``.``.
         slip: The probability of going to the left or to the right of where the action aims, half of it each.
-        step_reward: What an action outside goals and pits pays.
-        goal_reward: What an action in a goal pays.
-        pit_reward: What an action in a pit pays.
+        step_reward: The reward of an action outside goals and pits.
+        goal_reward: The reward of an action in a goal.
+        pit_reward: The reward of an action in a pit.
         discount: In (0, 1].
 
     Raises:

@@ -115,7 +115,7 @@ def _phases(leads: Indices) -> Vector:
 
 
 def _seen(rooms: int) -> Vector:
-    """Return what a robot detects: rooms x places of the goose x phases x observations."""
+    """Return a robot's detections: rooms x places of the goose x phases x observations."""
     values = np.zeros((rooms, rooms + 1, _PHASES, rooms + 2))
     for room, goose in np.ndindex(rooms, rooms + 1):
         found = goose == room + 1

@@ -203,7 +203,7 @@ def mars_rovers(success: float = 0.9, *, discount: float = 1.0) -> POMDP:
 
 
 def _reward(actions: tuple[int, ...], sites: tuple[int, ...], worked: int) -> float:
-    """Return what two rovers earn."""
+    """Return the reward of two rovers."""
     works = [action in (_DRILL, _SAMPLE) for action in actions]
     again = [bool(worked >> site & 1) for site in sites]
     if not all(works):

@@ -88,8 +88,8 @@ def forest(
     Args:
         ages: How many classes of age there are; at least 2.
         fire: The probability of a fire in a year without cutting.
-        old_reward: What leaving the oldest forest alone pays.
-        cut_reward: What cutting the oldest forest pays.
+        old_reward: The reward of leaving the oldest forest alone.
+        cut_reward: The reward of cutting the oldest forest.
         discount: In (0, 1].
 
     Raises:
@@ -180,8 +180,8 @@ def river_swim(
 
     Args:
         length: How many states there are; at least 3.
-        left_reward: What swimming left at the left end pays.
-        right_reward: What holding out at the right end pays.
+        left_reward: The reward of swimming left at the left end.
+        right_reward: The reward of holding out at the right end.
         discount: In (0, 1].
 
     Raises:

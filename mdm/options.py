@@ -44,8 +44,10 @@ class Options(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """
 
     def __post_init__(self) -> None:
-        for name, kind in _kinds(type(self)).items():
+        for name, kind, default in _checked(type(self)):
             value = getattr(self, name)
+            if value is default:
+                continue
             if type(value) not in {float, int, str, bool} and is_number(value):
                 value = int(value) if is_whole(value) else float(value)
             try:
@@ -82,10 +84,11 @@ class Options(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 @cache
-def _kinds(options: type[Options]) -> dict[str, Any]:
-    """Return the types of the fields that msgspec checks."""
+def _checked(options: type[Options]) -> list[tuple[str, Any, Any]]:
+    """Return the name, type and default of each field that msgspec checks."""
     hints = get_type_hints(options, include_extras=True)
-    return {name: kind for name in options.__struct_fields__ if (kind := hints[name]) is not Any}
+    fields = [(field.name, hints[field.name], field.default) for field in msgspec.structs.fields(options)]
+    return [each for each in fields if each[1] is not Any]
 
 
 def misfit(error: msgspec.ValidationError, value: Any, kind: Any) -> tuple[str, str]:

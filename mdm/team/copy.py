@@ -86,7 +86,7 @@ class Copy:
         ensemble: The ensemble that decides here.
         process: As this agent's control layer decides on it.
         ownership: The factors, and their owners.
-        protocol: The version of what the agents say to each other.
+        protocol: The version of the protocol between agents.
 
     Attributes:
         begun: Whether it was ever started.

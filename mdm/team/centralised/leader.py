@@ -99,7 +99,7 @@ class CentralisedLeader(TeamLayer):
         self.every(4 / self.team.lease, lambda _: self._send_again())
 
     def on_running(self) -> None:
-        """Begin anew after a failure; a team that was stopped stays so. At first configurations are compared."""
+        """Begin again after a failure; a team that was stopped stays so. At first configurations are compared."""
         if self.beginning is Beginning.READY:
             self._command("stop" if self._stopped else "start" if self.copy.begun else BEGIN)
 
@@ -313,7 +313,7 @@ class CentralisedLeader(TeamLayer):
             self._publish(None)
 
     def _publish(self, action: Action | None) -> None:
-        """Have a decision sent to all."""
+        """Send a decision to all, behind this agent's callback."""
         controller = self.ensemble.controller
         inputs, missing, command, token = self._on
         self._last = Decision(
@@ -340,14 +340,14 @@ class CentralisedLeader(TeamLayer):
         return self.asked in {Asked.VOID_START, Asked.START}
 
     def _publish_again(self) -> None:
-        """Have a command sent to all that changes no decision."""
+        """Send a command to all that changes no decision."""
         _, _, command, token = self._on
         told = {"step": self._last.step + 1, "inputs": {}, "missing": (), "command": command, "token": token}
         self._last = msgspec.structs.replace(self._last, started=self._started, called=self._called, **told)
         self._dispatcher.deliver(self._sending, self._last)
 
     def _send_new(self, decision: Decision) -> None:
-        """Send a new decision to all, and tell of it here."""
+        """Send a new decision to all, and publish it here."""
         decision = msgspec.structs.replace(decision, digest=self.copy.digest())
         if self._last.step == decision.step:
             self._last = decision

@@ -1,7 +1,7 @@
 """Predicates and events of other agents: known here as ``agent/Name``.
 
 A subscriber asks their owner for them, once, and is sent each change from then on, and all values four times within
-the team's ``max_age``: that repairs losses, without asking anew. A predicate is unknown when nothing
+the team's ``max_age``: that repairs losses, without asking again. A predicate is unknown when nothing
 was heard of its owner for ``max_age``, or the owner is gone.
 """
 
@@ -136,7 +136,7 @@ class PredicatePublisher(Actor):
             return b""
 
     def reply(self, asked: Request) -> Reply:
-        """Return the present values of predicates, and tell of each change from now on."""
+        """Return the present values of predicates, and send each change from now on."""
         unknown: dict[str, str] = {}
         values: dict[str, bool | None] = {}
         for names, kind in ((asked.predicates, "predicate"), (asked.events, "event")):
@@ -240,7 +240,7 @@ class PredicateSubscriber(Actor):
         self._answer: Subscription[Reply] = Subscription(None, self, self._take_answer)
 
     def prepare(self, runtime: Runtime) -> None:
-        """Have the manager follow; call this before it starts."""
+        """Let the manager follow; call this before it starts."""
         self._updates: Channel[PredicateUpdate] = runtime.channel(f"{self.path}/updates", PredicateUpdate)
         self._map: Channel[PredicateMap] = runtime.channel(f"{self.path}/map", PredicateMap)
         if self._names.predicates and not self._follows:
@@ -351,5 +351,5 @@ class PredicateSubscriber(Actor):
             self._updates.publish(PredicateUpdate(self.runtime.now(), self._count, rising, falling, unknown))
 
     def _publish_map(self) -> None:
-        """Publish all values, for a manager that has just begun anew."""
+        """Publish all values, for a manager that has just started again."""
         self._map.publish(PredicateMap(self.runtime.now(), self._count, dict(self._values)))

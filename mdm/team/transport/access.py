@@ -239,7 +239,7 @@ def ending(days: float, agent: str) -> str:
 class Validity(Actor):
     """Reports a fault ``certificate`` in the last two days of an agent's certificates, every six hours.
 
-    Zenoh reads their files whenever it connects; what it shows to those who connect to it, at its start alone.
+    Zenoh reads their files whenever it connects; those for agents that connect to it, at its start alone.
 
     Args:
         access: The files.

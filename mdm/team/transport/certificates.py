@@ -1,7 +1,7 @@
 """Certificates to try a team with: an authority, and a certificate of each agent.
 
-They are made by the package ``cryptography`` (``pip install 'markov-decision-making[certificates]'``): what X.509 asks
-for is no place for code of one's own, and the program ``openssl`` differs from one machine to the next. A team in
+They are made by the package ``cryptography`` (``pip install 'markov-decision-making[certificates]'``): the rules of
+X.509 are no place for code of one's own, and the program ``openssl`` differs from one machine to the next. A team in
 earnest takes its certificates from whoever keeps its keys.
 """
 
@@ -135,7 +135,7 @@ def _check_files(agents: Iterable[str]) -> None:
 
 
 def _usage(x509: Any, *, authority: bool) -> Any:
-    """Return what a key is for: to sign certificates, or what is said in a handshake."""
+    """Return the use of a key: to sign certificates, or the messages of a handshake."""
     others = ("content_commitment", "key_encipherment", "data_encipherment", "key_agreement")
     return x509.KeyUsage(
         **dict.fromkeys(others, False),

@@ -135,7 +135,7 @@ class Network:
         self._changed(0)
 
     def leave(self, transport: SimulatedTransport) -> None:
-        """Let a transport take part no more; each of the others hears of it behind what it put before."""
+        """Let a transport take part no more; each of the others hears of it behind its last messages."""
         del self._open[transport.agent]
         for receiver in tuple(self._open.values()):
             if self.together(transport.agent, receiver.agent):
@@ -144,7 +144,7 @@ class Network:
             self.clock.call_at(arrival, partial(receiver.see_end, transport.agent, transport.incarnation))
 
     def _changed(self, after: int) -> None:
-        """Have every agent look who is live: as soon as word of it comes, or once a lease is over."""
+        """Let every agent look who is live: as soon as word of it comes, or once a lease is over."""
         for transport in tuple(self._open.values()):
             self.clock.call_at(self.clock.now() + after + self._draw(), transport.look)
 
@@ -212,7 +212,7 @@ class SimulatedTransport(Router):
             self.see(self._network.live(self.agent) | left)
 
     def see_end(self, agent: str, incarnation: int) -> None:
-        """Take it that an agent has left."""
+        """Note that an agent has left."""
         if self.leaving.get(agent) == incarnation:
             del self.leaving[agent]
         self.look()

@@ -1,4 +1,4 @@
-"""The router: what the transports of a team have in common.
+"""The router: the common part of the transports of a team.
 
 Each message has an envelope: who sent it, in which life, which number it has under its key, and in which form. What
 comes is handed to the handlers of its key if it is whole, of a form that this program knows, under a key of its sender,
@@ -347,7 +347,7 @@ class _Route:
 
 
 class Router:
-    """A transport but for what carries its messages: hands those that come to handlers, and counts all.
+    """A transport without a carrier: it hands the messages that come to handlers, and counts all.
 
     Args:
         team: Whose keys.
@@ -357,7 +357,7 @@ class Router:
         largest: The largest message in bytes.
 
     Attributes:
-        protocol: The version of what the agent says.
+        protocol: The version of the protocol that it speaks.
         live: The agents that are seen to live, by incarnation.
     """
 
@@ -445,7 +445,7 @@ class Router:
         self._failed(error)
 
     def subscribe(self, expression: str, handler: Callable[[Sample], None]) -> None:
-        """Have a handler called with each message under the keys of an expression."""
+        """Call a handler with each message under the keys of an expression."""
         check_expression(expression)
         carrier = next((wide for wide in self.carriers() if includes(wide, expression)), expression)
         carried = carrier != expression or expression in self.carriers()  # with the keys of an earlier one
@@ -559,7 +559,7 @@ class Router:
         return answer
 
     def watch(self, handler: Callable[[Mapping[str, int]], None]) -> None:
-        """Have a handler told who is live: now, where this agent is, and at each change."""
+        """Tell a handler who is live: now, where this agent is, and at each change."""
         self._watchers.append(handler)
         if self.live:
             self._notify(handler)

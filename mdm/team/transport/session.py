@@ -168,13 +168,13 @@ class Mailbox:
             self._arm()
 
     def post(self, call: Callable[[], None]) -> None:
-        """Have a function called on the loop, after the pending messages; from any thread."""
+        """Call a function on the loop, after the pending messages; from any thread."""
         self.items.append((None, "", call))
         if not self.armed:
             self._arm()
 
     def offer(self, key: str, call: Callable[[], None]) -> bool:
-        """Have something called on the loop as `post` does, unless too much waits; return whether it will be."""
+        """Call a function on the loop as `post` does, unless too much waits; return whether it will be called."""
         if len(self.items) < self._bound:
             self.post(call)
             return True
@@ -239,7 +239,7 @@ class Mailbox:
             return
         paused, self._pause = self._pause is not None, None
         if not paused:
-            self.armed = False  # before the first is taken: what comes from now on wakes the loop anew
+            self.armed = False  # before the first is taken: a message from now on wakes the loop again
         if self._losses:
             self._report_losses()
         began = monotonic_ns()
@@ -552,10 +552,10 @@ class Session(Router):
         return expression
 
     def _make_known(self, key: str) -> None:
-        """Have receivers know a key beforehand.
+        """Make a key known to receivers beforehand.
 
-        Zenoh computes anew for each message of a key that nobody declared which of the wider subscriptions take it: 2.4
-        µs, against 0.6 µs. Of all declarations one of a queryable makes a key known; this one answers nothing.
+        Zenoh computes for each message of a key that nobody declared which of the wider subscriptions take it: 2.4 µs,
+        against 0.6 µs. Of all declarations one of a queryable makes a key known; this one answers nothing.
         """
         assert self._zenoh is not None
         library = import_zenoh()

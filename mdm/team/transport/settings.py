@@ -29,7 +29,7 @@ def check_endpoint(endpoint: object, *, key: str | None = None, connect: bool = 
     """Return an endpoint, such as ``tcp/192.168.0.7:7447`` or ``unixsock-stream//tmp/robot1.sock``.
 
     Args:
-        endpoint: What is given as one.
+        endpoint: The value that is given as one.
         key: Its place in a configuration.
         connect: Whether others connect to it.
 
@@ -75,7 +75,7 @@ def _is_any(host: str) -> bool:
 
 
 def address(endpoint: str) -> tuple[str, str, str]:
-    """Return what only one program of a machine can have: the kind of an endpoint's port, its host, and the port."""
+    """Return the parts that no other program of a machine can have: the kind of the port, the host, and the port."""
     protocol, _, rest = endpoint.partition("/")
     rest = re.split(r"[?#]", rest, maxsplit=1)[0]
     if protocol == "unixsock-stream":
@@ -90,26 +90,22 @@ def exposed(endpoints: Iterable[str]) -> str | None:
     Args:
         endpoints: Where agents listen.
     """
-    found = [endpoint for endpoint in endpoints if not _is_local(endpoint)]
+    found = []
+    for endpoint in endpoints:
+        protocol, _, rest = endpoint.partition("/")
+        place = None if protocol == "unixsock-stream" else _ADDRESS.match(rest)
+        host = "localhost" if place is None else place["host"].strip("[]").partition("%")[0]
+        with suppress(ValueError):
+            if ipaddress.ip_address(host).is_loopback:
+                continue
+        if host != "localhost":
+            found.append(endpoint)
     if not found:
         return None
     return (
         f"whoever reaches {', '.join(found)} can speak as any agent of the team, and move its robots: give the team "
         "certificates (`access`), or let nobody else into the network"
     )
-
-
-def _is_local(endpoint: str) -> bool:
-    """Return whether an endpoint is reached from its own machine alone."""
-    protocol, _, rest = endpoint.partition("/")
-    found = _ADDRESS.match(rest)
-    if protocol == "unixsock-stream" or found is None:
-        return True
-    host = found["host"].strip("[]").partition("%")[0]
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 def resolve(endpoint: str) -> None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["DOUBLE", "LONGEST_CLOSE", "PROTOCOL", "Priority", "Sample", "Traffic", "Transport", "TransportStatistics"]
 
 PROTOCOL = 2
-"""The version of what agents say to each other, in beats from 2 on; agents of two versions refuse each other.
+"""The version of the protocol between agents, which they compare from 2 on; those of two versions refuse each other.
 
 In version 1 the updates of communicating teams were sent on the channel ``word``, and the layers of teams had other
 names: ``centre`` and ``outpost`` in centralised teams, ``talker`` in communicating ones. A record of that version is
@@ -109,7 +109,7 @@ class Transport(Protocol):
 
     @property
     def protocol(self) -> int:
-        """The version of what the agent says: `PROTOCOL`, or that of the record that is repeated."""
+        """The version of the protocol that the agent speaks: `PROTOCOL`, or that of the record that is repeated."""
 
     async def open(self) -> None:
         """Take part; return once messages to the handlers given so far arrive wherever this agent is seen.
@@ -132,7 +132,7 @@ class Transport(Protocol):
         """
 
     def subscribe(self, expression: str, handler: Callable[[Sample], None]) -> None:
-        """Have a handler called with each message under the keys of an expression, from now on.
+        """Call a handler with each message under the keys of an expression, from now on.
 
         Of an expression given after `open` the other agents learn a moment later.
         """
@@ -147,7 +147,7 @@ class Transport(Protocol):
         """
 
     def watch(self, handler: Callable[[Mapping[str, int]], None]) -> None:
-        """Have a handler called with the live agents and their incarnations, this one included: now and at each change.
+        """Call a handler with the live agents and their incarnations, this one included: now and at each change.
 
         An agent is told of once messages to it arrive.
         """

@@ -300,7 +300,7 @@ class Observers:
 
     def watch(self, look: Callable[[], None]) -> None:
         """Call a method now, and when others observe, for as long as its object is there."""
-        self._looks.add(WeakMethod(look))
+        self._looks.add(WeakMethod(look, self._looks.discard))
         look()
 
     def _connect(self) -> None:
@@ -313,10 +313,7 @@ class Observers:
         _, self.control = self._all("on_control")
         self.heard = stimuli or messages
         for reference in tuple(self._looks):
-            look = reference()
-            if look is None:
-                self._looks.discard(reference)
-            else:
+            if (look := reference()) is not None:
                 look()
 
     def _all(self, method: str) -> tuple[bool, Callable[..., None]]:
@@ -364,8 +361,8 @@ class Observers:
 
     def ended(self, ensemble: str, life: int, work: Work, time: int) -> None:
         """Tell that the work of a life has ended, and how."""
+        self.tasks.pop(work.task, None)
         if self.heard:
-            self.tasks.pop(work.task, None)
             how = work.interrupted, work.cancelled, work.failure, work.abandoned
             self.stimulus(Ended(time, ensemble, life, *how))
 

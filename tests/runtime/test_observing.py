@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import functools
+import gc
 import threading
 from collections import Counter
 from typing import Any
@@ -557,3 +558,24 @@ def test_what_an_observer_loses_is_counted():
 
     lost, _ = run_virtual(main)
     assert lost == 6  # the fault that tells of it, too
+
+
+def test_who_is_gone_is_not_looked_at():
+    class Looking:
+        def look(self):
+            looked.append(self)
+
+    async def main(runtime):
+        looking = Looking()
+        runtime.observers.watch(looking.look)
+        runtime.observers.watch(looking.look)
+        runtime.observe(observing({"on_life": []}))
+        assert looked == [looking] * 3
+        looked.clear()
+        before = len(runtime.observers._looks)
+        del looking
+        gc.collect()
+        assert len(runtime.observers._looks) == before - 1
+
+    looked = []
+    run_virtual(main)

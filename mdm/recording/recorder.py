@@ -381,28 +381,15 @@ class Recorder(Extension):
         """Keep the digests and names of an ensemble, in the record's head."""
         if output.ensemble not in self._controlled:
             self._controlled.add(output.ensemble)
-            facts = {"configuration": output.configuration, **output.digests()}
-            facts["parts"] = msgspec.json.encode(output.parts()).decode()
-            if output.seed is not None:
-                facts["seed"] = str(output.seed)
-            if output.draws:
-                facts["draws"] = output.draws
-            for key in ("state", "action", "observation"):
-                space = getattr(output.symbols, f"{key}_space", None)
-                if space is not None and len(space) <= _NAMED:
-                    facts[f"{key}s"] = msgspec.json.encode(list(space.names)).decode()
-                factors = output.factor_names.get(key, {})
-                if not factors and key != "action" and space is not None and len(space.factors) > 1:
-                    factors = {factor.name: tuple(factor.names) for factor in space.factors}
-                if factors and sum(map(len, factors.values())) <= _NAMED:
-                    facts[f"{key}_factors"] = msgspec.json.encode(factors).decode()
+            facts = {
+                name: fact if isinstance(fact, str) else msgspec.json.encode(fact).decode()
+                for name, fact in output.facts().items()
+            }
             self._writer.metadata(f"ensemble {output.ensemble}", facts)
 
 
 _TOLD = 20
 """Channels that are named, of those that there are."""
-_NAMED = 10_000
-"""Spaces with more symbols than this have no names in a record's head."""
 
 
 def _plain(value: object) -> object:

@@ -416,35 +416,14 @@ class Acting(Protocol):
 
 
 class Deciding(Protocol):
-    """Where an ensemble's decisions are published, for those who observe or answer.
-
-    Attributes:
-        factor_names: The names of values by factor, of ``state`` and ``observation``, where its symbols have none.
-    """
-
-    factor_names: dict[str, dict[str, tuple[str, ...]]]
+    """Where an ensemble's decisions are published, for those who observe or answer."""
 
     @property
     def ensemble(self) -> str:
         """The ensemble's path."""
 
-    @property
-    def configuration(self) -> str:
-        """The digest of its model, policy and options."""
-
-    def digests(self) -> dict[str, str]:
-        """Return the digests of its model, its policy and its options, each by itself."""
-
-    def parts(self) -> dict[str, str]:
-        """Return the digests of their parts, by names in words."""
-
-    @property
-    def symbols(self) -> Any:
-        """The names of its states, actions and observations."""
-
-    @property
-    def seed(self) -> int | None:
-        """The seed by which its policy draws actions, where one was given."""
+    def facts(self) -> dict[str, Any]:
+        """Return what decides, as plain data: digests, seed, names."""
 
     @property
     def draws(self) -> str:

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.runtime import Channel, Histogram
     from mdm.runtime.observing import Choices, Observers
-    from mdm.symbols import Symbols
 
 __all__ = ["Observed", "Output", "symbol_of"]
 
@@ -31,6 +30,7 @@ Observed = int | tuple[int | None, ...] | None
 """An observation by its index, or by components, None where one is missing."""
 
 
+_NAMED = 10_000
 _EACH = 16
 """Decisions from one call to the next that looks at more than a length: what is read for each would be far apart."""
 
@@ -166,11 +166,6 @@ class Output:
         self._observed = self._observers.hears_steps
 
     @property
-    def seed(self) -> int | None:
-        """The seed that the policy was given to draw by; None where there was none."""
-        return self._controller.seed
-
-    @property
     def draws(self) -> str:
         """The state of the random numbers by which the policy draws its actions; empty where it does not."""
         information = self._controller.information
@@ -299,23 +294,28 @@ class Output:
         """The path of the ensemble that decides."""
         return self._path
 
-    @property
-    def configuration(self) -> str:
-        """The digest of its model, policy and options."""
-        return self._controller.configuration
+    def facts(self) -> dict[str, Any]:
+        """Return what decides, as plain data: digests, their parts, the seed, and the names of spaces by their factors.
 
-    def digests(self) -> dict[str, str]:
-        """Return the digests of its model, its policy and its options, each by itself."""
-        return self._controller.digests()
-
-    def parts(self) -> dict[str, str]:
-        """Return what these are made of, by names in words."""
-        return self._controller.parts()
-
-    @property
-    def symbols(self) -> Symbols:
-        """The names of its states, actions and observations."""
-        return self._controller.symbols
+        Spaces of more than 10,000 symbols have no names.
+        """
+        controller = self._controller
+        facts: dict[str, Any] = {"configuration": controller.configuration, **controller.digests()}
+        facts["parts"] = controller.parts()
+        if controller.seed is not None:
+            facts["seed"] = controller.seed
+        if self.draws:
+            facts["draws"] = self.draws
+        for key in ("state", "action", "observation"):
+            space = getattr(controller.symbols, f"{key}_space")
+            if space is not None and len(space) <= _NAMED:
+                facts[f"{key}s"] = list(space.names)
+            factors = self.factor_names.get(key, {})
+            if not factors and key != "action" and space is not None and len(space.factors) > 1:
+                factors = {factor.name: tuple(factor.names) for factor in space.factors}
+            if factors and sum(map(len, factors.values())) <= _NAMED:
+                facts[f"{key}_factors"] = factors
+        return facts
 
     def name_of(self, action: int) -> str:
         """Return the name of an action."""

@@ -267,6 +267,8 @@ class EnsembleReducer:
         else:
             kept = decision
         self.decisions.add(time, Decided(kept, count, count + (0 if before is None else before.total)))
+        if repeats > 1 and (before is None or before.message.action_name != name):
+            repeats = 1  # of the others it is not known for which action they were
         if repeats:
             track = self._repeats[name]
             track.add(time, repeats + (track.entries[-1] if track.entries else 0))

@@ -425,3 +425,59 @@ def test_an_ensemble_that_has_decided_and_begun_once_more_between_two_frames_is_
         return before.action, after.action, [event.name for event in live.ring if event.kind == "decision"]
 
     assert run_virtual(main) == ("", "Go", ["Go"])
+
+
+def test_who_looks_late_does_not_say_how_an_action_has_ended_that_nobody_saw():
+    async def fails():
+        await asyncio.sleep(0.3)
+        raise ValueError("no way")
+
+    async def main(runtime):
+        actions = {"Go": mdm.Binding(fails, then="decide", pause=0.5)}
+        robot = Ensemble("robot", policy=DeterministicPolicy([0]), actions=actions, on_failed_action="decide")
+        await runtime.start(robot)
+        robot.publish_state(0)
+        await asyncio.sleep(0.4)
+        live = LiveRun(runtime)
+        live.open()
+        found = []
+        for _ in range(3):
+            found.append(live.frame({"robot"}).details["robot"].cause)
+            await asyncio.sleep(1.0)
+        live.close()
+        return found
+
+    unseen, seen = "again, for its action had ended", "again, for Go had ended (failed)"
+    assert run_virtual(main) == ["on a change of its state", unseen, seen]
+
+
+def test_messages_that_are_lost_on_the_way_are_caught_up_with_at_the_next_look():
+    async def go():
+        await asyncio.sleep(1.0)
+
+    class Deaf(LiveRun):
+        def fails(self, _):
+            raise MemoryError
+
+        on_mode = on_life = on_idle = fails
+
+    async def main(runtime):
+        robot = Ensemble("robot", policy=DeterministicPolicy([0, 1]), actions={"Go": go, "Halt": nothing})
+        live = Deaf(runtime)
+        live.open()
+        seen = []
+        for step in (lambda: runtime.start(robot), lambda: robot.publish_state(0), robot.stop, robot.start):
+            done = step()
+            if done is not None:
+                await done
+            await asyncio.sleep(0.1)
+            [frame] = live.frame().ensembles
+            seen.append((frame.mode, [life.action for life in frame.live]))
+            assert seen[-1] == (robot.mode, list(robot.action.live))
+        await asyncio.sleep(2.0)
+        [frame] = live.frame().ensembles
+        assert (frame.idle is not None) == (robot.status().idle_since is not None)
+        live.close()
+        return seen
+
+    assert run_virtual(main) == [("deciding", []), ("deciding", ["Go"]), ("stopped", []), ("deciding", ["Go"])]

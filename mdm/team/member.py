@@ -147,30 +147,21 @@ class Member(Actor):
         self.clocks = Clocks(self.link)
         self._followed = _followed(team, self.link, self.managers, told)
         self.decisions = None if decisions is None else Decisions(decisions)
-        if self.decisions is not None:
-            self.add(self.decisions)  # first: where it cannot write, nothing else starts, and it stops last
         state = team.state if state is None else state
         storage = None if state is None else Storage(state, team.name, agent, self.ensembles)
-        if storage is not None:
-            self.add(storage)
         validity = None if access is None else Validity(access, agent, listens=team.router is None)
-        if validity is not None:
-            self.add(validity)
-        self.add(self.link)
+        # Decisions first: where they cannot be written, nothing else starts, and their writer stops last.
+        for actor in (self.decisions, storage, validity, self.link):
+            if actor is not None:
+                self.add(actor)
         for name, ensemble in self.ensembles.items():
             layer = self.layers[name] = _layer(team, ensemble, self.link, given.pop(name, Placement()))
             layer.storage = storage
             ensemble.add(layer)
             self.add(ensemble)
-        for actor in (
-            told,
-            *self._followed,
-            self.exports,
-            self.imports,
-            self.clocks,
-            Answers(self.link, self.ensembles, self.layers, self.clocks, validity),
-        ):
-            self.add(actor)
+        answers = Answers(self.link, self.ensembles, self.layers, self.clocks, validity)
+        for each in (told, *self._followed, self.exports, self.imports, self.clocks, answers):
+            self.add(each)
         if given:
             raise ConfigError(
                 f"there is no ensemble {next(iter(given))!r} to place; there are {', '.join(self.ensembles)}",

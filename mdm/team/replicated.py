@@ -18,7 +18,7 @@ from mdm.runtime.supervision import describe
 from mdm.stimuli import Acknowledged
 from mdm.team.agreement import Agreement, decode, encode
 from mdm.team.agreement.messages import Applied, Command, Component, Entries, Snapshot, is_possible
-from mdm.team.agreement.proposals import HOLD, Standstill
+from mdm.team.agreement.proposals import HOLD, Held, Standstill
 from mdm.team.copy import BEGIN
 from mdm.team.layer import TeamLayer
 from mdm.team.transport.keys import join
@@ -320,7 +320,7 @@ class ReplicatedLayer(TeamLayer):
             self._resume(now)
         if agreement.proposals.void:
             self._report_void()
-        if agreement.hold.still or self.reported_held:
+        if agreement.hold.held is not Held.ACTING or self.reported_held:
             self.report_held(settled=not agreement.hold.waits)
         if agreement.reports:
             self._report_all()

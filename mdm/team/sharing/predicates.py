@@ -100,15 +100,12 @@ class PredicatePublisher(Actor):
         self._names: dict[PredicateManager, dict[str, None]] = {}  # in the order of asking, which a replay repeats
         self._topics: list[Subscription[Any]] = []
         self._number = 0
-        self._serves = False
         self.local: list[Callable[[Change], None]] = []
+        link.transport.serve(link.key(PREDICATES, "follow"), self._take)
 
     def on_start(self) -> None:
-        """Answer requests, and send all values now and then."""
+        """Listen to the predicates that are asked for, and send all values now and then."""
         self._topics = []
-        if not self._serves:
-            self._serves = True
-            self._link.transport.serve(self._link.key(PREDICATES, "follow"), self._take)
         self._listen()
         self.every(4 / self._link.team.max_age, lambda _: self._send_all())
 

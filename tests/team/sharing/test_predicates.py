@@ -326,7 +326,8 @@ def test_nobody_has_an_agent_look_for_names_without_end():
     manager = mdm.PredicateManager()
     for number in range(100):
         manager.sensor(f"Door{number}")
-    told = PredicatePublisher(SimpleNamespace(key=lambda *parts: "/".join(parts)), [manager])
+    transport = SimpleNamespace(serve=lambda key, answer: None)
+    told = PredicatePublisher(SimpleNamespace(key=lambda *parts: "/".join(parts), transport=transport), [manager])
     told._listen = lambda: None
     assert told._answer(msgspec.msgpack.encode([[f"Door{number}x" for number in range(2000)], []])) == b""
     answer = msgspec.msgpack.decode(told._answer(msgspec.msgpack.encode([[f"Door{n}x" for n in range(1000)], []])))

@@ -214,7 +214,7 @@ class Ensemble(Layer):
         space = self.controller.symbols.observation_space
         if space is not None and len(space.factors) == 1 < len(layer.factors):
             sizes = [factor.size for factor in layer.factors]
-            if math.prod(sizes) == len(space):  # else the layer has told of it
+            if math.prod(sizes) == len(space):  # else the layer has reported it
                 self.controller.divide_observations(sizes)
 
     def _name_factors(self) -> None:
@@ -401,7 +401,7 @@ class Ensemble(Layer):
     def start(self, *, resume: bool = False) -> None:
         """Begin to decide: from the initial belief, or from the present one; as soon as the layers have started.
 
-        A request between a failure and the restart after it holds when the layers have started anew.
+        A request between a failure and the restart after it holds when the layers have started again.
         """
         command: Literal["resume", "start"] = "resume" if resume else "start"
         if self._put_off(command):
@@ -438,7 +438,7 @@ class Ensemble(Layer):
 
     @property
     def _starts_anew(self) -> bool:
-        """Whether it has failed, and comes to its end to start anew: an end for good is a life of its own."""
+        """Whether it has failed, and ends to be started again: an end for good is a life of its own."""
         return self.failing and self.life == "running"
 
     def reset(self) -> None:

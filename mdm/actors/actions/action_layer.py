@@ -109,7 +109,7 @@ class ActionLayer(Layer):
         ends: Told how an action has ended, by its name, binding, status and in words, whether it took time, and whether
             a later decision had asked it to; says whether it is given up.
         clears: Notified when a replaced life has ended, too; its end as ``preempted`` was reported before.
-        heeds: Says whether ``begins`` is to be told of each plain function, too; `count_others` asks it.
+        heeds: Says whether ``begins`` hears each plain function, too; `count_others` asks it.
     """
 
     # The attributes that each decision reads or writes, close together: many ensembles do not all fit the cache.
@@ -334,7 +334,7 @@ class ActionLayer(Layer):
         self._settle()
 
     def give_up(self) -> None:
-        """Take it that the safe action, which has failed, runs no more."""
+        """Run the safe action, which has failed, no more."""
         self.lives.give_up()
         self._settle()
 

@@ -173,7 +173,7 @@ class Lives(Generic[L]):
             self._discard()
 
     def delegate(self) -> None:
-        """Take it that other agents do all that is decided."""
+        """Leave all that is decided to other agents, for good."""
         self._take(Part.DELEGATED)
 
     def latch(self) -> Orders[L]:
@@ -201,7 +201,7 @@ class Lives(Generic[L]):
         return due
 
     def give_up(self) -> None:
-        """Take it that the safe action, which has failed, runs no more."""
+        """Close the gate: the safe action, which has failed, does not run again."""
         if self.gate is Gate.FAILED:
             self._set(Gate.CLOSED)
 

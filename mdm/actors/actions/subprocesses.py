@@ -120,7 +120,7 @@ class _Group:
             os.close(descriptor)
 
     async def end(self, grace: Number) -> None:
-        """Have all that lives in the group end, and wait for it: by SIGTERM, and `grace` seconds later by SIGKILL."""
+        """End all that lives in the group, and wait for it: by SIGTERM, and `grace` seconds later by SIGKILL."""
         if not self.lives():
             return
         self.send(signal.SIGTERM)

@@ -82,7 +82,7 @@ class ControlLayer(Layer):
         source: The source of its input: its ensemble's channels, or a team.
         running: Whether it decides.
         state: The last state that it was told; None where none is known.
-        alarms: How often it has told of something that endangers the ensemble.
+        alarms: How often it has reported something that endangers the ensemble.
         controller: The controller that decides.
         output: Publishes its decisions.
         planner: Searches for an answer, where the policy's comes later; else None.
@@ -204,7 +204,7 @@ class ControlLayer(Layer):
         self.running = False
 
     def on_control(self, control: Control) -> None:
-        """Start, stop, or begin anew."""
+        """Start, stop, or begin another episode."""
         command = control.command
         if command == "stop":
             self.pause()
@@ -435,7 +435,7 @@ class Ticks:
         self._last: Observed = None
 
     def open(self) -> None:
-        """Take it that the layer starts."""
+        """Begin a life of the layer, without a ticker."""
         self._ticker = None
         self._heard = self._control.owner.channel("tick", Tick)
 

@@ -65,7 +65,7 @@ class _Relay:
         self._tell = tell
 
     def emit(self, action: Action) -> None:
-        """Emit an action, and tell of it."""
+        """Emit an action, and pass it on."""
         self._actions.emit(action)
         self._tell(action)
 
@@ -172,7 +172,7 @@ class Output:
         return information.draws if isinstance(information, DrawnInformation) else ""
 
     def draw_from(self, draws: str) -> None:
-        """Have the policy draw on from that state."""
+        """Let the policy draw on from that state."""
         information = self._controller.information
         if isinstance(information, DrawnInformation):
             information.draws = draws
@@ -369,7 +369,7 @@ class Output:
         self._let_out(_Muted() if muted else self._channel)
 
     def relay(self, tell: Callable[[Action], object]) -> None:
-        """Tell somebody of each decision besides, until the layer starts anew."""
+        """Pass each decision on to somebody, too, until the layer starts again."""
         self._let_out(_Relay(self._channel, tell))
 
     def _let_out(self, outlet: Channel[Action] | _Muted | _Relay) -> None:

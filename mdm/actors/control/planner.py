@@ -75,7 +75,7 @@ class Planner(Layer):
     """Answers each `Question` on its ensemble's ``question`` with an `Answer` on ``answer``.
 
     The fallback answers at once while there is no process: until the first is ready (a second or so), and where one
-    has died, which is reported; it is started anew, at most three times a minute. And it answers where the search has
+    has died, which is reported; it is started again, at most three times a minute. And it answers where the search has
     not by the deadline; a later answer of the search is dropped and counted. A deadline counts from the first question
     that is open, even if others come after it. Without a fallback questions wait for the process, a missed deadline is
     answered with no action, and a process that cannot be kept alive is this actor's failure. Without a deadline a
@@ -188,7 +188,7 @@ class Planner(Layer):
             self._miss()
 
     def _miss(self) -> None:
-        """Have the fallback answer the open question at its deadline, or answer it with no action."""
+        """Let the fallback answer the open question at its deadline, or answer it with no action."""
         if self.policy.fallback is None:
             self._answer(None, "nothing")
             return
@@ -325,7 +325,7 @@ class Asking:
         self._questions.publish(Question(time, self._number, at))
 
     def ask_anew(self) -> None:
-        """Ask once more, if a question is open: a tick's search begins anew from another belief."""
+        """Ask once more, if a question is open: a tick's search begins again from another belief."""
         if self.stimulus is not None:
             time, cause, observation, _ = self.stimulus
             self._control.decide(time, cause, observation)

@@ -199,7 +199,7 @@ class OwnChannels:
         self._took(self._control.controller.begin_from, "initial_belief", belief)
 
     def _took(self, take: Callable[[Vector], object], channel: str, belief: Belief) -> bool:
-        """Have the controller take a belief; report one that it refuses."""
+        """Give the controller a belief; report one that it refuses."""
         try:
             take(belief.probabilities)
         except (Error, ValueError, TypeError) as error:
@@ -329,7 +329,7 @@ class JointProcess:
         return self._control.another()
 
     def relay(self, tell: Callable[[Action], object]) -> None:
-        """Tell the team of each decision besides, until the layer starts anew."""
+        """Pass each decision on to the team, too, until the layer starts again."""
         self._control.output.relay(tell)
 
     # -- Messages of the team ------------------------------------------------------------------------------------

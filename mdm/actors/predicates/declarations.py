@@ -123,7 +123,7 @@ class Declarations:
         return self._kinds.get(name) == "event" and not self._formulas[name]
 
     def age(self, names: Iterable[str], seconds: float, teller: str) -> None:
-        """Take it that an actor tells these predicates, and lets them become unknown after so many seconds.
+        """Declare that an actor sets these predicates, which become unknown after so many seconds.
 
         Args:
             names: The predicates.

@@ -325,11 +325,11 @@ class PredicateManager(Actor):
             self._senses, self._now = self._keep, self.runtime.dispatcher.now
 
     def _take_in(self) -> None:
-        """Have sensors' reports go to the channel, with the clock's time: it gives them that of the running turn."""
+        """Send sensors' reports to the channel, with the clock's time: it gives them that of the running turn."""
         self._senses, self._now = self.sensed.publish, self.runtime.clock.reader()
 
     def keep_no_more(self) -> None:
-        """Take it that the manager lives on."""
+        """Forget the reports that were kept: the manager lives on."""
         if self._senses is not None and self.life == "running" and not self.failing:
             self._take_in()
             self._backlog.clear()
@@ -407,7 +407,7 @@ class PredicateManager(Actor):
             follower.synchronise()
 
     def _forget_numbers(self) -> None:
-        """Have thresholds know nothing of an earlier runtime."""
+        """Reset thresholds: they know nothing of an earlier runtime."""
         for sensor in self._sensors.values():
             if isinstance(sensor, NumberSensor):
                 sensor.begin(self._backlog.values)

@@ -53,7 +53,7 @@ class Waiting:
         return () if layer is None else layer.unknown()
 
     def begin(self) -> None:
-        """Take it that the ensemble waits for its state."""
+        """Note that the ensemble waits for its state, and listen for it."""
         if self._subscriptions:
             return
         ensemble = self._ensemble
@@ -66,7 +66,7 @@ class Waiting:
             self._subscriptions.append(updates.subscribe(self._on_update, ensemble, topics=ensemble.state.inputs()))
 
     def end(self) -> None:
-        """Take it that it waits no more."""
+        """Stop listening: the ensemble waits no more."""
         self.names = ()
         if self._timer is not None:
             self._timer.cancel()
@@ -257,7 +257,7 @@ class Tries:
             return Due()
         self._failures += 1
         if sequel.attempts is not None and self._failures >= sequel.attempts:
-            self._failures = 0  # once begun again it has as many anew
+            self._failures = 0  # once begun again it has as many once more
             return Due(gave_up=True)
         longest = max(LONGEST_PAUSE, sequel.pause)
         return Due(min(sequel.pause * 2.0 ** min(self._failures - 1, 64), longest) if retries else None)
@@ -336,7 +336,7 @@ class Liveness:
         return self.retries or (self._idle_after is not None and self._idle_after != math.inf)
 
     def began(self, name: str) -> None:
-        """Take it that an action begins."""
+        """Note that an action begins, which ends a pause and a rest."""
         self._tries.began(name)
         self._cancel_again()
         self._end_rest()
@@ -387,7 +387,7 @@ class Liveness:
         runtime.dispatcher.deliver_behind(self._looks, runtime.now())
 
     def end(self) -> None:
-        """Take it that the ensemble does not decide."""
+        """Forget all ends, pauses and rests: the ensemble does not decide."""
         self._cancel_again()
         if self._later is not None:
             self._later.cancel()
@@ -397,7 +397,7 @@ class Liveness:
         self._livelock.end()
 
     def wait(self) -> None:
-        """Take it that it waits for its state."""
+        """End a rest: the ensemble waits for its state."""
         self._end_rest()
 
     # -- Deciding again ------------------------------------------------------------------------------------------

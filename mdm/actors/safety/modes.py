@@ -348,4 +348,4 @@ class Modes:
         if self.causes:
             return ()
         self._enter("deciding", time)
-        return (Order.RESUME,) if self.stage is Stage.OPEN else ()  # at its end it is made safe anew
+        return (Order.RESUME,) if self.stage is Stage.OPEN else ()  # at its end it is made safe once more

@@ -39,7 +39,7 @@ class Safety:
     Attributes:
         modes: The state machine.
         waiting: Reports the input that an ensemble which cannot decide waits for.
-        runs: How often the safe action was begun, or begun anew.
+        runs: How often the safe action was begun, or begun again.
         last_word: Carries out the end.
     """
 
@@ -175,7 +175,7 @@ class Safety:
             self.obey(self.modes.start(time), time)
 
     def recall(self, causes: Iterable[Cause], time: int) -> None:
-        """Take it that these causes have outlasted an earlier process: they hold until a release."""
+        """Restore causes that have outlasted an earlier process: they hold until a release."""
         self.modes.causes |= {cause.kind: cause for cause in causes}
         self._tell(time)
 
@@ -212,7 +212,7 @@ class Safety:
             self.obey(self.modes.gone(kinds, time), time)
 
     def blind(self, time: int) -> None:
-        """Take it that no state is known: a cause where the ensemble has acted, else it waits."""
+        """Note that no state is known: a cause where the ensemble has acted, else it waits."""
         unknown, manager = frozenset(self.waiting.unknown()), self._ensemble.predicates
         names = ", ".join(sorted(unknown)) or "nobody tells it"
         if unknown and manager is not None and unknown <= self._lost & manager.declared.aged:
@@ -250,7 +250,7 @@ class Safety:
         return self._reactions[_FAILED]
 
     def fail(self, text: str) -> None:
-        """Take it that an action has failed, and that nothing else heeds that."""
+        """Go safe for an action that has failed, where nothing else heeds that."""
         if self.deciding and self._reactions[_FAILED]:
             now = self._ensemble.runtime.now()
             self.obey(self.modes.endanger("action", text, now), now)
@@ -364,12 +364,12 @@ class LastWord:
         self._ended.clear()
 
     def begins(self) -> None:
-        """Take it that the safe action begins."""
+        """Note that the safe action begins."""
         self._ended_below = self._count_below()
 
     @property
     def outlived(self) -> bool:
-        """Whether an action below has ended since the safe action last began; at its end, the last word is due anew."""
+        """Whether an action below has ended since the safe action last began: at its end it is due once more."""
         return self._ended_below is not None and self._count_below() > self._ended_below
 
     def _count_below(self) -> int:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import asyncio
 from contextlib import suppress
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -11,11 +13,13 @@ import pytest
 from levels import forever, leaf
 from sentences import refused
 
+import mdm
 from mdm import (
     Actor,
     ConfigError,
     Ensemble,
     ObservationFactor,
+    OnEvent,
     PredicateManager,
     Restart,
     Runtime,
@@ -26,6 +30,8 @@ from mdm import (
 )
 from mdm.policies import DeterministicPolicy
 from mdm.testing import capture_decisions, crash, probe, run_virtual
+
+PACKAGE = Path(mdm.__file__).parent
 
 
 def test_an_ensemble_that_restarts_decides_again():
@@ -341,3 +347,47 @@ def test_an_ensemble_whose_construction_failed_still_prints():
     half = Ensemble.__new__(Ensemble)
     half.name = "robot"
     assert repr(half) == "<Ensemble 'robot'>"
+
+
+def test_the_control_layer_is_reached_by_its_ensemble_s_own_objects_and_set_running_in_its_folder_alone():
+    reached, sets = set(), set()
+    for file in PACKAGE.rglob("*.py"):
+        place = file.relative_to(PACKAGE).as_posix()
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Attribute):
+                of = getattr(node.value, "attr", getattr(node.value, "id", ""))
+                if node.attr == "control" and of.removeprefix("_") == "ensemble" and not place.startswith("cli/ros1/"):
+                    reached.add(place)
+                if node.attr == "running" and of.endswith("control") and isinstance(node.ctx, ast.Store):
+                    sets.add(place)
+    assert reached == {"actors/safety/safety.py", "actors/safety/liveness.py"}
+    assert sets == {"actors/control/source.py"}
+
+
+def test_a_status_says_how_an_ensemble_is_and_was_declared():
+    async def main(runtime):
+        robot = Ensemble(
+            "leaf", policy=DeterministicPolicy([0, 1]), actions={"A": lambda: None, "B": lambda: None}, deadline=1.0
+        )
+        before = robot.status()
+        await runtime.start(robot)
+        robot.publish_state(1)
+        await asyncio.sleep(0.001)
+        return before, robot.status()
+
+    before, after = run_virtual(main)
+    assert (before.mode, before.action, before.action_name, before.decisions, before.cause) == (
+        "stopped",
+        None,
+        "",
+        0,
+        "",
+    )
+    assert (after.mode, after.action, after.action_name, after.decisions, after.cause) == (
+        "deciding",
+        1,
+        "B",
+        1,
+        "state",
+    )
+    assert (after.drive, after.deadline, after.on_no_observation, after.searches) == (OnEvent(), 1.0, "predict", False)

@@ -217,8 +217,6 @@ def check_memory(model: MDP, limit: float | None, *, beliefs: bool, matrices: st
     Raises:
         ConfigError: If it would take more; with its size, and with what would help.
     """
-    if limit is not None and not (isinstance(limit, int | float) and not isinstance(limit, bool) and limit > 0):
-        raise ConfigError(f"memory is a number of megabytes, more than 0, not {limit!r}", key="memory")
     needed = footprint(model, beliefs=beliefs, matrices=matrices is not None)
     most = _free() if limit is None else limit * _MEGABYTE
     if most is None or needed <= most:

@@ -46,7 +46,7 @@ _OF_A_RECORD = {
         "for all.",
         "mdm record info run.mcap --json",
         (_FILE, JSON),
-        "records.record",
+        "records.cat:info",
         line="what is in a record",
     ),
     "cat": Verb(
@@ -78,7 +78,7 @@ _OF_A_RECORD = {
             Argument("--ensemble NAME", "the decisions of this ensemble alone"),
             Argument("--no-beliefs", "leave out the columns of beliefs"),
         ),
-        "records.record:export",
+        "records.export",
         line="write the decisions of a record as a table",
     ),
     "repair": Verb(
@@ -86,7 +86,7 @@ _OF_A_RECORD = {
         "full disk. Where a run was split, its files become one. The record itself stays as it is.",
         "mdm record repair run.mcap -o whole.mcap",
         (_FILE, Argument("-o --output OUT", "the complete record's file", required=True)),
-        "records.record:repair",
+        "records.export:repair",
         line="write what is left of a torn record as a complete one",
     ),
 }

@@ -28,6 +28,18 @@ def test_a_track_has_the_last_entry_by_each_time(times, time, most):
     assert track.entries[track.last(time, most)] == past[-most:]
 
 
+def test_an_entry_that_comes_late_is_the_last_one_and_of_many_the_newest_are_kept():
+    track = Track()
+    for time, entry in ((10, "a"), (7, "b"), (12, "c")):
+        track.add(time, entry)
+    assert [track.at(time) for time in (9, 10, 11, 12)] == [None, "b", "b", "c"]
+    newest = Track(3)
+    for number in range(50):
+        newest.add(number, number)
+    assert newest.entries[-3:] == [47, 48, 49]
+    assert len(newest.entries) == len(newest.times) <= 6
+
+
 def test_an_ended_life_lasted_from_its_beginning_and_a_decision_is_kept_without_its_belief():
     tracks = EnsembleReducer("robot", lambda *_: None)
     for time, life, status in ((10, 1, "running"), (20, 2, "running"), (3_000_000_010, 1, "failed")):

@@ -69,7 +69,7 @@ def examine(file: str, agents: Sequence[str], *, imports: bool) -> Findings:
 
 
 def _beside(file: Path, team: Team) -> Iterator[str]:
-    """Yield in what other files of the team, in the same folder, differ from this one."""
+    """Yield how other files of the team, in the same folder, differ from this one."""
     for path in sorted(file.parent.glob("*.toml")):
         try:
             other = None if path.samefile(file) else load_team(path)
@@ -99,7 +99,7 @@ def _is_same(team: Team, other: Team) -> bool:
 
 
 def _reaching(described: TeamFile) -> Iterator[str]:
-    """Yield what is odd about how the agents reach each other, and who else may."""
+    """Yield oddities of how the agents reach each other, and who else may."""
     team = described.team
     ends = team.endpoints()
     here = [name for name, endpoint in ends.items() if "/127.0.0.1:" in endpoint or "/localhost:" in endpoint]

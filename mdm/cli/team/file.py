@@ -89,7 +89,7 @@ def sound_systems_of(file: str, team: Team) -> dict[str, System]:
 
 
 def forget_state(file: str, agents: Sequence[str]) -> None:
-    """Remove what agents remember of an earlier process, and say what that was.
+    """Remove the memory that agents have of an earlier process, and print it.
 
     Raises:
         Error: If it cannot be removed.

@@ -73,7 +73,7 @@ def _doubles(found: dict[str, dict[str, Any]], team: Team) -> list[str]:
 
 
 def _troubles(found: dict[str, dict[str, Any]]) -> Iterator[str]:
-    """Yield what keeps agents that answer from deciding together, in words."""
+    """Yield in words why agents that answer do not decide together."""
     for agent, ensembles in found.items():
         for name, status in ensembles.items():
             others = [other for other in found if other != agent and "live" in found[other].get(name, {})]

@@ -13,7 +13,7 @@ from mdm.actors.actions.action_layer import ActionLayer
 from mdm.actors.actions.lives import Lives
 from mdm.actors.safety.liveness import Liveness
 from mdm.actors.safety.modes import Stage
-from mdm.actors.safety.safety import Safety
+from mdm.actors.safety.safety import LastWord, Safety
 from mdm.runtime.work import Jobs, Work, _Job
 
 MOST = 1000
@@ -66,15 +66,19 @@ def end_a_life_twice(patch):
 
 
 def forget_the_safe_action_at_the_end(patch):
-    patch.setattr(Safety, "_end", lambda self, kind, detail: self._finish())
+    patch.setattr(LastWord, "_end_here", lambda self, kind, detail: self.finish())
 
 
 def let_the_end_not_wait_for_what_is_below(patch):
-    patch.setattr(Safety, "end", lambda self, kind, detail, ended: (self._ended.append(ended), self._end(kind, detail)))
+    def end(self, kind, detail, ended):
+        self._ended.append(ended)
+        self._end_here(kind, detail)
+
+    patch.setattr(LastWord, "end", end)
 
 
 def let_a_safe_action_that_began_before_those_below_have_ended_be_the_last(patch):
-    patch.setattr(Safety, "_outlived", False)
+    patch.setattr(LastWord, "outlived", False)
 
 
 def swallow_a_failure(patch):
@@ -129,7 +133,7 @@ def start_what_is_safe_below_what_is_safe(patch):
 
     def heedless(self, time):
         if self.modes.mode == "safe" and not self._ensemble.interrupted:
-            self._obey(self.modes.start(time), time)
+            self.obey(self.modes.start(time), time)
         else:
             start(self, time)
 
@@ -152,14 +156,14 @@ def begin_beside_what_was_replaced(patch):
 
 
 def end_what_has_not_begun_to_start(patch):
-    end = Safety.end
+    end = LastWord.end
 
     def heedless(self, kind, detail, ended):
-        if self.modes.stage is Stage.CLOSED:
-            self.modes.stage = Stage.OPEN
+        if self._modes.stage is Stage.CLOSED:
+            self._modes.stage = Stage.OPEN
         end(self, kind, detail, ended)
 
-    patch.setattr(Safety, "end", heedless)
+    patch.setattr(LastWord, "end", heedless)
 
 
 def wait_below_what_starts_for_its_end(patch):
@@ -174,9 +178,9 @@ def wait_below_what_starts_for_its_end(patch):
 
 def make_safe_before_the_layer_lives(patch):
     def unsafe(self):
-        return self._has_safe_action and (self._ensemble.action.started > self._safe_at or self._outlived)
+        return self._safety.has_safe_action and (self._ensemble.action.started > self.safe_at or self.outlived)
 
-    patch.setattr(Safety, "unsafe", property(unsafe))
+    patch.setattr(LastWord, "unsafe", property(unsafe))
 
 
 def begin_a_life_without_telling_that_it_is_stopped(patch):

@@ -195,18 +195,19 @@ class CentralisedFollower(TeamLayer):
             safety.reopen(_CONTROLLER, now)
             return
         self.process.run(running=decision.running)
+        still = self.still
         self.report_held(settled=self.proposals.settled)
         if decision.command is not None:
             self.forget()
             self.commands.done(decision.token)
         if not decision.running:
             safety.stop(now)
-        elif self.ensemble.mode == "stopped" and not self.still:
+        elif self.ensemble.mode == "stopped" and not still:
             safety.reopen(_CONTROLLER, now)
             safety.start(now)
         action = decision.action
         goes_on = last is not None and last.running and decision.command in {HOLD, *STARTS} and not held
-        if self.still or goes_on:
+        if still or goes_on:
             pass  # nothing new is decided, or nothing of it is for this agent
         elif decision.running and action is not None:
             if decision.impossible is not None:
@@ -258,8 +259,12 @@ class CentralisedFollower(TeamLayer):
 
     def assess(self, now: int) -> None:
         """Go safe, hold or go on, by who is there; the way back from a lost controller is its next decision."""
-        if self.link.refusal is None and not self._here and self._last is not None:
-            self.ensemble.safety.endanger("lost_controller", f"agent {self._controller!r} is not there", now)
+        ensemble = self.ensemble
+        if self.link.refusal is None:
+            if self._here and not (self.lost or ensemble.safety.modes.causes or ensemble.action.barred):
+                return  # as at nearly each decision
+            if not self._here and self._last is not None:
+                ensemble.safety.endanger("lost_controller", f"agent {self._controller!r} is not there", now)
         super().assess(now)
 
     def _on_patience(self) -> None:

@@ -48,7 +48,7 @@ def test_each_agent_sends_what_it_sent(tmp_path, seed, options, ways):
 def test_records_of_the_first_protocol_are_repeated_by_its_names(tmp_path, monkeypatch, options, key, layers):
     model, team = three(), Team("fire", ["one", "two", "three"], **options)
     with monkeypatch.context() as before:
-        before.setattr("mdm.team.transport.network.PROTOCOL", 1)
+        before.setattr("mdm.team.transport.router.PROTOCOL", 1)
         recorded(team, model, tmp_path, 1)
     stimuli = [each.message for each in Record(tmp_path / "two.mcap").messages(["stimuli"])]
     assert f"mdm/fire/one/joint/{key}" in {each.key for each in stimuli if isinstance(each, Received)}

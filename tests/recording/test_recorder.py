@@ -216,7 +216,33 @@ def test_names_that_no_model_has_are_those_of_the_factors(tmp_path, has_model):
     assert [each for each in told if each in expected] == expected
 
 
-def test_beyond_the_bound_items_are_lost_counted_and_told(tmp_path):
+@pytest.mark.parametrize(
+    ("options", "files"),
+    [
+        ({}, 1),
+        ({"split_seconds": 3}, 4),
+        ({"split_seconds": 6}, 2),
+        ({"split_bytes": 100_000}, 1),
+        ({"split_bytes": 2_000}, None),
+    ],
+    ids=str,
+)
+def test_a_record_is_split_as_its_options_say(tmp_path, options, files):
+    ensemble, near = robot()
+
+    async def happen():
+        for number in range(11):
+            near.set(number % 2 == 0)
+            await asyncio.sleep(1)
+
+    found, heard = record(tmp_path / "run.mcap", ensemble, happen, **options)
+    assert messages(found, "decisions") == heard["decisions"]
+    made = len([*tmp_path.iterdir()])
+    assert made > 10 if files is None else made == files
+
+
+@pytest.mark.parametrize(("bound", "least"), [(100, 100), (150, 50)])
+def test_beyond_the_bound_items_are_lost_counted_and_told(tmp_path, bound, least):
     ensemble, near = robot()
 
     async def happen():
@@ -224,7 +250,7 @@ def test_beyond_the_bound_items_are_lost_counted_and_told(tmp_path):
             near.set(number % 2 == 0)  # in one go: nothing is encoded meanwhile
         await asyncio.sleep(1)
 
-    recorder = Recorder(tmp_path / "run.mcap", bound=100)
+    recorder = Recorder(tmp_path / "run.mcap", bound=bound)
     faults = []
 
     async def main(runtime):
@@ -233,7 +259,7 @@ def test_beyond_the_bound_items_are_lost_counted_and_told(tmp_path):
         await happen()
 
     run_virtual(main, record=recorder)
-    assert recorder.lost > 100
+    assert recorder.lost > least
     assert recorder.statistics().dropped == recorder.lost == Record(recorder.path).lost
     (fault,) = (each for each in faults if each.kind == "record")
     assert fault.detail.endswith("messages of the record are lost: more was recorded than could be written")

@@ -22,15 +22,24 @@ class Extension(Observer):
     """Lives as long as a runtime does, and observes it: subclass it, and hand it to a `Runtime`.
 
     Override `open`, `close` and the methods of an `Observer`, as far as you need them.
+
+    Attributes:
+        patience: Seconds that the end of the runtime waits for `close`; what is not closed by then is told.
     """
 
+    patience: float = 10.0
+
     async def open(self, runtime: Runtime) -> None:
-        """Begin: no actor has started, so that no sensor has told anything. An error ends the start of the runtime."""
+        """Begin, before any actor, so that no sensor has told anything; none can be started here.
+
+        An error ends the start of the runtime: those opened before are closed, and this one is not, so what it has
+        taken by then it gives back itself.
+        """
 
     async def close(self) -> None:
         """End: all actors have stopped, and their safe actions are over. An error is told, and the others still close.
 
-        Faults may still be published and heard; `on_end` is called when nothing more comes.
+        Faults may still be published, and are heard, also its own; `on_end` is called when nothing more comes.
         """
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from weakref import WeakMethod, WeakValueDictionary
 
 from mdm.messages import Fault
-from mdm.runtime.supervision import describe
+from mdm.runtime.supervision import LEAVING, describe
 from mdm.stimuli import Behind, Cut, Delays, Ended, Lasts, Said, count_messages
 
 if TYPE_CHECKING:
@@ -142,6 +142,8 @@ class Choices:
 class Guard:
     """Calls an observer so that nothing it raises reaches a turn: counts it, and makes one fault ``observer`` of it.
 
+    What ends a program, `KeyboardInterrupt` and `SystemExit`, passes.
+
     Args:
         runtime: The runtime that is observed.
         name: The observer in that fault, such as ``the page``.
@@ -154,7 +156,7 @@ class Guard:
 
     def __init__(self, runtime: Runtime, name: str, observer: Observer | None = None) -> None:
         self.lost = 0
-        self.error: Exception | None = None
+        self.error: BaseException | None = None
         self.observer = observer
         self.subscriptions: list[Subscription[Any]] = []
         self._runtime = runtime
@@ -167,7 +169,9 @@ class Guard:
         def guarded(*arguments: Any) -> Any:
             try:
                 return hear(*arguments)  # which costs less than to return nothing
-            except Exception as error:
+            except LEAVING:
+                raise
+            except BaseException as error:
                 self.lost += 1  # before any call, for which there may be no room
                 if self.error is None:
                     self.error = error
@@ -178,12 +182,12 @@ class Guard:
 
         return guarded
 
-    def lose(self, why: Exception | str) -> None:
+    def lose(self, why: BaseException | str) -> None:
         """Count a failure, and tell the first one."""
         self.lost += 1
         self.tell(why)
 
-    def tell(self, why: Exception | str) -> None:
+    def tell(self, why: BaseException | str) -> None:
         """Make a fault of the first failure, behind the turn in which it came; from any thread."""
         if self._told:
             return
@@ -198,7 +202,7 @@ class Guard:
             self._told = False
             raise
 
-    def _publish(self, why: Exception | str) -> None:
+    def _publish(self, why: BaseException | str) -> None:
         runtime, text = self._runtime, why if isinstance(why, str) else describe(why)
         detail = f"{self._name} has failed: {text}; what it lacks by that is counted, and the run goes on"
         runtime.faults.publish(Fault(runtime.now(), "runtime", "observer", detail))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import builtins
+import inspect
 import threading
+from collections.abc import Iterable
 from contextlib import AsyncExitStack, suppress
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
@@ -38,7 +40,7 @@ from mdm.stimuli import Finished
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
     from types import TracebackType
     from typing import Self
 
@@ -47,6 +49,9 @@ if TYPE_CHECKING:
 __all__ = ["Runtime", "RuntimeStatistics", "end_all"]
 
 T = TypeVar("T")
+
+_LIVING: WeakSet[Extension] = WeakSet()
+"""Extensions that are open."""
 
 _OPEN: WeakKeyDictionary[asyncio.AbstractEventLoop, WeakSet[Runtime]] = WeakKeyDictionary()
 
@@ -438,24 +443,41 @@ class Runtime:
             opened.push_async_callback(self._close_extensions)
             for name, extension in self._named:
                 try:
-                    await extension.open(self)
+                    if extension in _LIVING:
+                        raise Error(f"{name} is open in a runtime: an extension lives as long as one")
+                    opening: Any = extension.open(self)
+                    if not inspect.isawaitable(opening):
+                        raise Error(f"{name} cannot be opened: its open is no async function")
+                    await opening
+                    _LIVING.add(extension)
                 except Error:
                     raise
                 except Exception as error:
                     raise Error(f"{name} cannot be opened: {describe(error)}") from error
-                observes = isinstance(extension, Observer)  # which a page of the program's own need not
-                self._opened.append((extension, self.observe(extension) if observes else Guard(self, name)))
+                if isinstance(extension, Observer):  # which a page of the program's own need not be
+                    self.observe(extension)
+                self._opened.append((extension, Guard(self, name)))
             opened.pop_all()
 
     async def _close_extensions(self) -> None:
         """Close the extensions that are open, the last one first; a fault names one that cannot be closed."""
+        leaving = None
         while self._opened:
             extension, guard = self._opened.pop()
+            closing = asyncio.ensure_future(_closed(extension))
+            seconds = getattr(extension, "patience", Extension.patience)
             with anyio.CancelScope(shield=True):
-                try:
-                    await extension.close()
-                except Exception as error:
-                    guard.lose(error)
+                await asyncio.wait([closing], timeout=seconds)
+            _LIVING.discard(extension)
+            if not closing.done():
+                closing.cancel()
+                guard.lose(f"it is not closed after {seconds:g} s, and left so")
+            elif isinstance(error := closing.result(), LEAVING):
+                leaving = error
+            elif error is not None:
+                guard.lose(error)
+        if leaving is not None:
+            raise leaving
 
     async def _grow(self, began: asyncio.Event) -> None:
         async with anyio.create_task_group() as group:
@@ -571,6 +593,15 @@ async def end_all() -> None:
     await asyncio.gather(*map(end, tuple(_OPEN.get(asyncio.get_running_loop(), ()))), return_exceptions=True)
 
 
+async def _closed(extension: Extension) -> BaseException | None:
+    """Close an extension; return what it has raised, be it the cancellation of a task of its own."""
+    try:
+        await extension.close()
+    except BaseException as error:
+        return error
+    return None
+
+
 def _named(record: Extension | None, given: Iterable[Extension], page: Extension | None) -> list[tuple[str, Extension]]:
     """Return all extensions by name, in the order of opening: the record hears all others, and the page shows them.
 
@@ -578,11 +609,17 @@ def _named(record: Extension | None, given: Iterable[Extension], page: Extension
         Error: If one of those that are given is none.
     """
     named = [] if record is None else [("the record", record)]
+    if not isinstance(given, Iterable):
+        raise Error(f"extensions are a list of such objects, not {given!r}")
     for each in given:
         if not isinstance(each, Extension):
             raise Error(f"extensions are objects of a class derived from mdm.Extension, not {each!r}")
         named.append((name_of(each), each))
-    return named if page is None else [*named, ("the page", page)]
+    named += [] if page is None else [("the page", page)]
+    twice = [name for place, (name, each) in enumerate(named) if any(each is other for _, other in named[:place])]
+    if twice:
+        raise Error(f"{twice[0]} is given twice: an extension is opened once")
+    return named
 
 
 def _running_loop() -> asyncio.AbstractEventLoop:

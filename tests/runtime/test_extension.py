@@ -13,6 +13,7 @@ from mdm.runtime.extension import extension_of
 from mdm.testing import run_virtual
 
 ERRORS = [ValueError, MemoryError, RecursionError, mdm.ConfigError]
+ALL_ERRORS = [*ERRORS, asyncio.CancelledError, GeneratorExit]
 
 
 class Noting(mdm.Extension):
@@ -107,7 +108,7 @@ def test_one_that_cannot_be_opened_ends_the_start_and_others_close(error):
     assert notes == [("open", "first"), ("open", "the link"), ("close", "first"), ("end", "first")]
 
 
-@given(st.lists(st.dictionaries(st.sampled_from(["close", "end", "running", "stopped"]), st.sampled_from(ERRORS))))
+@given(st.lists(st.dictionaries(st.sampled_from(["close", "end", "running", "stopped"]), st.sampled_from(ALL_ERRORS))))
 @settings(max_examples=40, deadline=None)
 def test_those_that_raise_are_told_once_and_all_others_close(fails):
     notes, heard = [], []
@@ -125,10 +126,76 @@ def test_those_that_raise_are_told_once_and_all_others_close(fails):
     assert sorted(notes) == sorted(whole)
     told = sorted(fault.detail.partition(" has failed")[0] for fault in heard)
     assert {fault.kind for fault in heard} <= {"observer"}
-    assert told == sorted(each.name for each in extensions if each.fails)  # once each, even one that fails at its end
+    closing = [each.name for each in extensions if "close" in each.fails]
+    others = [each.name for each in extensions if set(each.fails) - {"close"}]
+    assert told == sorted(closing + others)  # once each, and once more where it cannot be closed
+
+
+def test_one_that_does_not_close_is_left_after_its_patience():
+    notes, heard = [], []
+
+    class Hanging(Noting):
+        patience = 2.0
+
+        async def close(self):
+            await asyncio.Event().wait()
+
+        def on_fault(self, fault):
+            heard.append((fault.time, fault.detail))
+
+    async def main(runtime):
+        await runtime.start(Actor("robot"))
+
+    run_virtual(main, extensions=[Noting(notes, "first"), Hanging(notes, "the link")])
+    assert ("close", "first") in notes
+    ((time, detail),) = heard
+    assert time == 2_000_000_000
+    assert detail.startswith("the link has failed: it is not closed after 2 s, and left so")
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit])
+def test_what_ends_a_program_in_a_close_is_raised_behind_the_others(error):
+    notes = []
+
+    async def main(runtime):
+        await runtime.start(Actor("robot"))
+
+    with pytest.raises(error):
+        run_virtual(main, extensions=[Noting(notes, "first"), Noting(notes, "second", close=error)])
+    assert notes.index(("close", "second")) < notes.index(("close", "first"))
+
+
+def test_an_extension_is_of_one_runtime_and_given_once():
+    extension = Noting([], "the link")
+    with pytest.raises(Error, match="the link is given twice: an extension is opened once"):
+        Runtime(extensions=[extension, extension])
+
+    async def main():
+        async with Runtime(extensions=[extension], log=False):
+            with pytest.raises(Error, match="the link is open in a runtime: an extension lives as long as one"):
+                async with Runtime(extensions=[extension], log=False, clock=mdm.VirtualClock()):
+                    raise AssertionError
+        async with Runtime(extensions=[extension], log=False):
+            pass
+
+    mdm.run(main, virtual=True)
+
+
+def test_an_open_that_is_not_async_is_refused():
+    class Plain(mdm.Extension):
+        def open(self, runtime):
+            pass
+
+    async def main(runtime):
+        raise AssertionError
+
+    with pytest.raises(Error, match="Plain cannot be opened: its open is no async function"):
+        run_virtual(main, extensions=[Plain()])
 
 
 def test_what_is_no_extension_is_refused():
+    with pytest.raises(Error, match="extensions are a list of such objects, not 3"):
+        Runtime(extensions=3)
     with pytest.raises(Error, match="extensions are objects of a class derived from mdm.Extension, not 3"):
         Runtime(extensions=[3])
 

@@ -1,7 +1,8 @@
 """Sensor to callback, in turn with the commits that ``gate.toml`` names: ends with 1 where this tree is slower.
 
 Three processes take turns, block by block, on one processor: the pinned commit, the pinned commit again, and this tree.
-A row fails where the median of its pairs is beyond 3 % and beyond twice what the pinned commit differs from itself, by the median of several launches.
+A row fails where the median of its pairs is beyond 3 % and beyond twice what the pinned commit differs from itself, by
+the median of several launches.
 """
 
 from __future__ import annotations
@@ -17,8 +18,12 @@ import tomllib
 from contextlib import ExitStack
 from itertools import chain
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from measurement import arguments, report, table
+
+if TYPE_CHECKING:
+    from typing import Self
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -40,7 +45,7 @@ class Side:
         if hasattr(os, "sched_setaffinity"):
             os.sched_setaffinity(self._process.pid, {processor})
 
-    def __enter__(self) -> Side:
+    def __enter__(self) -> Self:
         """Wait until it is ready."""
         self._answer()
         return self
@@ -66,7 +71,7 @@ class Side:
 
 def tree_of(commit: str, folder: Path) -> Path:
     """Unpack a commit's packages below a folder."""
-    packing = subprocess.run(["git", "archive", commit, "mdm"], cwd=ROOT, capture_output=True)
+    packing = subprocess.run(["git", "archive", commit, "mdm"], cwd=ROOT, capture_output=True, check=False)
     if packing.returncode:
         raise SystemExit(f"gate: commit {commit} is not in this clone; a whole one has it: git fetch --unshallow")
     tree = folder / commit

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from mdm.messages import Decision
     from mdm.models import MDP
 
-__all__ = ["DriftMonitor"]
-
 
 class DriftMonitor(Actor):
     """Reports drift: a fault of the kind ``drift`` for each row of a model that decisions contradict.

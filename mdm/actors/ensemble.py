@@ -42,8 +42,6 @@ if TYPE_CHECKING:
     from mdm.policies import Policy
     from mdm.runtime import Supervision
 
-__all__ = ["MOST_LEVELS", "Ensemble", "EnsembleStatistics", "EnsembleStatus"]
-
 MOST_LEVELS = 100
 """Levels of a hierarchy."""
 

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from mdm.runtime import Timer
 
-__all__ = ["Layer"]
-
 
 class Layer(Actor):
     """An actor whose channels carry the name of the ensemble that it is part of, such as ``patrol/state``."""

@@ -12,24 +12,6 @@ from mdm.errors import ConfigError
 from mdm.options import ControllerOptions, ControllerSettings, Options, Seconds
 from mdm.runtime.time.scheduler import check_rate
 
-__all__ = [
-    "SAFE_TIMEOUT",
-    "BindingOptions",
-    "BindingSettings",
-    "ControlOptions",
-    "ControlSettings",
-    "Drive",
-    "DriveOptions",
-    "DriveSettings",
-    "FixedRate",
-    "LostTeammate",
-    "OnEvent",
-    "SafetyOptions",
-    "SafetySettings",
-    "Sequel",
-    "drive_of",
-]
-
 AfterSafe = Literal["reset", "keep"]
 FailureReaction = Literal["safe", "continue", "decide"]
 SAFE_TIMEOUT = 10.0

@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from mdm.team import Member, Team
     from mdm.team.transport.transport import Transport
 
-__all__ = ["System", "agents_of", "load_system", "load_team", "load_team_file", "look_over"]
-
 _HELD: dict[bool | None, str] = {True: "a policy", False: "a model"}
 
 

@@ -44,8 +44,6 @@ if TYPE_CHECKING:
     from mdm.solvers.online import TreeSearch
     from mdm.team import Placement
 
-__all__ = ["Ensembles", "Seat"]
-
 T = TypeVar("T")
 
 

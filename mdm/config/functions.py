@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from mdm.models import MDP
     from mdm.policies import Policy
 
-__all__ = ["Functions", "Lasting", "Unseen", "find_function", "nothing"]
-
 
 class Functions:
     """Finds the functions that a file names, and notes problems.

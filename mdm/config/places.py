@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from mdm.config.team_file import Share
     from mdm.maps import Floors, Map
 
-__all__ = ["PlacesTable", "read_places"]
-
 
 class PlacesTable(PlacesSettings, frozen=True):
     """The places of a map, see `mdm.maps.load_map` and `mdm.maps.Places`; and the navigator that drives to them.

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from mdm.replay.exchange import ReplayTransport
     from mdm.stimuli import Stimulus
 
-__all__ = ["Rebuilt", "different_entry", "different_part", "rebuilt", "rebuilt_to_compare", "replay_team"]
-
 
 class Rebuilt(NamedTuple):
     """The actors of a recorded run.

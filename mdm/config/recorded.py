@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from mdm.recording import Record, Recorder
     from mdm.team.transport.transport import Transport
 
-__all__ = ["Simulated", "attach_configuration", "attach_file", "lay_out", "load_recorded"]
-
 _LARGEST = 64 * 1024 * 1024
 _FOLDER = "files/"
 _CODE = tuple(Path(f"_{suffix}").suffix for suffix in all_suffixes())

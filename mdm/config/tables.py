@@ -18,19 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-__all__ = [
-    "ActionTable",
-    "EnsembleTable",
-    "EventTable",
-    "ObservationTable",
-    "PredicateTable",
-    "Problems",
-    "RestartTable",
-    "SearchTable",
-    "StateTable",
-]
-
-
 T = TypeVar("T")
 
 

@@ -29,9 +29,6 @@ if TYPE_CHECKING:
     from mdm.team import CommunicationPolicy
 
 
-__all__ = ["AllowanceTable", "CommunicationTable", "Share", "TeamFile", "TeamTable", "read_team"]
-
-
 class TeamTable(TeamSettings, frozen=True, kw_only=True):
     """The team that a file is of, see `mdm.Team`; agents are converted separately.
 

@@ -46,8 +46,6 @@ if TYPE_CHECKING:
 
     _MadeOf = tuple[Policy, MDP | None, Symbols, OnImpossible, bool]
 
-__all__ = ["Controller", "seeded"]
-
 
 def informed(policy: Policy, model: MDP | None, tracker: Information | None) -> Information:
     """Return the information state that a policy decides by: its own, or a tracker of the user's."""

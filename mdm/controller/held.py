@@ -14,8 +14,6 @@ from mdm.errors import ModelError
 if TYPE_CHECKING:
     from mdm.models.matrices import Vector
 
-__all__ = ["Held", "check_counts", "check_information", "checked_belief", "copied", "opened"]
-
 
 def checked_belief(belief: Any, size: int | None) -> Vector:
     """Return a copy of the belief of a user's tracker, which may change its own in place; refuse an invalid one."""

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     _MadeOf = tuple[Policy, MDP | None, Symbols, OnImpossible, bool]
 
-__all__ = ["KEPT", "Past", "Step"]
-
 KEPT = 10
 """Decisions whose information is kept at least, to explain later ones by."""
 

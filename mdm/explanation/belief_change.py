@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
     Mask = npt.NDArray[np.bool_]
 
-__all__ = ["BeliefChange", "Move", "moved", "nearest_belief"]
-
 _LARGEST = 2_000_000
 """Vectors times states up to which programs are solved."""
 _GREATEST = 1e100

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from mdm.models.space import Space
     from mdm.policies import Policy
 
-__all__ = ["Case", "Rerun", "Update", "belief_of", "parts_of", "spelt", "state_of"]
-
 
 class Update(NamedTuple):
     """An update of the information between two decisions.

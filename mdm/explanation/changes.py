@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from mdm.explanation.case import Case, Update
 
-__all__ = ["FactorChange", "ObservationChange", "Observed", "StateChange", "observation_changes", "state_changes"]
-
 _MOST_STATES = 100_000
 """States that are looked at."""
 _MOST_WALKS = 20_000

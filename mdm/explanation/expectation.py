@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from mdm.models import MDP
     from mdm.models.matrices import Vector
 
-__all__ = ["Chance", "expected_next", "likeliest"]
-
 _MOST = 1_000
 """Observations whose probabilities are computed."""
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from mdm.explanation.case import Case
 
-__all__ = ["Explanation", "Weighed", "brief", "explain", "in_words"]
-
 _TOLD = 3
 _SMALL = 1e-12
 """A change of probability that is rounding."""

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from mdm.explanation.case import Case
     from mdm.models.matrices import Vector
 
-__all__ = ["Influence", "influences", "strongest"]
-
 
 class Influence(msgspec.Struct, frozen=True):
     """The influence of an observation on a decision.

@@ -18,24 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from types import CodeType
 
-__all__ = [
-    "CODES",
-    "FALSE",
-    "TRUE",
-    "UNKNOWN",
-    "And",
-    "Constant",
-    "Formula",
-    "Implies",
-    "Not",
-    "Or",
-    "P",
-    "Xor",
-    "compile_formula",
-    "compile_hold",
-    "compile_latch",
-]
-
 _BARE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(?:[./:][A-Za-z0-9_]+)*")
 _DEEPEST = 270
 _WORDS = frozenset({"and", "or", "not", "xor", "implies", "true", "false"})

@@ -20,8 +20,6 @@ from mdm.logic.parser import parse
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-__all__ = ["Change", "Declaration", "Declarations", "Given", "Inputs", "Memory", "Network", "Plan", "similar"]
-
 
 class Declaration:
     """One predicate or event, as declared."""

@@ -13,8 +13,6 @@ from typing import NamedTuple
 from mdm.errors import FormatError
 from mdm.logic.formula import And, Constant, Formula, Implies, Not, Or, P, Xor
 
-__all__ = ["parse"]
-
 _TOKEN = re.compile(
     r"""\s*(?:
         (?P<operator>&&?|\|\|?|\^|~|!|->|=>|>>|\(|\))

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from mdm.checks import Number
 
-__all__ = ["Threshold", "parse_threshold"]
-
 _HOLDS: Final[dict[str, Callable[[Number, float], bool]]] = {
     "<": operator.lt,
     "<=": operator.le,

@@ -9,8 +9,6 @@ import numpy as np
 from mdm.models import POMDP
 from mdm.problems.parameters import agents, checked
 
-__all__ = ["box_pushing"]
-
 _HEADINGS = "NESW"
 _STEPS = {"N": 0, "E": 1, "S": 0, "W": -1}
 _TURN_LEFT, _TURN_RIGHT, _FORWARD, _STAY = range(4)

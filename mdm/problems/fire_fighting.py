@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from mdm.models import Potential
     from mdm.models.matrices import Vector
 
-__all__ = ["fire_fighting", "fire_fighting_graph"]
-
 _SPREADS = 0.8  # to a house where nobody fights, from one beside it
 _GROWS = 0.4  # where nobody fights and nothing burns beside it
 _SHRINKS = 0.6  # where one agent fights while a house burns beside it

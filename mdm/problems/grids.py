@@ -14,9 +14,6 @@ from mdm.models import MDP, POMDP, Factor, FactoredPOMDP, Node, Space, Table, Tr
 from mdm.models.matrices import csr
 from mdm.problems.parameters import checked
 
-__all__ = ["DIRECTIONS", "Grid", "grid_world", "hallway", "hallway2", "tag"]
-
-
 DIRECTIONS = ("north", "east", "south", "west")
 _STEPS = ((-1, 0), (0, 1), (1, 0), (0, -1))
 _WALLS = " #"

@@ -8,8 +8,6 @@ from mdm.errors import ModelError
 from mdm.models import Factor, FactoredPOMDP, Node, Potential, Space, Table, Tree, TwoSliceNetwork
 from mdm.problems.parameters import checked
 
-__all__ = ["machine_maintenance"]
-
 _CONDITIONS = ("broken", "poor", "fair", "good")
 _ACTIONS = ("manufacture", "inspect", "repair", "replace")
 _WEAR, _REPAIRED = 0.03, 0.8

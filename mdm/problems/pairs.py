@@ -11,8 +11,6 @@ from mdm.errors import ModelError
 from mdm.models import POMDP, Factor, Space
 from mdm.problems.parameters import agents, checked
 
-__all__ = ["broadcast_channel", "recycling_robots", "relay"]
-
 
 @checked
 def broadcast_channel(

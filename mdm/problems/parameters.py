@@ -13,8 +13,6 @@ from mdm.models import Factor, Space
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-__all__ = ["agents", "checked"]
-
 P = ParamSpec("P")
 T = TypeVar("T")
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     Indices = npt.NDArray[np.intp]
 
-__all__ = ["patrol"]
-
 _MOVES = ("Move Down", "Move Right", "Move Up", "Move Left")
 _ACTIONS = (*_MOVES, "Catch Goose", "Spawn Goose")
 _DOWN, _RIGHT, _UP, _LEFT, _CATCH, _SPAWN = range(len(_ACTIONS))

@@ -12,8 +12,6 @@ from mdm.errors import ModelError
 from mdm.models import Factor, FactoredPOMDP, Node, Potential, Space, Table, Tree, TwoSliceNetwork
 from mdm.problems.parameters import checked
 
-__all__ = ["field_vision_rock_sample", "rock_sample"]
-
 Place = tuple[int, int]
 
 _MAPS: dict[Place, Sequence[Place]] = {

@@ -14,9 +14,6 @@ from mdm.problems.parameters import agents, checked
 if TYPE_CHECKING:
     from mdm.models.matrices import Matrix, Vector
 
-__all__ = ["grid_small", "mars_rovers", "meeting"]
-
-
 _STEPS = {"up": (-1, 0), "down": (1, 0), "left": (0, -1), "right": (0, 1)}
 
 

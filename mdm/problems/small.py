@@ -10,8 +10,6 @@ from mdm.errors import ModelError
 from mdm.models import MDP, POMDP, Factor, Space
 from mdm.problems.parameters import checked
 
-__all__ = ["aloha", "forest", "load_unload", "river_swim"]
-
 
 @checked
 def aloha(levels: int = 10, *, arrivals: float = 0.9, discount: float = 0.999) -> POMDP:

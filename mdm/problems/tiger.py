@@ -8,8 +8,6 @@ from mdm.errors import ModelError
 from mdm.models import POMDP
 from mdm.problems.parameters import agents, checked
 
-__all__ = ["dec_tiger", "tiger"]
-
 
 @checked
 def tiger(accuracy: float = 0.85, *, discount: float = 0.95) -> POMDP:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from mdm.recording.reader import Attachment, Record, Recorded, records_of
+from mdm.recording.part import Attachment
+from mdm.recording.reader import Record, Recorded, records_of
 
 if TYPE_CHECKING:
     from mdm.recording.recorder import Recorder, RecorderOptions

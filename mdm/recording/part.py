@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
-__all__ = ["COMPRESSIONS", "PART", "Attachment", "Gap", "Hole", "Part", "Topic", "decompressor", "number_in"]
-
 PART = "mdm.file"
 """The metadata that tell which file of a record it is."""
 

@@ -29,22 +29,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-__all__ = [
-    "ATTACHMENT",
-    "END",
-    "HEADER",
-    "LOST",
-    "MAGIC",
-    "MESSAGE",
-    "METADATA",
-    "TOPIC",
-    "Claimed",
-    "File",
-    "Gone",
-    "Kept",
-    "claim",
-]
-
 MAGIC = b"\x89MCAP0\r\n"
 """The first and the last bytes of a file."""
 

@@ -16,15 +16,13 @@ import numpy as np
 from mdm import messages
 from mdm.errors import Error, FormatError
 from mdm.recording import schemas
-from mdm.recording.part import PART, Attachment, Gap, Part, Topic, number_in
+from mdm.recording.part import PART, Gap, Part, number_in
 from mdm.recording.process import File
 from mdm.stimuli import Said, Stimulus
 from mdm.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-__all__ = ["FORMAT", "Attachment", "Decoding", "Gap", "Record", "Recorded", "Topic", "records_of", "repair"]
 
 FORMAT = 1
 """The newest format of records that is known here."""

@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from mdm.runtime import Channel, Dispatcher, Runtime
     from mdm.runtime.observing import Deciding, Guard
 
-__all__ = ["FORMAT", "Recorder", "RecorderOptions", "RecorderSettings", "recorder_of"]
-
 FORMAT = 1
 
 _AFTER = 0.05

@@ -14,8 +14,6 @@ from typing import Any, Literal, Union, get_args, get_origin
 import msgspec
 import numpy as np
 
-__all__ = ["name", "schema"]
-
 _PLAIN = {bool: "boolean", int: "integer", float: "number", str: "string"}
 
 

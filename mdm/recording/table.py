@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from mdm.recording.reader import Record
 
-__all__ = ["Names", "Row", "names_of", "rows"]
-
 _ENSEMBLE = "ensemble "
 """What the names of metadata begin with that are about an ensemble; its path follows."""
 

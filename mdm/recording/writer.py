@@ -32,8 +32,6 @@ from mdm.version import __version__
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["SILENT", "FileSettings", "RecordStatistics", "RecordWriter"]
-
 SILENT = 3.0
 """Seconds after which a process that writes, and reports once a second, has been silent for too long."""
 _STARTS = 30.0

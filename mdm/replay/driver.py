@@ -49,8 +49,6 @@ if TYPE_CHECKING:
     from mdm.runtime import Actor, Runtime
     from mdm.stimuli import Stimulus
 
-__all__ = ["Driver"]
-
 _PATIENCE = 3600.0
 """Seconds of virtual time within which an actor that the record has comes to its start."""
 _BREATH = 100

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from mdm.stimuli import Asked, Stimulus
     from mdm.team.transport.transport import Priority
 
-__all__ = ["Exchange", "Limit", "Otherwise", "PartedError", "ReplayTransport", "Sent", "Side", "Traffic", "life_of"]
-
 Life = tuple[str, int]
 """An agent, and the number of its life."""
 

@@ -11,8 +11,6 @@ from mdm.runtime.actor import descendants
 if TYPE_CHECKING:
     from mdm.runtime import Runtime
 
-__all__ = ["give"]
-
 
 def give(runtime: Runtime, channel: str, message: Any) -> None:
     """Publish a message on a channel of input, as the beginning of a turn, or within the running one.

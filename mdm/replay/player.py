@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from mdm.runtime.time.scheduler import Ticker
     from mdm.runtime.work import Work
 
-__all__ = ["Difference", "Player", "unlike"]
-
 
 class Difference(msgspec.Struct, frozen=True):
     """A decision that was not repeated as it was recorded.

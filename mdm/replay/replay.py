@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from mdm.recording.reader import Recorded
     from mdm.stimuli import Stimulus
 
-__all__ = ["Replayed", "Together", "check_beginning", "replay", "replay_together", "transports_of"]
-
 _BITS = ("numpy", "numba", "blas", "machine")
 
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from mdm.controller import Controller, Step
     from mdm.recording import Record
 
-__all__ = ["decisions_of", "found", "redecided", "retraced"]
-
 _CLOSE = 1e-9
 _UPDATING = {"observation", "tick", "state"}
 """Causes of decisions before which information was updated."""

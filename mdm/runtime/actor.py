@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from mdm.runtime.runtime import Runtime
     from mdm.runtime.work import Jobs, Work
 
-__all__ = ["Actor", "Sharing", "Start", "descendants"]
-
 
 class _Loan:
     """Who uses an actor, the path that it lives at, and a lock, since its start and its stop take time."""

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from mdm.runtime.actor import Actor
     from mdm.runtime.dispatcher import Dispatcher
 
-__all__ = ["Channel", "Overflow", "Stream", "Subscription", "Topics"]
-
 T = TypeVar("T")
 
 

@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from mdm.runtime.channel import Channel
     from mdm.runtime.time.clock import Clock
 
-__all__ = ["LOOK_EVERY", "Alarm", "Dispatcher", "Inbox"]
-
 
 class Inbox:
     """Messages in the order in which they came, from any thread.

@@ -15,8 +15,6 @@ from mdm.runtime.observing import Observer
 if TYPE_CHECKING:
     from mdm.runtime.runtime import Runtime
 
-__all__ = ["Extension", "extension_of"]
-
 
 class Extension(Observer):
     """Lives as long as a runtime does, and observes it: subclass it, and hand it to a `Runtime`.

@@ -12,8 +12,6 @@ from mdm.errors import Error
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Iterator
 
-__all__ = ["check_plain", "has_not_run", "kind_of"]
-
 _KINDS = {
     inspect.CO_COROUTINE: "an async function",
     inspect.CO_ITERABLE_COROUTINE: "an async function",

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from mdm.runtime.work import Work
     from mdm.stimuli import Stimulus, Where
 
-__all__ = ["Acting", "Choices", "Deciding", "Guard", "Observer", "Observers", "name_of"]
-
 
 class Observer:
     """Hears the events of a runtime: subclass it, override some methods, and hand it to `Runtime.observe`.

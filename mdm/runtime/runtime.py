@@ -46,8 +46,6 @@ if TYPE_CHECKING:
 
     from mdm.runtime.work import Work
 
-__all__ = ["Runtime", "RuntimeStatistics", "end_all"]
-
 T = TypeVar("T")
 
 _LIVING: WeakSet[Extension] = WeakSet()

@@ -9,16 +9,6 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-__all__ = [
-    "ActorStatistics",
-    "ChannelStatistics",
-    "DispatcherStatistics",
-    "Histogram",
-    "Latencies",
-    "LogStatistics",
-    "LoopStatistics",
-]
-
 FULL: Final = 4096
 _BUCKETS = 8 * 64
 

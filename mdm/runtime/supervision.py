@@ -17,19 +17,6 @@ from mdm.errors import ConfigError, Error
 from mdm.runtime.time.clock import check_seconds
 from mdm.texts import encodable
 
-__all__ = [
-    "LEAVING",
-    "ActorFailure",
-    "Restart",
-    "RestartBudget",
-    "Supervision",
-    "check_supervision",
-    "describe",
-    "failure",
-    "text_of",
-    "was_cancelled",
-]
-
 LEAVING = (SystemExit, KeyboardInterrupt)
 """What ends the program, in order, in place of being one actor's failure."""
 

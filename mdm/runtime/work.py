@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     from mdm.runtime.actor import Actor
 
-__all__ = ["OWNER", "Jobs", "Work", "Workload", "unwatch", "wait_all", "watch"]
-
 
 class Jobs:
     """The jobs that one piece of work has handed to executors and that have not ended.

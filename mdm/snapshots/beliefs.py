@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from mdm.models import Space
     from mdm.models.matrices import Vector
 
-__all__ = ["belief_frame", "chances_of", "grid_factors", "likeliest"]
-
 _TOP = 12
 """States that are shown by name."""
 _SYMBOLS = 24

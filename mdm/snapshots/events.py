@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from mdm.messages import Fault
     from mdm.snapshots.oddities import Told
 
-__all__ = ["KINDS", "Event", "Ring", "event_of", "predicate_event", "remedy_of", "spell_event"]
-
 Kind = Literal["mode", "fault", "idle", "life", "decision", "predicate", "odd"]
 
 KINDS: tuple[Kind, ...] = get_args(Kind)

@@ -9,27 +9,6 @@ from typing import Literal
 
 import msgspec
 
-__all__ = [
-    "BeliefFrame",
-    "CauseFrame",
-    "Detail",
-    "EnsembleFrame",
-    "EnsembleScene",
-    "FactorScene",
-    "FloorScene",
-    "Frame",
-    "GridFrame",
-    "LifeFrame",
-    "Marginal",
-    "PlaceScene",
-    "PredicateScene",
-    "RobotFrame",
-    "Scene",
-    "Spread",
-    "StatisticsFrame",
-    "WayScene",
-]
-
 
 class CauseFrame(msgspec.Struct, frozen=True):
     """A cause of a safe mode: its kind, in words, since when, and its remedy."""

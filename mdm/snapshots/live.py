@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from mdm.runtime.observing import Guard
     from mdm.snapshots.oddities import Told
 
-__all__ = ["LiveRun"]
-
 _SECOND = 1_000_000_000
 _encode = msgspec.json.Encoder().encode
 _UNSEEN: Any = object()

@@ -18,25 +18,6 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-__all__ = [
-    "FEW",
-    "KEPT",
-    "MOVED",
-    "OFTEN",
-    "SEEN",
-    "SHORT",
-    "WINDOW",
-    "Ended",
-    "Judged",
-    "Seen",
-    "Spells",
-    "Told",
-    "lasting",
-    "lasts_long",
-    "repeated",
-    "unmoved",
-]
-
 WINDOW = 5.0
 """Seconds in which decisions that repeat are counted."""
 KEPT = 200

@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from mdm.snapshots.frame import EnsembleScene
     from mdm.snapshots.oddities import Told
 
-__all__ = ["POINTS", "Course", "RecordedRun", "Step", "course_of", "sampled"]
-
 Step = Literal["decision", "change", "fault", "mode", "odd"]
 
 _TOPICS = ("stimuli", "decisions", "lives", "modes", "faults", "idles")

@@ -54,8 +54,6 @@ if TYPE_CHECKING:
     from mdm.models import Space
     from mdm.snapshots.oddities import Judged, Told
 
-__all__ = ["EnsembleReducer", "Known", "Track", "expected_return", "known_of"]
-
 HISTORY = 8
 """Observations that are told with their times."""
 _NEWEST = 64

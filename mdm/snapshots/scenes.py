@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from mdm.messages import PoseUpdate
     from mdm.models import Space
 
-__all__ = ["ensembles_of", "factors_of", "floors_of", "robot_at", "robot_frame"]
-
 _LISTED = 64
 """Actions, and symbols of a factor, that are listed."""
 

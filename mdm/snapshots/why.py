@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from mdm.explanation import Case
     from mdm.recording.reader import Record
 
-__all__ = ["Why", "is_as_recorded", "named", "why", "why_recorded"]
-
 
 class Why(msgspec.Struct, frozen=True):
     """Why a decision was made.

@@ -12,18 +12,6 @@ if TYPE_CHECKING:
     from mdm.actors import Ensemble
     from mdm.snapshots.oddities import Ended
 
-__all__ = [
-    "Wiring",
-    "at_state",
-    "cause_in_words",
-    "changes",
-    "most_frequent",
-    "observed",
-    "on_observing",
-    "valued",
-    "wired",
-]
-
 _CAUSES = {
     "start": "as it started",
     "resume": "as it went on",

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from mdm.team.team import Team
     from mdm.team.transport.transport import Sample
 
-__all__ = ["CommunicatingLayer", "CommunicatingStatistics", "Episode", "Stage", "Stops", "Update", "decode", "encode"]
-
 _MOST = 1 << 62
 """No stop has a number as great: they are about as many as nanoseconds have passed since 1970."""
 

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from mdm.team.knowledge import Experience, Knowledge
 
-__all__ = ["Always", "Budget", "CommunicationPolicy", "Never", "OnChange", "ValueOfCommunication"]
-
 
 class CommunicationPolicy(Protocol):
     """Chooses the experiences that an agent shares. Implement this protocol for a communication policy of your own.

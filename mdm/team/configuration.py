@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from mdm.team.ownership import Ownership
     from mdm.team.team import Team
 
-__all__ = ["ANY", "Configuration", "Standing", "brief", "difference", "facts"]
-
 ANY = ""
 """The value of a fact at an agent that it does not concern: no difference to anything."""
 

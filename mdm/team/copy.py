@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from mdm.team.ownership import Ownership
     from mdm.team.team import Team
 
-__all__ = ["BEGIN", "Copy", "Part"]
-
 BEGIN = "begin"
 """The command that starts an ensemble which nobody has started or stopped before."""
 

@@ -15,8 +15,6 @@ from mdm.runtime.process.writer import Writer
 if TYPE_CHECKING:
     from mdm.runtime import Channel
 
-__all__ = ["Committed", "Decisions", "Line"]
-
 T = TypeVar("T")
 
 Place: TypeAlias = "tuple[str, tuple[int, str, int], int, str | None]"

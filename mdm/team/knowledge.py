@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from mdm.options import ControllerOptions
     from mdm.team.communication import CommunicationPolicy
 
-__all__ = ["Experience", "Knowledge", "Recollection", "RecollectionStatistics", "SharedHistory"]
-
 
 class Experience(msgspec.Struct, frozen=True, gc=False):
     """An action of one agent, and the observation after it.

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from mdm.team.team import Team
     from mdm.team.transport.transport import Sample
 
-__all__ = ["TeamLayer"]
-
 T = TypeVar("T")
 
 _FAREWELL = 10.0

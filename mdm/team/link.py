@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from mdm.team.team import Team
     from mdm.team.transport.transport import Priority, Sample, Transport
 
-__all__ = ["Clocks", "Link", "Offset"]
-
 FAREWELL = "leaving"
 """The channel on which an agent announces that it leaves in order."""
 

@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from mdm.team.transport.session import Session
     from mdm.team.transport.transport import Transport, TransportStatistics
 
-__all__ = ["Member", "MemberStatistics", "Teammates"]
-
 _PATIENCE = 3.0
 """Seconds, beside a lease, within which all agents of a team may start."""
 _SEEK_EVERY = 10.0

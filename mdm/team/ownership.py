@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from mdm.models import Factor
     from mdm.team.team import Team
 
-__all__ = ["Ownership", "Placement", "acting", "matched", "placement_of"]
-
 
 class Placement(Options, frozen=True):
     """Where an ensemble's layers are, where that is not said by the agents' names.

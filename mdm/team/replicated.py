@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from mdm.team.team import Team
     from mdm.team.transport.transport import Sample
 
-__all__ = ["ReplicatedLayer", "ReplicatedStatistics", "Stage"]
-
 _PATIENCE = 1.0
 _ALL = "all"
 _MAJORITY = frozenset({"lost_majority"})

@@ -27,8 +27,6 @@ from mdm.team.transport.bounds import UNREADABLE, Name, Number
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["Storage", "Stored", "StoredStop", "forget", "path_of"]
-
 _VERSION = 1
 _CLOSE = 5.0
 """Seconds within which the last change is written at the end."""

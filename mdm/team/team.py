@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from mdm.team.transport.access import Access
     from mdm.team.transport.transport import Transport
 
-__all__ = ["FIRST_PORT", "Agent", "Team", "TeamOptions", "TeamSettings"]
-
 Mode = Literal["replicated", "centralised", "communicating"]
 Quorum = Literal["majority", "continue"]
 

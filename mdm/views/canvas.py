@@ -8,8 +8,6 @@ from typing import Any
 from mdm.errors import Error
 from mdm.formats.target import check_place, replacing
 
-__all__ = ["check_picture", "keep", "pyplot"]
-
 _SUFFIXES = (".png", ".svg", ".pdf")
 
 

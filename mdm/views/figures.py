@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.simulation.batch import EpisodeStep
 
-__all__ = ["action_colours", "belief_figure", "bounds_figure", "grid_figure", "state_name", "two_state_figure"]
-
 _LETTER, _LINE = 4.8, 10.0
 """The width of a letter and the height of a line, in points: names of actions stand in the cells that they fit into."""
 _TICKS = 30

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     Point = tuple[float, float]
 
-__all__ = ["Film", "FloorView", "Mark"]
-
 _ARROWS = "→↗↑↖←↙↓↘"
 _WALL = (58, 62, 72)
 _RED = (214, 30, 60)

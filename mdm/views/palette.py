@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from mdm.maps.picture import Ink
 
-__all__ = ["Palette"]
-
 _READABLE = 4.5
 _LEVELS = (0, 95, 135, 175, 215, 255)
 _FIXED = [(red, green, blue) for red in _LEVELS for green in _LEVELS for blue in _LEVELS]

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from mdm.models import TwoSliceNetwork
     from mdm.models.factored.two_slice import Role
 
-__all__ = ["draw"]
-
 _COLOURS = {"state": "#cfe2f3", "next_state": "#cfe2f3", "action": "#f9cb9c", "observation": "#d9ead3"}
 _REWARD = "#fff2cc"
 _WIDTH = 5.0

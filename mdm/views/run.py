@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from mdm.recording.reader import Record
 
-__all__ = ["run_figure"]
-
 _MODES = {"stopped": "#bbbbbb", "deciding": "#4c9f70", "safe": "#d1495b"}
 _COLOURS = (0, 1, 2, 3, 8, 9, 10, 11, 12, 13, 16, 17, 18, 19)
 """Those of the map ``tab20`` for actions: its greens, reds and greys are too near to those of modes."""

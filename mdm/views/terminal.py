@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from mdm.snapshots import EnsembleFrame, Event, Frame, Scene
 
-__all__ = ["Terminal", "rich", "seconds"]
-
 _SIGNS = {"deciding": "▶", "safe": "■", "stopped": "○", "waiting": "…", "idle": "-"}
 _COLOURS = {"deciding": "green", "safe": "bold red", "stopped": "bright_black", "waiting": "yellow", "idle": "yellow"}
 _BARS = 20

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from mdm.models import Factor as ModelFactor, Space
 
-__all__ = ["F", "Factor", "Names", "ObservationFactor", "StateFactor", "Wire", "arrange", "combined"]
-
 Names = Sequence[str] | Mapping[str, str] | Mapping[int, str]
 """Predicates or events: in the order of a factor's symbols, or by symbol."""
 

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from mdm.actors.predicates.predicate_manager import PredicateManager
     from mdm.models import Space
 
-__all__ = ["FactorLayer", "ObservationLayer", "StateLayer"]
-
-
 _FEW = 8
 
 

@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from mdm.actors.predicates.predicate_manager import PredicateManager
     from mdm.runtime import Timer, Work
 
-__all__ = ["ActionLayer", "ActionStatistics", "Secured"]
-
 """Seconds that a safe action may take, where nothing else is said."""
 
 Secured = Callable[[str | None], None]

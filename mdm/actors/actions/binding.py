@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from mdm.actors.options import Sequel
     from mdm.messages import Action
 
-__all__ = ["Binding", "Callback", "bind", "bindings_of", "safe_binding"]
-
 Callback = Callable[..., Awaitable[object] | object]
 
 

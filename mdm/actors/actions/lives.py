@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from mdm.actors.actions.binding import Binding
     from mdm.messages import Action, ActionStatus
 
-__all__ = ["Gate", "Life", "Lives", "Order", "Orders", "Part"]
-
 
 class Gate(Enum):
     """Whether anything may begin.

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 
     from mdm.checks import Number
 
-__all__ = ["run_subprocess"]
-
-
 _FIRST_PAUSE, _LAST_PAUSE = 0.001, 0.1
 
 

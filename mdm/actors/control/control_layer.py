@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from mdm.policies import Deliberating
     from mdm.runtime import Ticker
 
-__all__ = ["ControlLayer", "ControlStatistics", "unobserved"]
-
 
 class ControlStatistics(ActorStatistics, frozen=True):
     """Counts of a control layer.

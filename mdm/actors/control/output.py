@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from mdm.runtime import Channel, Histogram
     from mdm.runtime.observing import Choices, Observers
 
-__all__ = ["Observed", "Output", "symbol_of"]
-
 Observed = int | tuple[int | None, ...] | None
 """An observation by its index, or by components, None where one is missing."""
 

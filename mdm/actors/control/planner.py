@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from mdm.policies.policy import Found
     from mdm.runtime import Timer
 
-__all__ = ["PATIENCE", "Asking", "Planner", "PlannerStatistics", "SearchProcess"]
-
 PATIENCE = 0.1
 """Seconds after its deadline for which the answer of a fallback is still in time."""
 

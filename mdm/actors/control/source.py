@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-__all__ = ["JointProcess", "OwnChannels", "Source", "Team"]
-
 _opened = msgspec.msgpack.Decoder(tuple[bytes, bool, int | None, int | None]).decode
 """The parts of a snapshot: that of the controller, whether it runs, the state, and the action that was published."""
 

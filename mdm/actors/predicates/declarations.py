@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from mdm.logic import Formula, Threshold
 
-__all__ = ["ACTION_END", "Declarations", "Kind", "near_end"]
-
 Kind = Literal["predicate", "event"]
 
 

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
     Truth: TypeAlias = bool | np.bool_ | None
 
-__all__ = ["PredicateManager"]
-
 T = TypeVar("T")
 
 

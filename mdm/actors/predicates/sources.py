@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from mdm.runtime import Channel, Subscription
     from mdm.runtime.dispatcher import Dispatcher
 
-__all__ = ["Backlog", "Batch", "Batches", "EventSource", "Follower", "NumberSensor", "Sensor", "truth"]
-
-
 Readings = tuple[tuple[str, "bool | None"]]
 """The name of a predicate and its value, as the only ones of an update."""
 

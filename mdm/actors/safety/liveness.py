@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from mdm.messages import ActionStatus
     from mdm.runtime import Timer
 
-__all__ = ["IDLE_AFTER", "LONGEST_PAUSE", "Due", "Livelock", "Liveness", "Tries", "Waiting"]
-
-
 _PATIENCE = 1.0
 
 

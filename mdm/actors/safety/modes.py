@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from mdm.messages import ModeName
 
-__all__ = ["AT_INPUT", "AT_KNOWN", "AT_STIMULUS", "WAYS_BACK", "Aim", "Modes", "Order", "Stage", "Try"]
-
 
 class Order(Enum):
     """An order to the ensemble.

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from mdm.actors.abstraction.factors import StateFactor
     from mdm.actors.ensemble import Ensemble
 
-__all__ = ["circles", "notes"]
-
 _MOST = 256
 """Combinations of sensors' values that are tried."""
 

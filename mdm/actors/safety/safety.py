@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from mdm.actors.options import SafetySettings
     from mdm.actors.predicates.predicate_manager import PredicateManager
 
-__all__ = ["Safety"]
-
-
 _FAILED = "on_failed_action"
 _REACTIONS = (_FAILED, "on_lost_input", "on_unknown")
 _OPTIONS = {"stale_input": "on_lost_input", "unknown_input": "on_unknown"}

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from mdm.config.team_file import TeamFile
     from mdm.models import MDP
 
-__all__ = ["examine", "run"]
-
 
 def run(arguments: argparse.Namespace) -> int:
     """Check the file; return the exit status."""

@@ -21,9 +21,6 @@ from mdm.runtime.supervision import RestartBudget
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-
-__all__ = ["Crew"]
-
 _FIRST_WAIT = 0.5
 _LONGEST_WAIT = 10.0
 _RESTARTS, _WITHIN = 5, 60.0

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterable
 
-__all__ = ["Told", "read", "run", "tell"]
-
 
 class Told(msgspec.Struct, frozen=True):
     """The decisions of an ensemble in the files.

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from mdm.models import MDP
     from mdm.team import Team
 
-__all__ = ["certificates", "ensembles_of", "forget_state", "systems_of", "team_agents_of", "team_of"]
-
 
 def team_of(file: str) -> Team:
     """Return the team that a file describes.

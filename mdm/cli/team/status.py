@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from mdm.team.sharing.commanding import Confirmation
     from mdm.team.transport.session import Session
 
-__all__ = ["command", "run"]
-
 _COLUMNS = (
     *("agent", "ensemble", "mode", "role", "term", "step", "digest"),
     *("late (ms)", "clock (ms)", "dropped", "sees", "action", "certificate (days)"),

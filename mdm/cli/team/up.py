@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     from mdm.team.team import Agent
 
-__all__ = ["check_ports", "run", "run_agent"]
-
 _SLACK = 15.0
 """Seconds that an agent's process may take to end, beside the limits of its ensembles."""
 

@@ -5,9 +5,6 @@ from __future__ import annotations
 import pickle
 from typing import Any
 
-__all__ = ["HEADER", "frame", "unframed"]
-
-
 HEADER = 8
 """Bytes of the length."""
 

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from mdm.runtime.runtime import Runtime
     from mdm.runtime.statistics import LogStatistics
 
-__all__ = ["FirstFailures", "Log"]
-
 _RECENT = 64
 """How many details are remembered, so that a mode does not repeat those of the faults before it."""
 

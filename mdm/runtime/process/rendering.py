@@ -10,8 +10,6 @@ import structlog
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["Rendering"]
-
 
 class Rendering:
     """Makes lines of records: the time of the day, or of virtual time the seconds, and numbers of six digits.

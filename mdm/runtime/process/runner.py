@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 
     from mdm.messages import StateChange
 
-__all__ = ["run"]
-
-
 T = TypeVar("T")
 
 _PATIENCE = 0.5

@@ -17,9 +17,6 @@ from mdm.runtime.time.virtual import VirtualEventLoop
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["Signals"]
-
-
 _NUMBERS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _MOMENT = 0.25
 _LINGER = 1.0

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import FrameType
 
-__all__ = ["Emergency", "Watchdog", "check_emergency", "check_watch"]
-
 _PATIENCE = 0.5
 
 

@@ -20,9 +20,6 @@ from mdm.runtime.statistics import LogStatistics
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["StandardError", "Stream", "Writer"]
-
-
 _BOUND = 4096
 _LOOK = 0.05
 _PIPE = getattr(select, "PIPE_BUF", 512)

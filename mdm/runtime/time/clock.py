@@ -28,19 +28,6 @@ from mdm.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = [
-    "Clock",
-    "Timer",
-    "WallClock",
-    "acknowledge",
-    "available",
-    "check_seconds",
-    "close",
-    "create",
-    "set_time",
-    "steady",
-]
-
 
 def steady(offset: int) -> tuple[Callable[[], int], Callable[[int], None]]:
     """Return a function that tells the steady time, and so many nanoseconds more; and one that adds to these."""

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from mdm.runtime.time.clock import Clock, Timer
 
-__all__ = ["Ticker", "check_rate"]
-
 
 def check_rate(rate: object, *, key: str | None = None) -> None:
     """Refuse a rate, in ticks per second, that no clock could serve.

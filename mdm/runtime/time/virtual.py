@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 
     from _typeshed import FileDescriptorLike
 
-__all__ = ["DeadlockError", "VirtualClock", "VirtualEventLoop"]
-
-
 T = TypeVar("T")
 Arguments = TypeVarTuple("Arguments")
 

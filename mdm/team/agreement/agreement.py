@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 
     from mdm.team.agreement.messages import Message
 
-__all__ = ["Agreement", "Replica", "Standing"]
-
 TOGETHER = 64
 """Commits in one message to an agent that missed them."""
 

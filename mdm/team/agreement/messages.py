@@ -15,31 +15,6 @@ from mdm.team.transport.bounds import UNREADABLE, Life, Name, Number, Order, Tex
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Sequence
 
-__all__ = [
-    "START",
-    "Applied",
-    "Begin",
-    "Call",
-    "Command",
-    "Commit",
-    "Component",
-    "Ended",
-    "Entries",
-    "Fetch",
-    "Joined",
-    "Lineage",
-    "Message",
-    "Position",
-    "Send",
-    "Snapshot",
-    "Stale",
-    "Term",
-    "contains",
-    "decode",
-    "encode",
-    "is_possible",
-]
-
 _STEP = 1000
 """Nanoseconds that a step takes at least."""
 

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from mdm.team.agreement.messages import Commit, Lineage
 
-__all__ = ["BARS", "HOLD", "OPENS", "STARTS", "STOP", "Asked", "Held", "Hold", "Proposals", "Standstill"]
-
 STOP = "stop"
 
 HOLD = "hold"

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from mdm.team.agreement.messages import Joined
 
-__all__ = ["Ballot", "Log", "Role", "State"]
-
 TERMS = 16
 """Terms of which a lineage keeps the last step. An agent that left before the oldest of them takes a snapshot."""
 

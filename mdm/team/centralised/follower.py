@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from mdm.team.team import Team
     from mdm.team.transport.transport import Sample
 
-__all__ = ["CentralisedFollower"]
-
 _RETRY = 0.05
 _RETRY_NS = round(_RETRY * 1e9)
 _PATIENCE = 1.0

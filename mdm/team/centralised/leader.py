@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from mdm.team.team import Team
     from mdm.team.transport.transport import Sample
 
-__all__ = ["Asked", "Beginning", "CentralisedLeader"]
-
 _MOST_TICKS = 8
 """Ticks for which parts are kept, such as those of an agent ahead of time."""
 

@@ -19,16 +19,6 @@ if TYPE_CHECKING:
     from mdm.team.ownership import Placement
     from mdm.team.team import Team
 
-__all__ = [
-    "CentralisedStatistics",
-    "Decision",
-    "Proposal",
-    "controlling",
-    "decode_decision",
-    "decode_proposal",
-    "encode",
-]
-
 
 class Proposal(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """An agent's proposal to the controller.

@@ -22,8 +22,6 @@ import msgspec
 from mdm.team.agreement.proposals import BARS, HOLD, STOP
 from mdm.team.centralised.messages import Proposal
 
-__all__ = ["Proposals", "Stop"]
-
 MOST = 64
 """Proposals that wait; of more, the oldest observation but the first is lost."""
 

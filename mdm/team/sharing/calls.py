@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from mdm.team.transport.session import Session
     from mdm.team.transport.transport import Transport
 
-__all__ = ["CALLS", "COMMANDS", "Answers", "ask", "asking"]
-
 COMMANDS = ("start", "stop", "reset", "release")
 """Calls that do something: the first three at all agents of a team, whichever was asked; a release at the one asked.
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from mdm.team.team import Team
     from mdm.team.transport.transport import Transport
 
-__all__ = ["DONE", "PENDING", "Commands", "Confirmation", "command"]
-
 PENDING = "pending"
 DONE = "done"
 

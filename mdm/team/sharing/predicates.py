@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from mdm.team.link import Link
     from mdm.team.transport.transport import Sample
 
-__all__ = ["PredicatePublisher", "PredicateSubscriber", "wanted"]
-
 PREDICATES = "predicates"
 
 _MOST_HINTS = 16

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from mdm.team.link import Link
     from mdm.team.transport.transport import Sample
 
-__all__ = ["CHANNELS", "RETAINED", "Exports", "Imports", "Wire"]
-
 CHANNELS: dict[str, type[Any]] = {
     "state": State,
     "observation": Observation,

@@ -22,20 +22,6 @@ from mdm.team.transport.keys import ROOT, check_name, join
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = [
-    "OPERATOR",
-    "ROUTER",
-    "WARNING",
-    "Access",
-    "Validity",
-    "access_of",
-    "access_settings",
-    "days_left",
-    "ending",
-    "shown_certificate",
-    "valid_until",
-]
-
 OPERATOR = "operator"
 """Whose certificate somebody shows who is none of the agents: it lets them ask and call, and put nothing."""
 

@@ -11,8 +11,6 @@ from mdm.errors import ConfigError
 if TYPE_CHECKING:
     from mdm.team.transport.transport import Priority
 
-__all__ = ["Allowance"]
-
 
 class Allowance:
     """The most that an agent may send: so many messages and bytes a second, with bursts.

@@ -11,8 +11,6 @@ from typing import Annotated, TypeAlias
 import msgspec
 from msgspec import Meta
 
-__all__ = ["DAY", "HOUR", "UNREADABLE", "Life", "Name", "Number", "Offset", "Order", "Text", "can_be"]
-
 UNREADABLE = (msgspec.MsgspecError, ValueError, RecursionError)
 """The errors of decoders where bytes are no message; the last where values lie too deep within each other."""
 

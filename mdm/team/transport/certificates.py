@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from mdm.team.transport.access import Access
 
-__all__ = ["make_certificates"]
-
 _MOST_DAYS = 36_500
 _AUTHORITY_DAYS = 3_650
 

@@ -15,8 +15,6 @@ from mdm.errors import ConfigError, Error
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["ROOT", "check_expression", "check_key", "check_name", "includes", "join", "matches", "owner_of", "team_of"]
-
 ROOT = "mdm"
 
 _FORBIDDEN = frozenset("/*$#?@")

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from mdm.runtime.time.clock import Clock
     from mdm.team.transport.transport import Priority
 
-__all__ = ["Network", "SimulatedTransport"]
-
 
 class Network:
     """Carries the messages of a team's agents within one process.

@@ -22,8 +22,6 @@ from mdm.team.transport.transport import PROTOCOL, Sample, Traffic, TransportSta
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-__all__ = ["LARGEST", "VERSION", "Packer", "Refusal", "Router", "Unpacker", "check_size", "is_step"]
-
 VERSION = 1
 """The form of envelopes and bodies that this program speaks; it grows when an older program could not read a newer."""
 

@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     from mdm.team.transport.allowance import Allowance
     from mdm.team.transport.transport import Priority
 
-__all__ = ["Mailbox", "Session", "import_zenoh"]
-
 T = TypeVar("T")
 
 _LIVE = "@team/live"

@@ -18,8 +18,6 @@ from mdm.team.transport.transport import Priority
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-__all__ = ["PROTOCOLS", "Ceiling", "address", "ceiling_settings", "check_endpoint", "exposed", "resolve", "settings"]
-
 PROTOCOLS = ("tcp", "tls", "quic", "ws", "unixsock-stream")
 
 _ADDRESS = re.compile(r"(?P<host>\[[0-9A-Fa-f:.]+(?:%\w+)?\]|[^\[\]:/\s]+):(?P<port>[0-9]{1,5})")

@@ -15,8 +15,6 @@ from mdm.runtime.statistics import Histogram
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-__all__ = ["DOUBLE", "LONGEST_CLOSE", "PROTOCOL", "Priority", "Sample", "Traffic", "Transport", "TransportStatistics"]
-
 PROTOCOL = 2
 """The version of the protocol between agents, which they compare from 2 on; those of two versions refuse each other.
 

@@ -27,8 +27,6 @@ from mdm.views.web.listening import LOOPBACK, is_loopback
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["HEADERS", "Access", "Encryption", "Refusal", "encryption", "trusting"]
-
 HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": (

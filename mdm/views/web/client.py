@@ -18,8 +18,6 @@ from mdm.views.web.access import trusting
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
-__all__ = ["Socket", "opened"]
-
 _NO_ADDRESS = "give the address that the program has printed, with its token"
 _UNKNOWN_ISSUER = {18, 19, 20}  # of OpenSSL: signed by itself, at the end or on the way, or by nobody who is known
 _WAITS = 5.0

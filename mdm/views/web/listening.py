@@ -18,19 +18,6 @@ from typing import Any
 from mdm.errors import Error
 from mdm.views.web.session import Allowance
 
-__all__ = [
-    "LOOPBACK",
-    "Counted",
-    "Crowd",
-    "Listening",
-    "counted",
-    "holder",
-    "in_use",
-    "is_loopback",
-    "listen",
-    "next_free",
-]
-
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 """The names by which a machine calls itself, and nobody else."""
 

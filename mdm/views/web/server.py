@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from mdm.views.web.session import Said
     from mdm.views.web.team import TeamRun
 
-__all__ = ["PORT", "Page", "PageServer", "check_port", "page_of", "pause"]
-
 PORT = 8765
 """The port where none is given."""
 

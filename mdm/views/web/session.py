@@ -17,9 +17,6 @@ from mdm.errors import Error
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
-
-__all__ = ["Allowance", "Aside", "Reader", "Said"]
-
 _MOST_EVENTS = 1_000
 """Events that a message has at most."""
 _CLOSE = 16

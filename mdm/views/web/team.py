@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
     from mdm.snapshots.frame import EnsembleScene, FloorScene, PredicateScene
 
-__all__ = ["TeamRun"]
-
 _GONE = EnsembleFrame("stopped", 0.0)
 _AGAIN = 0.5
 _WAITS = 5.0

@@ -10,7 +10,7 @@ BIN := $(ENVIRONMENT)/bin
 READY := $(ENVIRONMENT)/.ready
 DEMO := $(ENVIRONMENT)/.demo
 
-.PHONY: environment demo test test-slow sentences public-names test-newest wheel-test chaos lint types docs pictures bench gate clean
+.PHONY: environment demo test test-slow sentences public-names test-newest wheel-test chaos lint types docs pictures bench gate house clean
 
 # The virtual environment: with all that a contributor needs, or at first with what the demo needs alone.
 $(BIN)/python:
@@ -120,6 +120,9 @@ pictures: $(READY)
 
 gate: $(READY)
 	$(BIN)/python benchmarks/gate.py
+
+house: $(READY)
+	$(BIN)/python tests/house.py
 
 bench: $(READY)
 	$(BIN)/python benchmarks/decision_latency.py

@@ -6,7 +6,9 @@ import re
 import subprocess
 import sys
 import tarfile
+import tomllib
 
+import house
 import pytest
 from places import ROOT
 
@@ -65,3 +67,42 @@ def test_the_sources_have_all_that_their_tests_need(tmp_path):
         listed = subprocess.run(["git", "ls-files", folder], cwd=ROOT, capture_output=True, text=True)
         if listed.returncode == 0:
             assert set(listed.stdout.splitlines()) <= names
+
+
+def test_no_row_of_the_house_is_beyond_its_limit():
+    limits = tomllib.loads(house.LIMITS.read_text(encoding="utf-8"))
+    assert house.excess(house.measured(house.sources()), limits) == []
+
+
+def test_a_row_that_grows_or_is_new_is_told():
+    small = {"actors/life.py": '"""A life, and what it is."""\n\n\nclass Life:\n    """One."""\n'}
+    limits = house.measured(small)
+    assert house.excess(limits, limits) == []
+    assert limits["what"]["actors"] == 142.9
+    large = {
+        **small,
+        "maps/walls.py": "import_module('mdm.views')  # noqa\n",
+        "actors/life.py": small["actors/life.py"] + "x = 1\n",
+    }
+    assert house.excess(house.measured(large), limits) == [
+        "lines: 'actors' has 6, and 5 is its limit",
+        "lines: 'maps' has 1 and no limit: it is new",
+        "files: 'maps' has 1 and no limit: it is new",
+        "house: 'lines' has 7, and 5 is its limit",
+        "house: 'files' has 2, and 1 is its limit",
+        "house: 'docstrings per cent' has 28.6, and 40.0 is its limit",
+        "house: 'noqa' has 1, and 0 is its limit",
+        "house: 'imports of other packages by string' has 1, and 0 is its limit",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("kind", "body"),
+    [
+        ("attributes", "".join(f"    a{count}: int = 0\n" for count in range(21))),
+        ("attributes", "    def a(self):\n" + "".join(f"        self.a{count} = 0\n" for count in range(21))),
+        ("methods", "".join(f"    def a{count}(self): ...\n" for count in range(31))),
+    ],
+)
+def test_classes_with_too_many_members_are_named(kind, body):
+    assert list(house.measured({"a.py": f"class A:\n{body}"})[kind]) == ["a.py:A"]

@@ -43,7 +43,7 @@ __all__ = [
 _Function = TypeVar("_Function", bound="Callable[..., Any]")
 
 _COMPILATION, _PASS = "numba:compile", "numba:run_pass"
-"""What numba tells of: functions that are not in its cache, and the passes over each of them."""
+"""What numba reports: functions that are not in its cache, and the passes over each of them."""
 
 _uncompiled: list[str] = []
 """The modules that are being imported as plain Python."""

@@ -110,7 +110,7 @@ KINDS: Final[dict[str, FaultKind]] = {
         "The detail names the predicates or agents; `statistics().waiting` lists them, `mdm info` says who tells them.",
     ),
     "idle": FaultKind(
-        "An ensemble decides and has nothing to do: its action has ended, and nothing decides anew.",
+        "An ensemble decides and has nothing to do: its action has ended, and nothing decides again.",
         'Say `then = "decide"` or `"wait"` at the action, or have an input change; see docs/safety.md.',
     ),
     "livelock": FaultKind(
@@ -157,7 +157,7 @@ KINDS: Final[dict[str, FaultKind]] = {
     ),
     "drift": FaultKind(
         "What follows an action differs from the model, at the odds that were chosen.",
-        "Estimate the model anew from a record (docs/statistics.md) and solve it; where something impossible happened, "
+        "Estimate the model again from a record (docs/statistics.md) and solve it; where something impossible happened, "
         "see to the sensors first.",
     ),
     "unwatched": FaultKind(
@@ -233,7 +233,7 @@ KINDS: Final[dict[str, FaultKind]] = {
         "Policies and models have to be the same and deterministic; report it with both records of decisions.",
     ),
     "history": FaultKind(
-        "An agent tells of steps that cannot be; all say anew what they have.",
+        "An agent reports steps that cannot be; all say again what they have.",
         "Once is an agent that came back; again and again, look for two processes of one name.",
     ),
     "snapshot": FaultKind(
@@ -276,7 +276,7 @@ KINDS: Final[dict[str, FaultKind]] = {
     ),
     "repeated": FaultKind(
         "A message came again, or after a newer one of its key, and was dropped.",
-        "Nothing, for a few; many tell of two processes of one name, of two ways between the agents, or of a "
+        "Nothing, for a few; many mean two processes of one name, of two ways between the agents, or of a "
         "recording that is played.",
     ),
     "untimely": FaultKind(
@@ -294,7 +294,7 @@ KINDS: Final[dict[str, FaultKind]] = {
         "Find out what it is: the detail names it.",
     ),
     "renumbered": FaultKind(
-        "Messages of a sender begin to be counted anew without a new life.",
+        "Messages of a sender begin to be counted again without a new life.",
         "Look for two processes of one name.",
     ),
     "missing": FaultKind(

@@ -150,7 +150,7 @@ class State(Message, frozen=True, gc=False):
 class Observation(Message, frozen=True, gc=False):
     """A joint observation; ``index`` is ``None`` while a component is missing.
 
-    ``mask`` tells for each component whether an event has set it anew.
+    ``mask`` tells for each component whether an event has set it again.
     """
 
     index: int | None

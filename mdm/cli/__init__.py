@@ -40,7 +40,7 @@ VERBS = {
     "plot": ("policies", "draw bounds over time, a policy, a belief over an episode, or a recorded run"),
     "replay": ("records", "run what a record has once more, and compare every decision"),
     "explain": ("records", "say why a decision in a record was made"),
-    "statistics": ("records", "tell from records how good a model is, and estimate it anew"),
+    "statistics": ("records", "say from records how good a model is, and re-estimate it"),
     "record": ("records", "describe, print, export and repair the record of a run"),
     "page": ("records", "show the record of a run on a page for this machine's browsers"),
     "watch": ("records", "watch a running system, or a record, in the terminal"),
@@ -171,7 +171,7 @@ def _flush() -> None:
 
 def _follows_interrupt(error: BaseException | None) -> bool:
     """Return whether an error stems from Ctrl-C in code that it broke off, such as an import."""
-    known: list[BaseException] = []  # an error raised anew is in its own context
+    known: list[BaseException] = []  # an error raised again is in its own context
     while error is not None and error not in known:
         if isinstance(error, KeyboardInterrupt):
             return True

@@ -1,7 +1,7 @@
 """Chains: the decisions of an ensemble, in parts within which each one follows from the one before.
 
 A transition may be counted only between two decisions of which the second is the next after the first: nothing else was
-decided between them, nobody began the episode anew, and no tick was missed. Counted across such breaks, a few per cent
+decided between them, nobody began the episode again, and no tick was missed. Counted across such breaks, a few per cent
 of the transitions of a record are false.
 """
 

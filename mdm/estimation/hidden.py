@@ -165,7 +165,7 @@ def evidence_of(model: POMDP, chains: Iterable[Chain]) -> Evidence:
     """Return the evidence of chains of decisions on observations.
 
     A chain begins with the belief of its first decision, or with the initial belief where there is none. Where
-    something was observed that has no probability, the chain is cut, and begins anew with the belief that was decided
+    something was observed that has no probability, the chain is cut, and begins again with the belief that was decided
     on then.
 
     Raises:

@@ -5,7 +5,7 @@ visited stay as they are, rows that were visited often are their frequencies, an
 stays possible: beliefs meet no observation of probability 0 that they did not meet before.
 
 A factored model gives one number for many states: a fire goes out with the same probability whoever waits elsewhere. So
-the counts of the states that were visited are the best guess for those that were not, and a policy that is solved anew
+the counts of the states that were visited are the best guess for those that were not, and a policy that is solved again
 does not go where the old model's number was never put to the test. Rows of a factor to which the model gives the same
 distribution are pooled (`Pool`), from the same value of the factor. Between changes of the state these are rates, of
 which each factor has its own (U. Nodelman, C. R. Shelton and D. Koller, *Continuous time Bayesian networks*,

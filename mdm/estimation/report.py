@@ -148,7 +148,7 @@ class FitReport(msgspec.Struct, frozen=True):
 
 
 class Report(msgspec.Struct, frozen=True):
-    """All that the decisions of an ensemble tell of its model.
+    """All that the decisions of an ensemble say about its model.
 
     Attributes:
         ensemble: The path of the ensemble.
@@ -217,7 +217,7 @@ def statistics(
     false_discoveries: float = FALSE_DISCOVERIES,
     seed: int = 0,
 ) -> Report:
-    """Return all that the decisions of an ensemble tell of its model.
+    """Return all that the decisions of an ensemble say about its model.
 
     Args:
         decisions: Of a record, or of `mdm.testing.capture_decisions`, in their order; or chains of several runs.

@@ -1,7 +1,7 @@
 """Explanations: why an action was decided, computed from policy, model and belief.
 
 Nothing is made up: values are the policy's own, the margin is their difference, observations are removed and the belief
-computed anew, and the smallest change is the solution of a linear program or of an enumeration. A policy that cannot
+computed again, and the smallest change is the solution of a linear program or of an enumeration. A policy that cannot
 tell something says so in a sentence.
 """
 

@@ -148,7 +148,7 @@ class Navigation:
         for place, room in self._rooms.items():
             if declared.knows(room) != "predicate":
                 hint = similar(room, declared.names)
-                raise ConfigError(f"there is no predicate {room!r}, which would tell of the place {place!r}{hint}")
+                raise ConfigError(f"there is no predicate {room!r}, which would say whether it is at the place {place!r}{hint}")
 
     # -- What users call -----------------------------------------------------------------------------------------
 
@@ -428,7 +428,7 @@ class _Way(Binding):
             try:
                 return navigation.resolve(label, action, position)[0] is self._goal
             except Error:
-                return False  # it starts anew, and says what is wrong
+                return False  # it starts again, and says what is wrong
 
         _call(go, "way", label)
         group = navigation if navigation.replaces else None

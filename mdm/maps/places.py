@@ -189,7 +189,7 @@ class Places(Actor):
         # When there was a pose that counts, one that told a place, one that was not finite, and one that was too old.
         self._seen = self._placed = self._bad = self._delayed = -(1 << 62)
         self._told: dict[str, bool | None] = {}
-        self._witness: tuple[str, bool] | None = None  # a predicate that is as told, unless the manager began anew
+        self._witness: tuple[str, bool] | None = None  # a predicate that is as told, unless the manager began again
         self._timer: Timer | None = None
 
     # -- What users call -----------------------------------------------------------------------------------------
@@ -365,7 +365,7 @@ class Places(Actor):
             self._between, self._room, self._at, self._reached, self._located = between, room, at, reached, True
             self._tell()
         elif self._witness is not None and self.predicates.value(self._witness[0]) is not self._witness[1]:
-            self._told.clear()  # the predicate manager has started anew
+            self._told.clear()  # the predicate manager has started again
             self._tell()
         if self._timer is None:
             self._wait()

@@ -338,7 +338,7 @@ class Resolvent:
         return np.asarray(self._factors.solve(columns, trans="T"))
 
     def __reduce__(self) -> tuple[type[Resolvent], tuple[Matrix]]:
-        """Support copies: factors of a CSR matrix cannot be copied, and are made anew."""
+        """Support copies: factors of a CSR matrix cannot be copied, and are made again."""
         return Resolvent, (self._steps,)
 
 

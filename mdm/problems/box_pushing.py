@@ -28,7 +28,7 @@ def box_pushing(success: float = 0.9, *, discount: float = 1.0) -> POMDP:
     The agents stand at two of four places in a row, each with a heading. Above the outer places stand small boxes,
     above the two in the middle a large one, which moves only if both push at once. A step costs each agent 0.1, and 5
     where it pushes against a wall, the other agent or, alone, the large box; a small box pays 10, the large one 100. As
-    soon as a box has been pushed, everything starts anew. An agent sees what is in front of it.
+    soon as a box has been pushed, everything starts again. An agent sees what is in front of it.
 
     100 states (``s2N3W``: the left agent at place 2 looks north, the right one at place 3 west), 4 x 4 actions, 5 x 5
     observations. Optimal values of decentralised plans: 17.6 for 2 decisions, 66.081 for 3, 98.59361 for 4.

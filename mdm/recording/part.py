@@ -298,7 +298,7 @@ class Part:
         return True
 
     def _close_holes(self, next_message: tuple[int, int] | None) -> None:
-        """Tell of the damage since the last sound chunk: lost messages, and the time of the next one, if any."""
+        """Describe the damage since the last sound chunk: lost messages, and the time of the next one, if any."""
         if self._damaged:
             reason = " and ".join(dict.fromkeys(hole.reason for hole in self._damaged))
             size = sum(hole.size for hole in self._damaged)

@@ -360,7 +360,7 @@ class Actor:
         _demand_actor(child)
         life = child.__ended
         await child.__stop()
-        if child.parent is self and child.__ended is life:  # else another has stopped it, too, and started it anew
+        if child.parent is self and child.__ended is life:  # else another has stopped it, too, and started it again
             self.__children.remove(child)
             self.__names.discard((child.name, child.__place))
             child.__parent = None
@@ -491,7 +491,7 @@ class Actor:
         delay = self.__budget.delay(self.runtime.now()) if self.__budget is not None else None
         if delay is not None:
             self.__backoff = delay
-            if self.life != "restarting":  # else it waits to start anew already
+            if self.life != "restarting":  # else it waits to start again already
                 self.__ask("restart")
         elif self.supervision == "stop":
             self.__ask("fail")
@@ -635,7 +635,7 @@ class Actor:
                     await self.__let_go()
                 finally:
                     await self.__give_back()
-            # A further start adds anew what on_start adds.
+            # A further start adds again what on_start adds.
             for child in self.children:
                 if child not in permanent:
                     child.__parent = None  # noqa: SLF001 - the tree is actors' own affair

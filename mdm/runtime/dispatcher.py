@@ -723,7 +723,7 @@ class Dispatcher:
             return
         self._woken = False
         before = self._from_threads
-        # Only what is there now: what comes meanwhile has woken the event loop anew, which must not starve.
+        # Only what is there now: what comes meanwhile has woken the event loop again, which must not starve.
         for _ in range(len(inbox)):
             item = inbox.take()
             if item is None:

@@ -236,7 +236,7 @@ class Observers:
         hears_lives: Whether anybody hears lives of actions.
         hears_calls: The same, of plain functions that succeed.
         hears_steps: Whether anybody hears decisions before a message is made of them.
-        message: Tells of a message on a channel of input; the next ones are named as the methods of `Observer`.
+        message: Hands on a message on a channel of input; the next ones are named as the methods of `Observer`.
         tasks: The ensemble and the life of each task of an action.
     """
 
@@ -347,7 +347,7 @@ class Observers:
     # -- What happens --------------------------------------------------------------------------------------------------
 
     def tell(self, kind: Callable[..., Stimulus], *fields: Any) -> None:
-        """Tell of a stimulus, which is made of its fields where anybody hears it."""
+        """Hand on a stimulus, which is made of its fields where anybody hears it."""
         if self.heard:
             self.stimulus(kind(*fields))
 

@@ -221,7 +221,7 @@ class Runtime:
         if not isinstance(name, str) or not isinstance(type, builtins.type):
             raise Error(f"a channel has a name and carries messages of a class, not {name!r} and {type!r}")
         channel = self._channels.get(name)
-        if channel is None:  # made anew, unless somebody has kept the one that was given back
+        if channel is None:  # made again, unless somebody has kept the one that was given back
             channel = self._deserted.get(name)
             if channel is None:
                 channel = Channel(name, type, self.dispatcher, retain=retain, owner=self.root)

@@ -72,7 +72,7 @@ class Restart(msgspec.Struct, frozen=True):
 
 
 Supervision = Restart | Literal["stop", "escalate"]
-"""What a failure means: start anew, stop that actor alone, or let it be the parent's failure."""
+"""What a failure means: start again, stop that actor alone, or let it be the parent's failure."""
 
 
 def check_supervision(given: object) -> None:

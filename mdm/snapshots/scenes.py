@@ -54,7 +54,7 @@ def ensembles_of(
     """Return the scenes of ensembles, by their paths, each behind the one above it.
 
     Args:
-        ensembles: By their paths; None where a record alone tells of it.
+        ensembles: By their paths; None where only a record shows it.
         spaces: The states of each.
         actions: The names of the actions of those of which a record alone tells.
     """

@@ -92,7 +92,7 @@ def perseus(
     It has ``converged`` when the improvement of a round shows that more rounds cannot add more than the gap.
 
     Args:
-        model: The model; its observations tell of states or are events. Factored ones are flattened.
+        model: The model; its observations depend on states or are events. Factored ones are flattened.
         limits: When to stop, and where to report; its iterations are rounds.
         beliefs: How many beliefs to find, or an array of them, n x S. The initial one is always among them.
         seed: Of the exploration and the order of backups; the same seed gives the same policy.

@@ -652,7 +652,7 @@ def _is_impossible(word: Update, team: Team, now: int) -> str | None:
     if episode.origin > latest:
         return f"is of an episode that begins at tick {episode.origin}, more than a lease ahead"
     if any(number > now + HOUR for stops in (word.stops, episode.stops) for number in stops.values()):
-        return "tells of a stop that cannot have been yet"
+        return "reports a stop that cannot have been yet"
     return None
 
 

@@ -21,7 +21,7 @@ Place: TypeAlias = "tuple[str, tuple[int, str, int], int, str | None]"
 """Which step a line tells: of which ensemble, the term, the number, and the command where it is one."""
 
 _TAIL = 4 << 20
-"""Bytes at the end of a file whose steps are known; an agent that returns is told a few hundred anew at most."""
+"""Bytes at the end of a file whose steps are known; an agent that returns is told a few hundred again at most."""
 
 
 class Committed(Message, frozen=True, gc=False):

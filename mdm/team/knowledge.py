@@ -145,7 +145,7 @@ class Recollection:
         return self.controller.belief
 
     def start(self) -> None:
-        """Begin anew: at step 0, from the initial belief, with nothing known."""
+        """Begin again: at step 0, from the initial belief, with nothing known."""
         self._controller.reset()
         self.step = self._at = self._from = 0
         self._decision = None
@@ -494,7 +494,7 @@ class Knowledge:
         self.start()
 
     def start(self) -> None:
-        """Begin anew: at step 0, from the initial belief, with nothing shared."""
+        """Begin again: at step 0, from the initial belief, with nothing shared."""
         self.unshared: tuple[Experience, ...] = ()
         self.last_shared: Experience | None = None
         self._did: int | None = None

@@ -68,7 +68,7 @@ class Binding:
     ) -> None:
         settings = BindingSettings.from_keywords(options)
         if goes_on is not None and settings.on_repeat != "restart":
-            raise ConfigError("goes_on is for an action that starts anew: give on_repeat='restart'", key="goes_on")
+            raise ConfigError("goes_on is for an action that starts again: give on_repeat='restart'", key="goes_on")
         if settings.group is not None and settings.concurrent:
             raise ConfigError("a concurrent action replaces none, and so is of no group", key="group")
         self.target = target

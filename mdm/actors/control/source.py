@@ -143,12 +143,12 @@ class OwnChannels:
         """Decide nothing more; observations of a safe mode are taken in until that is over."""
         self._control.running = False
 
-    def go_on(self, time: int, *, anew: bool, predict: bool) -> None:
+    def go_on(self, time: int, *, restart: bool, predict: bool) -> None:
         """Decide on the input known now: a safe mode is over.
 
         Args:
             time: When.
-            anew: Begin a new episode: the effect of the safe action on the state is unknown.
+            restart: Begin a new episode: the effect of the safe action on the state is unknown.
             predict: Time has passed, of which the belief does not know.
         """
         control = self._control
@@ -156,7 +156,7 @@ class OwnChannels:
         self._held, control.running = Held.NOT, True
         controller = control.controller
         if not control.takes_states:
-            if (anew and not controller.given) or controller.over:
+            if (restart and not controller.given) or controller.over:
                 control.begin_episode()
                 self._unanswered = ("release", None)
             elif predict and control.event_driven and not moved:
@@ -283,7 +283,7 @@ class JointProcess:
     def latch(self) -> None:
         """Go on deciding, as `hold` does."""
 
-    def go_on(self, time: int, *, anew: bool, predict: bool) -> None:
+    def go_on(self, time: int, *, restart: bool, predict: bool) -> None:
         """Publish the team's last decision, unless it is about to be published."""
         if not self._taking:
             self.repeat(time)

@@ -100,7 +100,7 @@ class Safety:
         self.last_word.tell()
 
     def _watch(self, manager: PredicateManager) -> None:
-        """Notice sensors that become too old, and those of observations that turn unknown: no state tells of these."""
+        """Notice sensors that become too old, and those of observations that turn unknown: no state shows these."""
         ensemble = self._ensemble
         observed = ensemble.observation.inputs() if ensemble.observation else frozenset()
         used = observed | (ensemble.state.inputs() if ensemble.state else frozenset())
@@ -293,7 +293,7 @@ class Safety:
     def _resume(self, time: int) -> None:
         self._tell(time)
         stale, self._stale = self._stale and self._done is None, False
-        self._control.source.go_on(time, anew=stale and not self._keep, predict=stale or self._done is not None)
+        self._control.source.go_on(time, restart=stale and not self._keep, predict=stale or self._done is not None)
         if self.deciding and self._control.blind:
             self.waiting.begin()
 

@@ -132,10 +132,10 @@ VERBS = {
         "records.replay:explain",
     ),
     "statistics": Verb(
-        "Count what the decisions of records tell of a model, of one ensemble, over several runs: probabilities with "
+        "Count what the decisions of records say about a model, of one ensemble, over several runs: probabilities with "
         "intervals, and rows that differ from the model, by evidence and by the loss of value; rates and how long "
         "states last; where states are hidden, what is most likely, by expectation maximisation. The model estimated "
-        "anew, and how long actions take, can be written, solved and evaluated.",
+        "again, and how long actions take, can be written, solved and evaluated.",
         "mdm statistics run.mcap --model top.pomdpx --ensemble top -o new.npz --durations times.npz",
         (
             Argument("files FILE...", "the record; several are runs, or agents, that are pooled"),
@@ -144,7 +144,7 @@ VERBS = {
                 "--ensemble PATH",
                 "the ensemble, where several have decided: robot is each .../robot, in all records",
             ),
-            Argument("-o --output NEW_MODEL", "write the model estimated anew"),
+            Argument("-o --output NEW_MODEL", "write the re-estimated model"),
             Argument("--durations OUT.npz", "write how long actions take, for --durations of mdm solve"),
             Argument(
                 "--step S",

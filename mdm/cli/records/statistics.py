@@ -103,6 +103,6 @@ def _print(arguments: argparse.Namespace, records: Sequence[Record], report: Rep
             if Path(arguments.output).suffix.lower() == ".npz"
             else "; how often rows were seen is kept in .npz alone"
         )
-        print(f"{arguments.output}: the model estimated anew{kept}")
+        print(f"{arguments.output}: the re-estimated model{kept}")
     if arguments.durations is not None:
         print(f"{arguments.durations}: how long actions take, for --durations of mdm solve and mdm evaluate")

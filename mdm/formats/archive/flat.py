@@ -243,7 +243,7 @@ class Store:
     ) -> tuple[bytes, dict[str, npt.NDArray[Any]]]:
         """Return the header and the arrays of a file, mapped into memory; writing to them changes this process's alone.
 
-        A file that is damaged, or that somebody else could have written, is told of in a warning and made anew.
+        A file that is damaged, or that somebody else could have written, is told of in a warning and made again.
 
         Args:
             name: The file's name, without its suffix: a digest of its sources.
@@ -280,7 +280,7 @@ class Store:
         except (OSError, StoreError, FormatError) as error:
             if tells:
                 wrong = getattr(error, "strerror", None) or getattr(error, "message", None) or error
-                text = f"{self._folder / name}.npz is not used, and made anew: {wrong}"
+                text = f"{self._folder / name}.npz is not used, and made again: {wrong}"
                 warnings.warn(text, ModelWarning, stacklevel=2)
             return None
 

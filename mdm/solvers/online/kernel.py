@@ -97,7 +97,7 @@ def plant(
     generator: np.random.Generator,
     particles: int,
 ) -> None:
-    """Begin a tree anew, of a root alone: a belief as states and their probabilities."""
+    """Begin a tree again, of a root alone: a belief as states and their probabilities."""
     tree.sizes[0] = tree.sizes[1] = 0
     length = len(states)
     tree.states[:length] = states

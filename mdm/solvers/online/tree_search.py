@@ -173,7 +173,7 @@ class Search:
 
 
 class TreeSearch(Kind):
-    """Chooses by looking ahead from the present belief, anew at each decision.
+    """Chooses by looking ahead from the present belief, again at each decision.
 
     In an ensemble the search runs in a process of its own, beside the loop: see `Planner`. Called directly,
     ``action`` searches before it returns. After the model's false negative, or no observation at all, the action
@@ -262,7 +262,7 @@ class TreeSearch(Kind):
         self.seed(seed)
 
     def seed(self, seed: int | None) -> None:
-        """Begin the samples anew."""
+        """Begin the samples again."""
         self._seed = seed
         self._search: Search | None = None
 

@@ -1,4 +1,4 @@
-"""Condensation: a small plan that keeps the promise of a large set of alpha vectors, with values computed anew.
+"""Condensation: a small plan that keeps the promise of a large set of alpha vectors, with values computed again.
 
 A vector is only worth what it says while the vectors that it was made of are there. So the vectors that are chosen at
 the beliefs of a good plan become nodes of a finite-state controller (E. A. Hansen, *Solving POMDPs by searching in
@@ -414,7 +414,7 @@ def condensed(
 ) -> Condensed | None:
     """Return the vectors of a small plan; None where there is no time or no room to evaluate one.
 
-    The first plan is made of the vectors that are given. Its nodes are chosen among anew, by their own values, while
+    The first plan is made of the vectors that are given. Its nodes are chosen among again, by their own values, while
     that makes it better by more than the loss.
 
     Args:

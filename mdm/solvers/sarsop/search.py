@@ -316,7 +316,7 @@ def _edge_lower(layout: Layout, graph: Graph, edge: int) -> float:
 
 @compiled
 def _best_upper(layout: Layout, graph: Graph, scratch: Scratch, edge: int) -> int:
-    """Return the action of the greatest upper bound, found anew whenever its update lowers that bound.
+    """Return the action of the greatest upper bound, found again whenever its update lowers that bound.
 
     It may be one that is not expanded.
     """

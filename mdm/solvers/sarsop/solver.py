@@ -111,11 +111,11 @@ def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -
     that sees them from the start.
 
     Args:
-        model: The model; its observations tell of states or are events. Factored ones are flattened.
+        model: The model; its observations depend on states or are events. Factored ones are flattened.
         limits: When to stop, and where to report.
         whole: Whether the policy has all vectors that its value was built from, by backups alone. By default plans are
             looked for beside these, which raises the lower bound sooner, and the policy has the few vectors that a good
-            plan uses, with values that hold for these alone: it is certified anew.
+            plan uses, with values that hold for these alone: it is certified again.
 
     Raises:
         ModelError: If the discount is 1.

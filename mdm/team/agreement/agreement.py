@@ -391,7 +391,7 @@ class Agreement:
         ahead[sender] = ahead.get(sender, 0) + 1
         if ahead[sender] >= _INSISTS:
             told = f"{sender} says that it has applied step {step}, and {self.agent}, which leads, {self.step}"
-            self._report("history", f"{told}: all say anew what they have")
+            self._report("history", f"{told}: all say again what they have")
             self._call(now)
         return True
 
@@ -758,7 +758,7 @@ class Agreement:
         self._advance(now)
 
     def _join_own(self, now: int) -> None:
-        """Answer its own call anew, after this agent has taken the missing steps."""
+        """Answer its own call again, after this agent has taken the missing steps."""
         self._ballot.joined[self.agent] = self._joined()
         self._begin_if_enough(now)
 

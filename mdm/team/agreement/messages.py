@@ -217,7 +217,7 @@ def is_possible(message: Message, agents: Container[str], now: int) -> bool:
 
 
 def _positions(message: Message) -> tuple[Position, ...]:
-    """Return the places in histories that a message tells of, besides a step of its own."""
+    """Return the places in histories that a message names, besides a step of its own."""
     match message:
         case Begin() | Fetch():
             return (message.position,)

@@ -252,6 +252,6 @@ class Validity(Actor):
         """Look, and look again later."""
         if self.days < _LAST:
             taken = "is started again" if self._listens else "connects to its router again"
-            told = "renew the files, for then nobody connects anew; this agent takes them up when it"
+            told = "renew the files, for then nobody reconnects; this agent takes them up when it"
             self.report("certificate", f"{ending(self.days, self._agent)}: {told} {taken}")
         self.call_later(_PAUSE, self.on_running)

@@ -78,7 +78,7 @@ class Listening(socket.socket):
 class Counted(asyncio.Protocol):
     """A connection that is counted from its beginning, of an event loop that accepts without a socket of Python's.
 
-    Such a loop tells of a connection behind its handshake of TLS, where there is one: until then it counts nowhere.
+    Such a loop reports a connection behind its handshake of TLS, where there is one: until then it counts nowhere.
 
     Attributes:
         crowd: Counts connections.

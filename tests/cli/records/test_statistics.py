@@ -56,7 +56,7 @@ def test_a_wrong_row_is_told_and_the_model_estimated_anew_is_nearer(mdm, tmp_pat
     assert (status, errors) == (0, "")
     assert re.match(r"robot: 10\d\d decisions in 1 chain, steps, known states", output[0])
     assert [line.partition(":")[0] for line in output if line.startswith("T ")] == ["T go dry"]
-    assert output[-1] == f"{new}: the model estimated anew"
+    assert output[-1] == f"{new}: the re-estimated model"
     assert library.load_model(new).visits.sum() == int(output[0].split()[1]) - 1
     assert library.load_model(new).transition_matrix(0) == pytest.approx(np.array(TRUE), abs=0.05)
     solved, printed, _ = mdm("solve", new, "-o", tmp_path / "new.policy")

@@ -81,7 +81,7 @@ def spoilt(path, how):
 def test_a_damaged_file_is_told_of_and_made_anew(folder, how):
     spoilt(filled(folder), how)
     make = Maker()
-    with pytest.warns(ModelWarning, match=r"one\.npz is not used, and made anew") as told:
+    with pytest.warns(ModelWarning, match=r"one\.npz is not used, and made again") as told:
         _, arrays = Store(folder).obtain("one", make)
     assert (len(told), make.count) == (1, 1)
     assert np.array_equal(arrays["numbers"], NUMBERS)

@@ -49,7 +49,7 @@ def test_the_last_two_days_are_told_by_faults_and_not_those_before(files, monkey
     assert 1.7 < told[0][0] < 2.0
     assert told[0][1].detail == (
         f"the certificate of 'ada', or of the authority that signed it, ends in {told[0][0]:.1f} days: renew the "
-        "files, for then nobody connects anew; this agent takes them up when it is started again"
+        "files, for then nobody reconnects; this agent takes them up when it is started again"
     )
 
 

@@ -157,7 +157,7 @@ KINDS: Final[dict[str, FaultKind]] = {
     ),
     "drift": FaultKind(
         "What follows an action differs from the model, at the odds that were chosen.",
-        "Estimate the model again from a record (docs/statistics.md) and solve it; where something impossible happened, "
+        "Re-estimate the model from a record (docs/statistics.md) and solve it; where something impossible happened, "
         "see to the sensors first.",
     ),
     "unwatched": FaultKind(

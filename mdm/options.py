@@ -55,6 +55,8 @@ class Options(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             except msgspec.ValidationError as error:
                 text, place = misfit(error, value, kind)
                 raise ConfigError(text, key=f"{name}{place}") from None
+            except (AttributeError, TypeError, ValueError) as error:  # of an object that msgspec does not know
+                raise ConfigError(f"{value!r} cannot be a value of it", key=name) from error
 
     @classmethod
     def from_keywords(cls, given: Mapping[str, Any], *, below: str = "") -> Self:

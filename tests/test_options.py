@@ -96,3 +96,11 @@ def test_a_typed_dictionary_is_equal_to_its_struct(keywords, struct):
             assert kind == fields[name], name
         else:
             assert name in OBJECTS, name
+
+
+@pytest.mark.parametrize("given", [np.True_, np.array(3), object()])
+def test_an_object_of_another_kind_is_refused(given):
+    with pytest.raises(mdm.ConfigError, match="lasts"):
+        Two(lasts=given)  # type: ignore[call-arg] # of a class in a test
+    with pytest.raises(mdm.ConfigError, match="actions: "):
+        mdm.team.Placement(actions=given)

@@ -148,7 +148,9 @@ class Navigation:
         for place, room in self._rooms.items():
             if declared.knows(room) != "predicate":
                 hint = similar(room, declared.names)
-                raise ConfigError(f"there is no predicate {room!r}, which would say whether it is at the place {place!r}{hint}")
+                raise ConfigError(
+                    f"there is no predicate {room!r}, which would say who is at the place {place!r}{hint}"
+                )
 
     # -- What users call -----------------------------------------------------------------------------------------
 

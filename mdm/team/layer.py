@@ -97,6 +97,9 @@ class TeamLayer(Layer):
         self.own: tuple[int | None, ...] = (None,) * len(self._places)
         self._seen: list[int | None] = [None] * len(self._places)
         self.reported_held = False
+        # Until when it waits for the team's word: that it was safe for missing teammates, whoever has released it.
+        self._waits_for: frozenset[str] = frozenset()
+        self._held_for: frozenset[str] = frozenset()
         self.storage: Storage | None = None
         self.stopped: StoredStop | None = None
         self._lasting: tuple[Cause, ...] = ()
@@ -111,6 +114,7 @@ class TeamLayer(Layer):
         channel = self.owner.channel
         self._dispatcher = self.runtime.dispatcher
         self._now = self._dispatcher.now
+        self._waits_for = self._held_for = frozenset()
         if self.ownership.takes == "state":
             self._take_in(channel("own_state", State, retain=True), self._on_own_state)
         else:
@@ -142,11 +146,11 @@ class TeamLayer(Layer):
     def _on_live(self, link: Link) -> None:
         if link.refusal is not None:
             self.pause()
-        safety = self.ensemble.safety
-        if "missing_teammate" in safety.modes.causes and not self.unmet:  # wait no longer: the team decides
+        if self._waits_for and not self.unmet:  # wait no longer: the team decides
+            self._waits_for = frozenset()
             now = self.runtime.now()
-            safety.stop(now)
-            safety.reopen(_UNMET, now)
+            self.ensemble.safety.stop(now)
+            self.ensemble.safety.reopen(_UNMET, now)
         self.update_live(link)
         self.assess(self.runtime.now())
 
@@ -178,6 +182,7 @@ class TeamLayer(Layer):
     def miss(self, text: str) -> None:
         """Be safe until the teammates that were never met come, or a person asks for a start."""
         if self.unmet and not self.still and self.stopped is None and self.link.refusal is None:
+            self._waits_for = frozenset(self.team.names) - {self.agent}
             self.ensemble.safety.wait("missing_teammate", text, self.runtime.now())
 
     def pause(self) -> None:
@@ -315,7 +320,8 @@ class TeamLayer(Layer):
                 safety.endanger("lost_teammate", f"lost: {', '.join(sorted(self.lost))}", now)
             else:
                 safety.reopen(_TEAMMATE, now)
-        elif safety.on_lost_teammate == "hold" and bool(self.lost) != self.ensemble.action.barred:
+        elif safety.on_lost_teammate == "hold" and bool(self.lost) != bool(self._held_for):
+            self._held_for = self.lost
             self.ensemble.action.bar(barred=bool(self.lost))
             if not self.lost:
                 self.process.repeat(now)

@@ -173,3 +173,20 @@ def test_who_communicates_decides_on_what_it_knows_and_says_so():
         assert told.detail.endswith("; ada decides on what it knows")
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize("options", AGREEING)
+def test_one_that_a_person_has_released_waits_for_its_team_s_word_when_it_meets_it(options):
+    async def main(runtime):
+        pair = Pair(runtime, **options)
+        ada, _ = await pair.begin("ada", "bob")
+        modes = []
+        runtime.modes.subscribe(lambda mode: modes.append(mode.mode) if mode.ensemble == ada.ensemble.path else None)
+        ada.ensemble.release()
+        await asyncio.sleep(2.0)
+        modes.clear()
+        pair.network.heal()
+        await asyncio.sleep(3.0)
+        assert modes == ["stopped", "deciding"]
+
+    run_virtual(main)

@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from mdm.actors.predicates.predicate_manager import PredicateManager
     from mdm.runtime import Timer, Work
 
-"""Seconds that a safe action may take, where nothing else is said."""
-
 Secured = Callable[[str | None], None]
 
 _FAILED = frozenset({"failed", "timed_out", "abandoned"})

@@ -143,8 +143,8 @@ def mars_rovers(success: float = 0.9, *, discount: float = 1.0) -> POMDP:
 
     Two sites are to be drilled by both rovers at once, which pays 6; at the two others a sample is enough. Drilling
     alone spoils a site, and costs 10; a sample pays 2. Work at a site that has been worked at costs 1, a move 0.1. When
-    the last site has been worked at, all starts again. Each rover sees where it is and whether this site has been worked
-    at.
+    the last site has been worked at, all starts again. Each rover sees where it is and whether that site has been
+    worked at.
 
     256 states, 6 x 6 actions, 8 x 8 observations. Optimal values of decentralised plans: 5.80 for 2 decisions, 9.38 for
     3, 10.18 for 4.

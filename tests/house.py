@@ -11,6 +11,10 @@ import re
 import sys
 import tomllib
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 PACKAGE = Path(__file__).resolve().parents[1] / "mdm"
 LIMITS = Path(__file__).with_name("house.toml")
@@ -28,24 +32,35 @@ def room(path: str) -> str:
     return path.split("/", maxsplit=1)[0] if "/" in path else "top"
 
 
-def docstrings(tree: ast.AST) -> list[ast.Expr]:
-    """Return the docstrings of a module as nodes."""
-    documented = (node for node in ast.walk(tree) if isinstance(node, (ast.Module, ast.ClassDef, *FUNCTIONS)))
+def docstrings(nodes: list[ast.AST]) -> list[ast.Expr]:
+    """Return the docstrings among the nodes of a module."""
+    documented = (node for node in nodes if isinstance(node, (ast.Module, ast.ClassDef, *FUNCTIONS)))
     return [node.body[0] for node in documented if ast.get_docstring(node, clean=False) is not None]
 
 
+def statements(tree: ast.AST) -> Iterator[ast.AST]:
+    """Yield a module or a class, and all statements within it, but for expressions, which are most nodes."""
+    yield tree
+    for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+        inner = getattr(tree, part, ())
+        for each in inner if isinstance(inner, list) else ():
+            yield from statements(each)
+
+
 def attributes(node: ast.ClassDef) -> int:
-    """Return how many attributes a class sets on itself, in its slots, its fields and its methods."""
+    """Return how many attributes a class sets on itself, in its fields and its methods."""
     fields = {
         item.target.id for item in node.body if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name)
     }
+    targets: list[ast.expr] = []
+    for item in statements(node):
+        targets += item.targets if isinstance(item, ast.Assign) else []
+        targets += [item.target] if isinstance(item, (ast.AnnAssign, ast.AugAssign, ast.For)) else []
     stored = {
-        item.attr
-        for item in ast.walk(node)
-        if isinstance(item, ast.Attribute)
-        and isinstance(item.ctx, ast.Store)
-        and isinstance(item.value, ast.Name)
-        and item.value.id == "self"
+        part.attr
+        for target in targets
+        for part in ast.walk(target)
+        if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name) and part.value.id == "self"
     }
     return len(fields | stored)
 
@@ -63,15 +78,16 @@ def measured(texts: dict[str, str]) -> dict[str, dict[str, float | int]]:
         total += lines
         found["lines"][where] = found["lines"].get(where, 0) + lines
         found["files"][where] = found["files"].get(where, 0) + 1
-        for node in docstrings(tree):
+        nodes = list(statements(tree))
+        if re.search(r"^(?!\s*(?:from|import) ).*\.control\b(?!\s*(?::.*)?=[^=])", text, re.MULTILINE):
+            reaching.add(path)
+        for node in docstrings(nodes):
             documented += (node.end_lineno or 0) - node.lineno + 1
             spoken = re.findall(r"[A-Za-z]+", node.value.value)
             words.setdefault(where, [0, 0])
             words[where][0] += sum(word.lower() in {"what", "whatever"} for word in spoken)
             words[where][1] += len(spoken)
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Attribute) and node.attr == "control" and isinstance(node.ctx, ast.Load):
-                reaching.add(path)
+        for node in nodes:
             if isinstance(node, ast.ClassDef):
                 if (count := attributes(node)) > MANY_ATTRIBUTES:
                     found["attributes"][f"{path}:{node.name}"] = count

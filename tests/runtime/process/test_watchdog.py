@@ -172,14 +172,18 @@ def test_an_emergency_that_does_not_end_does_not_end_the_watch():
     async def main():
         async with Runtime(log=None, watchdog=0.5, emergency=emergency) as runtime:
             faults = probe(runtime.faults)
-            for number in (3, 6):
+            for held in (1, 2):
                 time.sleep(1.5)  # noqa: ASYNC251 - which is what is tried
-                while len(faults) < number:
+                while [fault.kind for fault in faults].count("stall") < 2 * held:
                     await asyncio.sleep(0.01)
-        return faults
+        return [fault.kind for fault in faults]
 
     try:
-        assert [fault.kind for fault in run(main)] == ["emergency", "stall", "stall"] * 2
+        kinds = run(main)
+        # A busy machine holds the loop by itself, too, which is a stall more and no emergency.
+        rounds = " ".join(kinds).split("emergency")
+        assert [len(stalls.split()) >= 2 for stalls in rounds] == [False, True, True]
+        assert {*kinds} == {"emergency", "stall"}
         assert len(called) == 2
     finally:
         hold.set()

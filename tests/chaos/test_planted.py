@@ -260,7 +260,7 @@ EDGES = {
     faults.starve_nobody: 13,
     faults.leave_a_circle_in_which_no_time_passes_alone: 89,
     faults.let_no_time_pass_while_a_circle_ends: 89,
-    faults.begin_an_abandoned_action_beside_itself: 706,
+    faults.begin_an_abandoned_action_beside_itself: 591,
     faults.plan_no_pause_where_the_safe_action_is_due: 63,
     faults.lose_the_pause_with_a_safe_action_that_is_tried_again: 63,
     faults.take_the_decided_action_with_a_superseded_one: 189,

@@ -516,8 +516,8 @@ def test_two_in_episodes_that_another_made_unlike_agree_and_do_not_shout_at_each
             {},
             "is of an episode that begins at tick 1000000000, more than a lease ahead",
         ),
-        ({"number": 7, "stops": {"left": 10**15}}, {}, "tells of a stop that cannot have been yet"),
-        ({"number": 7}, {"left": 10**15}, "tells of a stop that cannot have been yet"),
+        ({"number": 7, "stops": {"left": 10**15}}, {}, "reports a stop that cannot have been yet"),
+        ({"number": 7}, {"left": 10**15}, "reports a stop that cannot have been yet"),
     ],
 )
 def test_what_no_agent_says_of_episodes_and_stops_is_dropped(episode, stops, words):

@@ -2,8 +2,8 @@
 
 ``pytest --processor-limit 2`` fails each test of the default ring that takes more, and lists the costliest in the
 summary. The limit is for the machine on which the suite was tuned: a loop that every worker times at its start, and
-again behind a test that took more, says how much slower this one is. Wall time is not looked at: it depends on what else
-runs.
+again behind a test that took more, says how much slower this one is. Wall time is not looked at: it depends on what
+else runs.
 """
 
 from __future__ import annotations

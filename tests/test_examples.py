@@ -655,7 +655,7 @@ def patrolled(seconds):
     return steps, rooms, distances, touched
 
 
-@pytest.mark.parametrize("seconds", [100, pytest.param(240, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seconds", [80, pytest.param(240, marks=pytest.mark.slow)])
 def test_two_robots_share_the_patrol_of_a_building(seconds):
     steps, rooms, distances, touched = patrolled(seconds)
     assert steps["ada"] == steps["bob"]

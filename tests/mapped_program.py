@@ -4,7 +4,7 @@ Run by `unshare -Urnm python mapped_program.py FOLDER` it is root, and what it m
 namespace has a way to this one, which forwards nothing, as the host of two containers. The folder has the team's
 file, and `router.py`, if one is to run.
 
-It prints one line of JSON: the exit status of `mdm team status` when it was 0 at last, and what it told.
+It prints one line of JSON: the exit status of `mdm team status` when it was 0 and all decided at last, and its answer.
 """
 
 from __future__ import annotations
@@ -80,6 +80,12 @@ async def status(file):
     return process.returncode, json.loads(output or "{}"), errors.decode()
 
 
+def decides(told):
+    """Whether the status is 0, and all have joined by now: who still joins is stopped."""
+    code, answers, _ = told
+    return code == 0 and all(one["joint"]["mode"] == "deciding" for one in answers["agents"].values())
+
+
 async def main(folder):
     file, router = folder / "team.toml", folder / "router.py"
     servers = [] if router.exists() else [await map_port(agent) for agent in ROBOTS]
@@ -89,7 +95,7 @@ async def main(folder):
         running.append(await python(router, file, f"{protocol}/0.0.0.0:7447"))
     try:
         async with asyncio.timeout(PATIENCE):
-            while (told := await status(file))[0] != 0:
+            while not decides(told := await status(file)):
                 pass
     except TimeoutError:
         told = await status(file)

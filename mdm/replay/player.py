@@ -192,9 +192,11 @@ class Player(Choices, Observer):
         # Those that should have been made by now, and were not: what had led there, by their numbers.
         self._overdue: dict[int, tuple[Stimulus, ...]] = {}
         self._due: deque[tuple[int, Decision, int]] = deque()
+        self._places: list[int] = []
         for number, (decision, by, place) in enumerate(decisions):
             self._expected[decision.ensemble].append((number, decision, by))
             self._due.append((number, decision, place))
+            self._places.append(place)
             if decision.cause in _EVENTS:
                 self._eventful.add(decision.ensemble)
             self.count += 1
@@ -211,7 +213,9 @@ class Player(Choices, Observer):
         self._overs = {(over.ensemble, over.epoch, over.time) for over in stimuli if isinstance(over, Over)}
         self._delays = Delays()
         self._behind: dict[tuple[str, int, int], int] = {}
-        self._late: dict[tuple[str, int, int], int] = {}
+        # Decisions that came late, each with its place among the stimuli: an episode that begins within a turn has
+        # others of the same epoch and time.
+        self._late: dict[tuple[str, int, int], deque[tuple[int, int]]] = defaultdict(deque)
         self._begins: Counter[tuple[str, str]] = Counter()
         self._waiting: dict[tuple[str, str], asyncio.Future[None]] = {}
         self._came = asyncio.Event()
@@ -221,10 +225,12 @@ class Player(Choices, Observer):
         # Work that has not been waited for to take its first step.
         self.fresh: list[tuple[StandIn, Work]] = []
         ticks = 0
-        for stimulus in stimuli:
+        for place, stimulus in enumerate(stimuli):
             if isinstance(stimulus, Ticked):
                 ticks += 1
                 self._rates[stimulus.actor].add(stimulus.rate)
+            elif isinstance(stimulus, Late):
+                self._late[stimulus.ensemble, stimulus.epoch, stimulus.time].append((place, stimulus.latency))
             self._sort(stimulus, ticks)
 
     def _sort(self, stimulus: Stimulus, ticks: int) -> None:
@@ -237,8 +243,6 @@ class Player(Choices, Observer):
             self._lasting.add((stimulus.ensemble, stimulus.life))
         elif isinstance(stimulus, GoesOn):
             self._goes_on[stimulus.ensemble, stimulus.epoch, stimulus.time] = stimulus.answer
-        elif isinstance(stimulus, Late):
-            self._late[stimulus.ensemble, stimulus.epoch, stimulus.time] = stimulus.latency
         elif isinstance(stimulus, Behind):
             self._behind[stimulus.actor, stimulus.time, stimulus.number] = stimulus.begin
         elif isinstance(stimulus, Kept):
@@ -386,8 +390,15 @@ class Player(Choices, Observer):
             output.draw_from(draws)
 
     def latency(self, ensemble: str, epoch: int, time: int, latency: int) -> int:
-        """Return how late the decision was."""
-        return self._late.get((ensemble, epoch, time), 0)
+        """Return how late the decision was; 0 for one that the record has before the one that came late."""
+        late = self._late.get((ensemble, epoch, time))
+        if not late:
+            return 0
+        if expected := self._expected[ensemble]:
+            number, decision, _ = expected[0]
+            if (decision.epoch, decision.time) == (epoch, time) and self._places[number] <= late[0][0]:
+                return 0
+        return late.popleft()[1]
 
     def on_step(
         self,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import random
+import time
 
 import numpy as np
 import pytest
@@ -319,3 +320,38 @@ def test_a_record_without_a_start_is_refused(tmp_path):
     writing.close()
     with refused(Error):
         replay(tmp_path / "other.mcap", Robot().ensemble)
+
+
+def resetting(*, holds):
+    """Return a robot whose first action resets it, and then holds the event loop beyond its deadline."""
+    calls = []
+
+    def act():
+        calls.append(None)
+        if holds and len(calls) == 1:
+            robot.reset()
+            time.sleep(0.1)
+
+    model = mdm.problems.tiger()
+    robot = mdm.Ensemble(
+        "tiger",
+        policy=mdm.policies.AlphaVectors([[-2.0, -2.0], [-50.0, 20.0], [20.0, -50.0]], [0, 1, 2], 3),
+        model=model,
+        actions=dict.fromkeys(model.action_space.names, act),
+        deadline=0.05,
+        safe_action=lambda: None,
+    )
+    return robot
+
+
+def test_of_two_decisions_of_one_epoch_and_time_the_one_that_was_late_is_late(tmp_path):
+    path = tmp_path / "run.mcap"
+
+    async def main():
+        async with mdm.Runtime(log=False, watchdog=None, record=path) as runtime:
+            await runtime.start(resetting(holds=True))
+
+    mdm.run(main)
+    recorded = [each.message for each in Record(path).messages(["stimuli"])]
+    assert [type(each).__name__ for each in recorded].count("Late") >= 1
+    assert replay(path, [resetting(holds=False)]).differences == ()

@@ -80,7 +80,7 @@ class Episode(msgspec.Struct, frozen=True, array_like=True, gc=False):
 class Stops:
     """The last stop of each agent that one of them knows of; a later one has a greater number, in any life of an agent.
 
-    A stop beats each start that was asked for by somebody who did not know of it, whichever came first.
+    A stop wins over every start whose sender did not know of it, whichever came first.
 
     Args:
         agents: All agents.

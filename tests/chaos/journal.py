@@ -180,7 +180,7 @@ class Journal:
     # -- Failures ------------------------------------------------------------------------------------------------
 
     def forget(self, names):
-        """Take it that ensembles know no state any more."""
+        """Note that ensembles know no state from now on."""
         for name in names:
             self.blind[name] = self.now()
             layer = self.robots[name].action

@@ -204,5 +204,5 @@ def _threads_and_descriptors():
 
 def violations(seed):
     """Return a seed, and what is wrong with its scenario."""
-    logging.disable()  # asyncio tells of what is raised where nobody waits, as is meant here
+    logging.disable()  # asyncio logs errors that nobody awaits, as is meant here
     return seed, Scenario(seed).run()

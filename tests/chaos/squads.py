@@ -70,7 +70,7 @@ class Strangers:
 
 def violations(seed):
     """Return a seed, and what is wrong with its scenario."""
-    logging.disable()  # asyncio tells of what is raised where nobody waits, as is meant here
+    logging.disable()  # asyncio logs errors that nobody awaits, as is meant here
     try:
         return seed, _wrong(seed)
     finally:

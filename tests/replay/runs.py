@@ -36,7 +36,7 @@ def record(seed, path, seconds):
 
 def violations(seed, path, seconds=0.5):
     """Record the system of a seed and replay it; return how many decisions it made, and what is wrong."""
-    logging.disable()  # asyncio tells of what is raised where nobody waits, as is meant here
+    logging.disable()  # asyncio logs errors that nobody awaits, as is meant here
     try:
         counted = record(seed, path, seconds)
     finally:

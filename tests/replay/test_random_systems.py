@@ -11,7 +11,7 @@ FEW = (*range(7), 9, 17, 19, 21)
 pytestmark = pytest.mark.usefixtures("recorded_here")
 
 
-@pytest.mark.filterwarnings("ignore")  # asyncio tells of what is raised where nobody waits, as is meant here
+@pytest.mark.filterwarnings("ignore")  # asyncio logs errors that nobody awaits, as is meant here
 @pytest.mark.parametrize(
     "seed", [*FEW, *(pytest.param(each, marks=pytest.mark.slow) for each in range(60) if each not in FEW)]
 )

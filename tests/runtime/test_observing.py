@@ -557,7 +557,7 @@ def test_what_an_observer_loses_is_counted():
         return hearing.lost, str(hearing.error)
 
     lost, _ = run_virtual(main)
-    assert lost == 6  # the fault that tells of it, too
+    assert lost == 6  # the fault about it, too
 
 
 def test_who_is_gone_is_not_looked_at():

@@ -10,7 +10,7 @@ from same import systems
 
 
 def seen(seed, tree):
-    """Return what the record of a seed's system holds; what tells of the machine is left out."""
+    """Return what the record of a seed's system holds; what differs by machine is left out."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.mcap"
         systems.seen(seed, tree, record=path)

@@ -111,7 +111,7 @@ def events_of(events, kind, until):
 FEW = (*range(10), 20, 23, 36)
 
 
-@pytest.mark.filterwarnings("ignore")  # asyncio tells of what is raised where nobody waits, as is meant here
+@pytest.mark.filterwarnings("ignore")  # asyncio logs errors that nobody awaits, as is meant here
 @pytest.mark.parametrize(
     "seed", [*FEW, *(pytest.param(each, marks=pytest.mark.slow) for each in range(60) if each not in FEW)]
 )

@@ -155,7 +155,7 @@ class Guest(Body):
         return tuple(cell for cell in cells if cell is not None)
 
     def take(self, whereabouts: Whereabouts) -> None:
-        """Take it that the robot is where it is told to be.
+        """Put the robot at a pose.
 
         Raises:
             Error: If that is not finite.

@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from mdm.errors import ConfigError, Error, FormatError, MapError, MapWarning, ModelError, ModelWarning
     from mdm.formats import load_model, load_policy, load_rewards, save_model, save_policy
     from mdm.logic import Formula, P, parse
+    from mdm.models import MDP, POMDP
     from mdm.runtime import (
         Actor,
         ActorFailure,
@@ -78,6 +79,8 @@ if TYPE_CHECKING:
 
 
 __all__ = [
+    "MDP",
+    "POMDP",
     "ActionLayer",
     "Actor",
     "ActorFailure",
@@ -169,6 +172,7 @@ _HOMES = {
     "errors": ("ConfigError", "Error", "FormatError", "MapError", "MapWarning", "ModelError", "ModelWarning"),
     "formats": ("load_model", "load_policy", "load_rewards", "save_model", "save_policy"),
     "logic": ("Formula", "P", "parse"),
+    "models": ("MDP", "POMDP"),
     "runtime": (
         *("Actor", "ActorFailure", "Channel", "Clock", "DeadlockError", "Extension", "Observer", "Restart", "Runtime"),
         *("VirtualClock", "VirtualEventLoop", "WallClock", "run"),

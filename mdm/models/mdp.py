@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
     from mdm.models.availability import Available, Mask
     from mdm.models.factored.two_slice import TwoSliceNetwork
+    from mdm.models.functions import Odds, Values
     from mdm.models.pomdp import POMDP
 
 _Flat = TypeVar("_Flat", bound="MDP")
@@ -114,6 +115,78 @@ class MDP:
     ) -> None:
         self._set_dynamics(transitions, rewards, discount, states, actions, initial_belief, available, sparse)
         self._set_rewards(rewards, outcome_rewards)
+
+    @classmethod
+    def from_functions(
+        cls,
+        states: Values | None,
+        actions: Values,
+        *,
+        transition: Callable[..., Odds],
+        reward: Callable[..., float],
+        discount: float,
+        initial: Odds | None = None,
+        available: Callable[..., bool] | None = None,
+    ) -> MDP:
+        """Return the model that functions describe, each of which is called once for each state and action.
+
+        A distribution is a dict from values to probabilities, a list of pairs of value and probability (where a value
+        may come twice), or the value that is certain; a value of the model is always taken as itself.
+
+        Args:
+            states: Any hashable values; a dict with the values of each factor by its name, whose states are named
+                tuples; or None for those that ``initial`` leads to.
+            actions: The same; a factor is an agent's. A value is named by ``str``, a tuple by its parts with commas.
+            transition: ``transition(s, a)``, the distribution of the next state.
+            reward: ``reward(s, a)`` or ``reward(s, a, s2)``, the immediate reward; the second is asked for
+                transitions that there are.
+            discount: In (0, 1], of a step.
+            initial: The distribution of the first state; by default uniform.
+            available: ``available(s, a)``, whether an action is available in a state; by default all are.
+
+        Raises:
+            ModelError: If a function returns no distribution or no number, or ``initial`` is missing: names state and
+                action.
+
+        Example::
+
+            def drift(position, step):
+                return [(min(position + step, 3), 0.9), (position, 0.1)]
+
+
+            model = mdm.MDP.from_functions(
+                range(4), [0, 1], transition=drift, reward=lambda s, a: float(s == 3), discount=0.9, initial=0
+            )
+            mdm.solve(model).policy.action(0)  # 1
+        """
+        from mdm.models.functions import described  # noqa: PLC0415 - for who describes one so
+
+        return MDP(**described(states, actions, transition, reward, initial, available), discount=discount)
+
+    @classmethod
+    def from_arrays(cls, *arrays: Any, order: Literal["ASS", "SAS"] = "ASS", **options: Any) -> Self:
+        """Return the model of some arrays, whose axes are in one order or the other.
+
+        Args:
+            arrays: Transitions and rewards; of a `POMDP` transitions, observations and rewards.
+            order: Of the first axes of arrays of three or four: ``ASS``, actions first, as in the class itself, or
+                ``SAS``, states first. R(s, a) is S x A in both, and a sequence of matrices has one for each action.
+            options: The other arguments of the class.
+
+        Raises:
+            ModelError: If there is no such order, or it does not fit events, whose order is one alone.
+
+        Example::
+
+            mdm.MDP.from_arrays([[[0.9, 0.1], [0, 1]], [[0, 1], [0, 1]]], [0, 1], order="SAS", discount=0.9)
+        """
+        if order not in {"ASS", "SAS"}:
+            raise ModelError(f"the order of axes is 'ASS' (actions first) or 'SAS' (states first), not {order!r}")
+        if order == "ASS":
+            return cls(*arrays, **options)
+        if options.get("event_observations"):
+            raise ModelError("observations of events are actions x observations x states x states: order='ASS'")
+        return cls(*[array if _is_matrices(array) else _actions_first(array) for array in arrays], **options)
 
     def _set_dynamics(
         self,
@@ -343,6 +416,18 @@ def as_space(name: str, given: Space | Iterable[str] | int | None, count: int) -
     if isinstance(given, Space):
         return given
     return Space.single(name, count if given is None else given)
+
+
+def _is_matrices(given: Any) -> bool:
+    """Whether something is a sequence of matrices, and so has one for each action."""
+    return isinstance(given, list | tuple) and any(
+        isinstance(each, np.ndarray) or is_compressed(each) for each in given
+    )
+
+
+def _actions_first(given: npt.ArrayLike) -> Any:
+    array = np.asarray(given)
+    return array.swapaxes(0, 1) if array.ndim > 2 else array
 
 
 def checked_discount(discount: float) -> float:

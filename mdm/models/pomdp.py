@@ -30,12 +30,13 @@ from mdm.models.matrices import (
 from mdm.models.mdp import MDP, as_space, matrix_row
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from typing import Self
 
     import numpy.typing as npt
 
     from mdm.models.availability import Available
+    from mdm.models.functions import Odds, Values
     from mdm.models.rewards import OutcomeRewards
     from mdm.models.space import Space, Symbol
 
@@ -126,6 +127,51 @@ class POMDP(MDP):
             )
         self._set_rewards(rewards, outcome_rewards)
         check_known(self)
+
+    @classmethod
+    def from_functions(  # type: ignore[override]
+        cls,
+        states: Values | None,
+        actions: Values,
+        observations: Values,
+        *,
+        transition: Callable[..., Odds],
+        observation: Callable[..., Odds],
+        reward: Callable[..., float],
+        discount: float,
+        initial: Odds | None = None,
+        available: Callable[..., bool] | None = None,
+    ) -> POMDP:
+        """Return the model that functions describe; the other arguments are those of `MDP.from_functions`.
+
+        Args:
+            states: As there.
+            actions: As there.
+            observations: Any hashable values; a dict with those of each agent by its name.
+            transition: As there.
+            observation: ``observation(a, s2)``, the distribution of what is seen in the next state, or
+                ``observation(s, a, s2)``, of events.
+            reward: As there.
+            discount: As there.
+            initial: As there.
+            available: As there.
+
+        Example::
+
+            model = mdm.POMDP.from_functions(
+                ["left", "right"],
+                ["listen"],
+                ["growl left", "growl right"],
+                transition=lambda s, a: s,
+                observation=lambda a, s2: {f"growl {s2}": 0.85, f"growl {'left' if s2 == 'right' else 'right'}": 0.15},
+                reward=lambda s, a: -1,
+                discount=0.95,
+            )
+        """
+        from mdm.models.functions import described  # noqa: PLC0415 - for who describes one so
+
+        seen = observations, observation
+        return POMDP(**described(states, actions, transition, reward, initial, available, seen), discount=discount)
 
     @property
     def pomdp(self) -> POMDP:

@@ -2,13 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy import sparse
 from sentences import refused
 
 from mdm import problems
 from mdm.errors import ModelError, ModelWarning
 from mdm.models import MDP, POMDP
+from mdm.models.digest import digest
 
 IDENTITY = [np.eye(2), np.eye(2)]
 REWARDS = [[0.0, 1.0], [2.0, 3.0]]
@@ -118,3 +119,29 @@ def test_the_size_of_matrices_is_that_of_what_they_hold(sparse):
     assert (size.kinds, size.entries, size.seen) == (2, 36, 18)
     assert size.transitions + size.observations == numbers + (numbers // 2 + 4 * 4 * 7 if sparse else 0)
     assert MDP(moved, np.zeros((6, 2)), discount=0.9, sparse=sparse).matrix_size.observations == 0
+
+
+@settings(max_examples=30)
+@given(st.integers(1, 4), st.integers(1, 4), st.integers(0, 2**32 - 1))
+def test_axes_may_be_in_either_order(states, actions, seed):
+    random = np.random.default_rng(seed)
+    transitions = random.dirichlet(np.ones(states), size=(actions, states))
+    outcomes = random.normal(size=(actions, states, states))
+    expected = MDP(transitions, outcomes, discount=0.9)
+    for order, turn in (("ASS", lambda array: array), ("SAS", lambda array: np.swapaxes(array, 0, 1))):
+        for rewards in (turn(outcomes), turn(outcomes).tolist(), expected.rewards):
+            for given_transitions in (turn(transitions), turn(transitions).tolist(), list(transitions)):
+                model = MDP.from_arrays(given_transitions, rewards, order=order, discount=0.9)
+                assert digest(model) == digest(expected)
+
+
+def test_observations_follow_the_order_of_axes():
+    seen = np.array([[[0.9, 0.1], [0.2, 0.8]], [[0.5, 0.5], [1, 0]]])
+    arrays = np.eye(2)[None].repeat(2, axis=0), seen, np.zeros((2, 2))
+    turned = [array.swapaxes(0, 1) if array.ndim == 3 else array for array in arrays]
+    model = POMDP.from_arrays(*turned, order="SAS", discount=0.9)
+    assert digest(model) == digest(POMDP(*arrays, discount=0.9))
+    with refused(ModelError):
+        POMDP.from_arrays(*arrays, order="SSA", discount=0.9)
+    with refused(ModelError):
+        POMDP.from_arrays(*arrays, order="SAS", discount=0.9, event_observations=True)

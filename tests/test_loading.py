@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from places import TIGER, TIGER_VECTORS
 
+import mdm
 from mdm import ConfigError, FormatError, ModelError
 from mdm.loading import model_of, policy_of
 from mdm.policies import AlphaVectors, DeterministicPolicy, QTable
@@ -79,3 +80,8 @@ def test_what_is_no_policy_is_told(given, words):
 def test_numbers_that_are_no_table_are_refused():
     with pytest.raises(ModelError):
         policy_of([0, -1])
+
+
+def test_the_solution_of_a_solver_stands_for_its_policy():
+    solution = mdm.solve(tiger(), gap=1.0)
+    assert policy_of(solution) is solution.policy

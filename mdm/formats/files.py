@@ -29,6 +29,7 @@ from mdm.policies import (
     MaskedAlphaVectors,
     MixedAlphaVectors,
     QTable,
+    StatePolicy,
     StochasticPolicy,
     mismatch,
 )
@@ -313,7 +314,7 @@ def load_policy(
         policy = policy_archive.read(path, model, seed=seed)
         if kind is not None and not isinstance(policy, _TABLES[kind]):
             raise FormatError(f"the archive holds a {type(policy).__name__}, not kind={kind!r}", file=path)
-        return policy
+        return _named(policy, model)
     source = Source(path)
     if suffixes(path) == ".toml":
         source.fail("this is a TOML file of ensembles; a policy was expected")
@@ -330,6 +331,13 @@ def load_policy(
     if wrong is not None:
         hint = "; each line begins with an index, as of an action before its alpha vector: if these are values of "
         source.fail(wrong + (f"{hint}actions, say kind='q'" if form == "vectors" else ""))
+    return _named(policy, model)
+
+
+def _named(policy: Policy, model: MDP | None) -> Policy:
+    """Return a policy that knows the names of its model's states."""
+    if isinstance(policy, StatePolicy) and model is not None:
+        policy.states = model.state_space
     return policy
 
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP, POMDP
     from mdm.models.matrices import Vector
+    from mdm.models.space import Space
     from mdm.policies.batch import Batch
 
 Arrays: TypeAlias = "Mapping[str, npt.NDArray[Any]]"
@@ -132,6 +133,7 @@ class Kind:
         form: A description in a few words.
         horizon: The number of decisions of its plan; None without an end.
         discount_of: What the discount of its values is of, see `MDP.with_discount`.
+        states: The states of the model that it was solved or loaded with, whose names tables take; None without one.
     """
 
     form: ClassVar[str] = "a policy of another kind"
@@ -140,6 +142,7 @@ class Kind:
     num_states: int | None
     horizon: int | None = None
     discount_of: Unit = "step"
+    states: Space | None = None
 
     def value(self, x: Any, /) -> float:
         """Return the expected discounted return from a state or belief.

@@ -41,6 +41,19 @@ class _Table(StatePolicy):
     def _refuse(self, state: int) -> ModelError:
         return ModelError(f"there is no state {state}; the policy is for {self.num_states} states, which count from 0")
 
+    def _named(self, state: Any) -> int:
+        """Return the index of a state that is none itself: of a name of the policy's model.
+
+        Raises:
+            ModelError: If it is no name, or the policy knows no names.
+        """
+        if self.states is None:
+            raise ModelError(
+                f"the policy is for {self.num_states} states by index, and knows no names such as {state!r}: solve the "
+                f"model, or load the policy with it"
+            )
+        return self.states.index(state)
+
 
 class DeterministicPolicy(_Table):
     """One action per state.
@@ -79,9 +92,12 @@ class DeterministicPolicy(_Table):
                 )
 
     def action(self, state: int) -> int:
-        """Return the action for a state."""
-        if 0 <= state < self.num_states:
-            return self._actions[state]
+        """Return the action for a state, by index; or by name, where the policy was solved or loaded with its model."""
+        try:
+            if 0 <= state < self.num_states:
+                return self._actions[state]
+        except TypeError:
+            return self._actions[self._named(state)]
         raise self._refuse(state)
 
     @property
@@ -213,9 +229,12 @@ class QTable(_Table):
             self.table = self._actions
 
     def action(self, state: int) -> int:
-        """Return the best action in a state."""
-        if 0 <= state < self.num_states:
-            return self._actions[state]
+        """Return the best action in a state, by index; or by name, where it was solved or loaded with its model."""
+        try:
+            if 0 <= state < self.num_states:
+                return self._actions[state]
+        except TypeError:
+            return self._actions[self._named(state)]
         raise self._refuse(state)
 
     def value(self, state: int) -> float:

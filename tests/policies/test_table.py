@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given, strategies as st
 from sentences import refused
 
+import mdm
 from mdm.errors import ModelError
+from mdm.models import MDP
 from mdm.policies import DeterministicPolicy, QTable, StochasticPolicy
 
 
@@ -75,3 +77,19 @@ def test_an_action_of_probability_zero_is_never_drawn():
 
     policy._generator = Largest()
     assert policy.action(0) == 9
+
+
+@pytest.mark.parametrize("name", ["policy.npz", "policy"])
+def test_a_policy_takes_the_names_of_its_model(tmp_path, name):
+    stay, go = [[1, 0], [0, 1]], [[0.2, 0.8], [0, 1]]
+    model = MDP([stay, go], [[0, -1], [5, 4]], discount=0.9, states=["home", "work"], actions=["stay", "go"])
+    solved = mdm.solve(model).policy
+    mdm.save_policy(solved, tmp_path / name, model)
+    loaded = mdm.load_policy(tmp_path / name, model)
+    for policy in (solved, loaded):
+        assert [policy.action("home"), policy.action("work")] == [policy.action(0), policy.action(1)] == [1, 0]
+        with refused(ModelError):
+            policy.action("hme")
+    for nameless in (QTable([[0, 1], [1, 0]]), DeterministicPolicy([0, 1])):
+        with refused(ModelError):
+            nameless.action("home")

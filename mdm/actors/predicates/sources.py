@@ -74,6 +74,9 @@ class Sensor:
             readings = ((self.name, self.truth(value)),)
         self._manager.take(readings)
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.name!r}: {self.value}>"
+
     def truth(self, value: object) -> bool | None:
         """Return the value of the predicate that is told by this one.
 

@@ -86,3 +86,8 @@ def test_what_a_thread_tells_after_the_end_is_counted_and_raises_nothing():
     assert raised == []
     assert runtime.statistics().dispatcher.refused == 6
     assert near.value is False
+
+
+def test_a_sensor_shows_its_predicate_and_its_value():
+    sensor = PredicateManager().sensor("DoorIsOpen")
+    assert repr(sensor) == "<Sensor 'DoorIsOpen': None>"

@@ -337,7 +337,7 @@ def load_policy(
 def _named(policy: Policy, model: MDP | None) -> Policy:
     """Return a policy that knows the names of its model's states."""
     if isinstance(policy, StatePolicy) and model is not None:
-        policy.states = model.state_space
+        policy.state_space = model.state_space
     return policy
 
 

@@ -133,7 +133,7 @@ class Kind:
         form: A description in a few words.
         horizon: The number of decisions of its plan; None without an end.
         discount_of: What the discount of its values is of, see `MDP.with_discount`.
-        states: The states of the model that it was solved or loaded with, whose names tables take; None without one.
+        state_space: The states of the model that it was solved or loaded with, whose names tables take; None without one.
     """
 
     form: ClassVar[str] = "a policy of another kind"
@@ -142,7 +142,7 @@ class Kind:
     num_states: int | None
     horizon: int | None = None
     discount_of: Unit = "step"
-    states: Space | None = None
+    state_space: Space | None = None
 
     def value(self, x: Any, /) -> float:
         """Return the expected discounted return from a state or belief.

@@ -47,12 +47,12 @@ class _Table(StatePolicy):
         Raises:
             ModelError: If it is no name, or the policy knows no names.
         """
-        if self.states is None:
+        if self.state_space is None:
             raise ModelError(
                 f"the policy is for {self.num_states} states by index, and knows no names such as {state!r}: solve the "
                 f"model, or load the policy with it"
             )
-        return self.states.index(state)
+        return self.state_space.index(state)
 
 
 class DeterministicPolicy(_Table):

@@ -138,7 +138,7 @@ def solve(
     solution = _function(name)(solved, limits=limits, **options)
     policy: Any = solution.policy if durations is None else solution.policy.for_first_states(len(model.state_space))
     policy = limited(policy, model, durations)
-    policy.discount_of, policy.states = model.discount_of, model.state_space
+    policy.discount_of, policy.state_space = model.discount_of, model.state_space
     return msgspec.structs.replace(solution, policy=policy)
 
 

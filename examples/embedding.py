@@ -52,7 +52,7 @@ async def main() -> None:
     )
     done = asyncio.Event()
     server = asyncio.create_task(serve(done))
-    async with mdm.Runtime(log=None) as runtime:
+    async with mdm.Runtime() as runtime:
         await runtime.start(cooler)
         thread = threading.Thread(target=read_thermometer, args=(hot, asyncio.get_running_loop(), done))
         thread.start()

@@ -86,7 +86,7 @@ async def main() -> None:
         },
     )
     particles = ParticleFilter(robot)
-    async with mdm.Runtime(log=None) as runtime:
+    async with mdm.Runtime() as runtime:
         runtime.decisions.subscribe(show)
         await runtime.start(robot)
         await runtime.start(particles)

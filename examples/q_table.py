@@ -17,7 +17,7 @@ robot = mdm.Ensemble(
 
 
 async def main() -> None:
-    async with mdm.Runtime(log=None) as runtime:
+    async with mdm.Runtime() as runtime:
         await runtime.start(robot)  # prints "working"
         await asyncio.sleep(0.1)
         battery_is_fine.set(False)  # prints "charging", before set() returns

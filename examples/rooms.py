@@ -71,7 +71,7 @@ patrol = mdm.Ensemble(
 
 
 async def main() -> None:
-    async with mdm.Runtime(log=None) as runtime:
+    async with mdm.Runtime() as runtime:
 
         def show(text: str) -> None:
             print(f"{runtime.clock.time():5.1f} s  {text}")

@@ -33,7 +33,7 @@ def show(decision: Decision) -> None:
 
 async def main() -> None:
     system = mdm.load_system(HERE / "tiger.toml")
-    async with mdm.Runtime(log=None) as runtime:
+    async with mdm.Runtime() as runtime:
         runtime.decisions.subscribe(show)
         await runtime.start(mdm.World(system.ensembles["tiger"], seed=3))
         await runtime.start(system)

@@ -42,7 +42,7 @@ async def main() -> None:
             await asyncio.sleep(0.01)
             beats += 1
 
-    async with mdm.Runtime(log=None) as runtime:
+    async with mdm.Runtime() as runtime:
         heart = asyncio.create_task(beat())
         await runtime.start(tiger)
         await tiger.ready()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import tempfile
 from contextlib import contextmanager
 from functools import partial
@@ -12,12 +13,12 @@ from mdm import replay as replays
 from mdm.config.rebuilt import rebuilt_to_compare, replay_team
 from mdm.errors import Error
 from mdm.recording import Record, records_of
-from mdm.runtime import Runtime, run
+from mdm.runtime import Observer, Runtime, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator, Sequence
 
-    from mdm.messages import Decision
+    from mdm.messages import Decision, Fault
     from mdm.runtime import Actor, Channel, Subscription
 
 __all__ = ["block", "capture_decisions", "crash", "delay", "probe", "replay", "run_virtual"]
@@ -38,16 +39,33 @@ def run_virtual(main: Callable[[Runtime], Coroutine[Any, Any, T]], **options: An
 
     Args:
         main: Called with the running runtime.
-        options: Options of `Runtime`; by default ``log=None``, which prints the first failure of each action.
+        options: Options of `Runtime`; by default ``log=None``. The first fault of each source and kind is printed then.
     """
     results: list[T] = []
 
     async def program() -> T:
-        async with Runtime(**{"log": None, **options}) as runtime:
+        options.setdefault("log", None)
+        async with Runtime(**options) as runtime:
+            if options["log"] is None:
+                runtime.observe(_Faults())
             results.append(await main(runtime))
         return results[0]
 
     return run(program, virtual=True)
+
+
+class _Faults(Observer):
+    """Prints the first fault of each source and kind on standard error; failed actions the runtime prints itself."""
+
+    def __init__(self) -> None:
+        self._printed: set[tuple[str, str]] = set()
+
+    def on_fault(self, fault: Fault) -> None:
+        """Print a fault, where it is the first."""
+        key = fault.source, fault.kind
+        if fault.kind != "action" and key not in self._printed:
+            self._printed.add(key)
+            sys.stderr.write(f"mdm: {fault.source}: {fault.kind}: {fault.detail}\n")
 
 
 def probe(channel: Channel[T]) -> list[T]:

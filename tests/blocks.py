@@ -128,7 +128,7 @@ def _printed(words, folder, given, *, alone):
             return ""
         if not alone:
             done = in_process.script(folder / words[1], *words[2:], folder=folder)
-            assert (done.status, done.errors) == (0, ""), " ".join(words)
+            assert (done.status, done.wrong) == (0, ""), " ".join(words)
             return done.output
         if words[1:3] == ["-m", "pytest"]:
             words += ["-p", "no:cacheprovider", "-p", "no:asyncio", "-p", "no:randomly"]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import re
 import runpy
 import signal
 import sys
@@ -22,6 +23,7 @@ from mdm.compilation import COMPILE_TIME
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+_LOGGED = re.compile(r"(?:[\d:.]+ )?\[(?:info|warning) +\] |mdm: [\w/]+: stale(?:_input)?: ")
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -31,6 +33,11 @@ class Done(NamedTuple):
     status: int
     output: str
     errors: str
+
+    @property
+    def wrong(self) -> str:
+        """The lines of its errors that are no lines of the log, and none of an input that was lost on purpose."""
+        return "".join(line for line in self.errors.splitlines(keepends=True) if not _LOGGED.match(line))
 
 
 def mdm(*words: object, folder: Path | None = None, given: str = "") -> Done:

@@ -40,7 +40,7 @@ PATROL = EXAMPLES / "patrol" / "patrol.py"
 
 def run(name, *arguments):
     done = script(EXAMPLES / name, *arguments)
-    assert (done.status, done.errors) == (0, "")
+    assert (done.status, done.wrong) == (0, "")
     return done.output
 
 
@@ -142,7 +142,7 @@ def test_the_pictures_of_the_tutorial_show_what_its_programs_do(tmp_path):
     """What is text is compared; of images the sizes, for fonts are drawn a little differently elsewhere."""
     pytest.importorskip("navground")
     done = script(PICTURES / "tutorial.py", tmp_path)
-    assert (done.status, done.errors) == (0, "")
+    assert (done.status, done.wrong) == (0, "")
     assert [path.name for path in DRAWN] == sorted(path.name for path in tmp_path.iterdir())
     for path in DRAWN:
         drawn = tmp_path / path.name

@@ -128,3 +128,19 @@ def test_an_action_that_fails_in_a_test_is_printed_once(options, told, capsys):
 
     run_virtual(main, **options)
     assert capsys.readouterr().err.count("KeyError: 'gone'") == told
+
+
+@pytest.mark.parametrize(("options", "printed"), [({}, 1), ({"log": False}, 0)])
+def test_the_first_fault_of_each_kind_in_a_test_is_printed(options, printed, capsys):
+    predicates = mdm.PredicateManager()
+    battery = predicates.sensor("BatteryLow", max_age=1.0)
+
+    async def main(runtime):
+        await runtime.start(predicates)
+        for _ in range(3):
+            battery.set(False)
+            await asyncio.sleep(2)
+
+    run_virtual(main, **options)
+    told = "mdm: predicates: stale: predicate 'BatteryLow' was not refreshed for 1 s\n"
+    assert capsys.readouterr().err == told * printed

@@ -14,6 +14,7 @@ from mdm.actors.abstraction.factors import ObservationFactor, StateFactor
 from mdm.actors.abstraction.layers import ObservationLayer, StateLayer
 from mdm.actors.actions.action_layer import ActionLayer
 from mdm.actors.control.control_layer import ControlLayer
+from mdm.actors.control.naming import Naming
 from mdm.actors.control.source import JointProcess
 from mdm.actors.layer import Layer
 from mdm.actors.options import ControlSettings, Drive, FixedRate, SafetyOptions, SafetySettings
@@ -218,6 +219,8 @@ class Ensemble(Layer):
     def _name_factors(self) -> None:
         """Tell the control layer how the factors name their values, where the model does not."""
         symbols = self.controller.symbols
+        factors = [() if layer is None else layer.factors for layer in (self.state, self.observation)]
+        self.control.output.naming = Naming(symbols, *factors)
         for kind, layer in (("state", self.state), ("observation", self.observation)):
             space = symbols.state_space if kind == "state" else symbols.observation_space
             if layer is not None and (space is None or all(factor.names[0] == "0" for factor in space.factors)):

@@ -133,7 +133,7 @@ class Kind:
         form: A description in a few words.
         horizon: The number of decisions of its plan; None without an end.
         discount_of: What the discount of its values is of, see `MDP.with_discount`.
-        state_space: The states of the model that it was solved or loaded with, whose names tables take; None without one.
+        state_space: Of the model that it was solved or loaded with: tables take its names. None without one.
     """
 
     form: ClassVar[str] = "a policy of another kind"

@@ -437,5 +437,8 @@ class Deciding(Protocol):
     def name_of(self, action: int) -> str:
         """Return the name of an action."""
 
+    def words(self, state: int | None, observation: Any) -> dict[str, object]:
+        """Return the names of the state and the observation that it decides on, by these words."""
+
     def belief_of(self, current: Any) -> Any:
         """Return an information state as a belief, of S numbers; None where it is none."""

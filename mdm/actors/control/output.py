@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mdm.actors.control.naming import Naming
 from mdm.beliefs import Support
 from mdm.beliefs.information import DrawnInformation
 from mdm.messages import Action, Belief, Decision, Reward
@@ -80,6 +81,7 @@ class Output:
     Attributes:
         action_names: By index; empty where the controller itself knows them.
         factor_names: The names of values by factor, of ``state`` and ``observation``, where the controller has none.
+        naming: Names states and observations, for people.
         acted: The last action that was published in this episode, or None.
         cause: The kind of stimulus on which it was decided, as in `Decision`.
         overdue: Nanoseconds from the first of the ticks that were missed to the present one.
@@ -114,6 +116,7 @@ class Output:
         "cause",
         "factor_names",
         "look",
+        "naming",
         "overdue",
         "record",
         "waited",
@@ -123,6 +126,7 @@ class Output:
         space = controller.symbols.action_space
         self.action_names: Sequence[str] = () if space is None else space.names
         self.factor_names: dict[str, dict[str, tuple[str, ...]]] = {}
+        self.naming = Naming(controller.symbols)
         self.acted: int | None = None
         self.cause = ""
         self.overdue = 0
@@ -318,6 +322,10 @@ class Output:
     def name_of(self, action: int) -> str:
         """Return the name of an action."""
         return self.action_names[action] if self.action_names else self._controller.symbols.action_name(action)
+
+    def words(self, state: int | None, observation: Observed) -> dict[str, object]:
+        """Return the names of the state and the observation that it decides on, by these words."""
+        return self.naming.words(state, observation)
 
     def belief_of(self, current: Any) -> Vector | None:
         """Return an information state as a belief, of S numbers; None where it is none."""

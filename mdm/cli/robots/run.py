@@ -29,12 +29,11 @@ from mdm.runtime import DeadlockError, Log, Runtime, run as run_program
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator
 
-    from mdm.actors import Ensemble, StateFactor
+    from mdm.actors import Ensemble
     from mdm.config import System
     from mdm.messages import Decision
-    from mdm.models import Space
     from mdm.views.web import Page
 
 _FAILURES = {"failed", "timed_out", "abandoned"}
@@ -46,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     attached = Attached() if arguments.attached else None
     system = _load(arguments)
     first, ended = system.top[0], Counter[str]()
-    log = _log(arguments, system)
+    log = _log(arguments)
 
     async def main() -> None:
         async with Runtime(log=log or False, record=_recorder(arguments), page=_page(arguments)) as runtime:
@@ -86,13 +85,13 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if failings else 0
 
 
-def _log(arguments: argparse.Namespace, system: System) -> Log | None:
+def _log(arguments: argparse.Namespace) -> Log | None:
     """Return the log; None where it should be quiet."""
     if arguments.quiet:
         if arguments.why:
             raise UsageError("--why is told in the log, which --quiet leaves out")
         return None
-    return Log(arguments.log, debug=arguments.debug, decisions=in_words(system.ensembles.values()))
+    return Log(arguments.log, debug=arguments.debug, decisions=True)
 
 
 def why_in(log: Log, ensembles: Iterable[Ensemble]) -> Callable[[Decision], None]:
@@ -232,55 +231,6 @@ def _load(arguments: argparse.Namespace) -> System:
         raise UsageError("--virtual is for a file without a team: processes have no virtual time in common")
     team.check_agent(arguments.agent, key="--agent")
     return load_system(arguments.file, agent=arguments.agent, decisions=arguments.decisions)
-
-
-def in_words(ensembles: Iterable[Ensemble]) -> Callable[[Decision], Mapping[str, object]]:
-    """Return a function that says of which state or observation a decision of these ensembles is.
-
-    A state or an observation without a name is told by its index, and so are those of other ensembles, which a task of
-    the file has started.
-    """
-    by_name = {ensemble.name: ensemble for ensemble in ensembles}
-
-    def words(decision: Decision) -> dict[str, object]:
-        given: dict[str, object] = {"state": decision.state, "observation": decision.observation}
-        if (ensemble := by_name.get(decision.ensemble.rpartition("/")[2])) is not None:
-            state = _name(ensemble.controller.symbols.state_space, decision.state)
-            if isinstance(state, int) and ensemble.state is not None:
-                state = _wired(ensemble.state.factors, state)
-            given = {"state": state, "observation": _observed(ensemble, decision.observation)}
-        return {name: word for name, word in given.items() if word is not None}
-
-    return words
-
-
-def _observed(ensemble: Ensemble, given: int | tuple[int | None, ...] | None) -> object:
-    """Return the name of an observation; the events of one by components that the model does not tell apart."""
-    space, layer = ensemble.controller.symbols.observation_space, ensemble.observation
-    if isinstance(given, tuple) and layer is not None and space is not None and len(given) != len(space.factors):
-        parts = zip(layer.factors, given, strict=True)
-        return ", ".join(f"{factor.name}={factor.events[place]}" for factor, place in parts if place is not None)
-    return _name(space, given)
-
-
-def _name(space: Space | None, given: int | tuple[int | None, ...] | None) -> object:
-    """Return the name of a symbol; of several factors the value of each that is known."""
-    if given is None or space is None:
-        return given
-    places = space.unravel(given) if isinstance(given, int) else given
-    if len(places) == 1:
-        return None if places[0] is None else space.factors[0].names[places[0]]
-    parts = zip(space.factors, places, strict=True)
-    return ", ".join(f"{factor.name}={factor.names[place]}" for factor, place in parts if place is not None)
-
-
-def _wired(factors: Sequence[StateFactor], state: int) -> str:
-    """Return the name of each component of a state, the last factor the least significant."""
-    words: list[str] = []
-    for factor in reversed(factors):
-        state, value = divmod(state, factor.size)
-        words.append(str(factor.wires()[value].source))
-    return ", ".join(reversed(words))
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""The log: a subscriber that renders faults, modes, the lives of actors and, where they are asked for, decisions.
+"""The log: a subscriber that renders faults, modes, the lives of actors and of actions, and decisions.
 
 Messages come first and log lines after, on a thread of their own: a reader of the log, or its absence, delays nothing.
 Where no log is written, an action that fails is printed all the same, once.
@@ -14,14 +14,15 @@ from msgspec.structs import replace
 from mdm.errors import Error
 from mdm.faults import KINDS
 from mdm.runtime.observing import Observer
+from mdm.runtime.process.pace import Pace
 from mdm.runtime.process.writer import StandardError, Writer
 from mdm.runtime.time.virtual import VirtualClock
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from mdm.messages import Decision, Fault, Mode, StateChange
-    from mdm.runtime.observing import Guard
+    from mdm.messages import ActionLife, Decision, Fault, Mode, StateChange
+    from mdm.runtime.observing import Deciding, Guard
     from mdm.runtime.process.rendering import Rendering
     from mdm.runtime.runtime import Runtime
     from mdm.runtime.statistics import LogStatistics
@@ -75,12 +76,15 @@ class FirstFailures(Observer):
 class Log(Observer):
     """Renders the events of a runtime through structlog: faults, modes, the lives of the actors at the top.
 
-    In virtual time lines are written at once: none is lost, and a slow reader slows the run down.
+    The console also shows decisions and the ends of actions that take time, ten lines a second at most: those that come
+    again or are left out are counted. In virtual time lines are written at once: none is lost, and a slow reader slows
+    the run down.
 
     Args:
         target: ``"console"`` or ``"json"`` for lines on standard error, or a structlog logger.
-        debug: Render the lives of all actors, and decisions.
-        decisions: Render decisions, each with the words that this function returns, such as the names of its input.
+        debug: Render the lives of all actors, and all decisions.
+        decisions: Render all decisions; or a function that returns the words of one, which stand for the names of its
+            state and observation. With False none; by default the console shows those that people can follow.
     """
 
     name = "the log"
@@ -90,13 +94,17 @@ class Log(Observer):
         target: Literal["console", "json"] | Any = "console",
         *,
         debug: bool = False,
-        decisions: Callable[[Decision], Mapping[str, object]] | None = None,
+        decisions: Callable[[Decision], Mapping[str, object]] | bool | None = None,
     ) -> None:
         self._debug = debug
-        self._words = decisions or (_indices if debug else None)
-        if self._words is not None:
+        self._deciding: dict[str, Deciding] = {}
+        self._words = decisions if callable(decisions) else self._named
+        self._pace = Pace()
+        self._asked = bool(decisions)
+        if decisions or (debug and decisions is None):
             self.on_decision = self._decided  # type: ignore[method-assign]
-        self._asked = decisions is not None
+        elif decisions is None and target == "console":
+            self.on_step, self.on_life = self._stepped, self._lived  # type: ignore[method-assign]
         self._writer = Writer()
         self._guard: Guard | None = None
         self._told: list[Fault] = []
@@ -135,7 +143,16 @@ class Log(Observer):
 
     def on_end(self) -> None:
         """Write out the waiting lines, within a bound."""
+        rest = self._pace.rest()
+        if again := self._pace.repeated.total():
+            rest["again"] = again
+        if rest:
+            self.write("more", lambda: rest)
         self._writer.close()
+
+    def on_control(self, output: Deciding) -> None:
+        """Know an ensemble by its path, which names its states and observations."""
+        self._deciding[output.ensemble] = output
 
     def statistics(self) -> LogStatistics:
         """Return how many lines were written, and how many lost."""
@@ -204,8 +221,38 @@ class Log(Observer):
         write = self._logger.debug if "/" in change.actor else self._logger.info
         write(change.state, time=change.time / 1e9, actor=change.actor)
 
+    def _stepped(self, output: Deciding, time: int, _: int, __: str, state: Any, observation: Any, *rest: Any) -> None:
+        action = rest[1]
+        counts = self._pace.counts(output.ensemble, (state, observation, action), time)
+        if counts is not None:
+            self._writer.put(self._step, (output, time, state, observation, action, counts))
+
+    def _step(self, step: tuple[Deciding, int, Any, Any, int, dict[str, int]]) -> None:
+        output, time, state, observation, action, counts = step
+        words = output.words(state, observation)
+        head = {"time": time / 1e9, "ensemble": output.ensemble}
+        self._logger.info("decision", **head, **words, action=output.name_of(action), **counts)
+
+    def _lived(self, life: ActionLife) -> None:
+        if life.status == "running":
+            return
+        counts = self._pace.counts(f"{life.ensemble} {life.action}", life.status, life.time)
+        if counts is not None:
+            self._writer.put(self._ended, (life, counts))
+
+    def _ended(self, ended: tuple[ActionLife, dict[str, int]]) -> None:
+        life, counts = ended
+        head = {"time": life.time / 1e9, "ensemble": life.ensemble}
+        self._logger.info(life.status, **head, action=life.action, **counts)
+
+    def _named(self, decision: Decision) -> Mapping[str, object]:
+        output = self._deciding.get(decision.ensemble)
+        if output is not None:
+            return output.words(decision.state, decision.observation)
+        given = {"state": decision.state, "observation": decision.observation}
+        return {name: value for name, value in given.items() if value is not None}
+
     def _decision(self, decision: Decision) -> None:
-        assert self._words is not None
         write = self._logger.info if self._asked else self._logger.debug
         write(
             "decision",
@@ -217,11 +264,6 @@ class Log(Observer):
             action=decision.action_name,
             **({} if decision.reward is None else {"reward": decision.reward}),
         )
-
-
-def _indices(decision: Decision) -> dict[str, object]:
-    given = {"state": decision.state, "observation": decision.observation}
-    return {name: value for name, value in given.items() if value is not None}
 
 
 def _no_log(target: object) -> Error:

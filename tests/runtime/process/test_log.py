@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 
 import pytest
 from recorded import Fragile, tell
 from sentences import refused
 
-from mdm import Actor, Ensemble, Error, Runtime
+from mdm import MDP, Actor, Ensemble, Error, PredicateManager, Runtime, StateFactor
 from mdm.messages import Cause, Decision, Fault, Mode
 from mdm.policies import DeterministicPolicy, StatePolicy
 from mdm.runtime import Log
@@ -151,3 +152,49 @@ def test_an_ordinary_end_is_no_warning(policy, told):
 
     run_virtual(main, log=kept)
     assert [(level, fields["causes"]) for level, event, fields in kept.lines if event == "safe"] == told
+
+
+def opened_and_shut(log):
+    """Run a robot whose door is open, then shut."""
+    names = {"states": ["shut", "open"], "actions": ["push", "wait"]}
+    model = MDP([[[0, 1], [1, 0]]] * 2, [[0, 1], [1, 0]], discount=0.9, **names)
+    predicates = PredicateManager()
+    door = predicates.sensor("Open", initial=True)
+
+    async def push():
+        await asyncio.sleep(1)
+
+    robot = Ensemble(
+        "robot",
+        policy=[1, 0],
+        model=model,
+        predicates=predicates,
+        states=[StateFactor("door", ["Open"])],
+        actions={"push": push, "wait": lambda: None},
+    )
+
+    async def main(runtime):
+        await runtime.start(robot)
+        await asyncio.sleep(2)
+        door.set(False)
+
+    run_virtual(main, log=log)
+
+
+def test_the_console_shows_decisions_by_names_and_the_ends_of_actions(capsys):
+    opened_and_shut("console")
+    lines = [line.split("] ")[1].split() for line in capsys.readouterr().err.splitlines()]
+    told = [line for line in lines if line[0] in {"decision", "succeeded"}]
+    assert told[:3] == [
+        ["decision", "ensemble=robot", "state=open", "action=push"],
+        ["succeeded", "ensemble=robot", "action=push"],
+        ["decision", "ensemble=robot", "state=shut", "action=wait"],
+    ]
+
+
+def test_other_targets_show_no_decisions_nor_does_a_console_that_is_told_not_to(capsys):
+    kept = Kept()
+    opened_and_shut(kept)
+    opened_and_shut(Log("console", decisions=False))
+    assert kept.lines
+    assert "decision" not in capsys.readouterr().err + str(kept.lines)

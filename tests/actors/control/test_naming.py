@@ -1,19 +1,16 @@
-"""Of which states and observations decisions are told to be."""
+"""The words for states and observations that are decided on."""
 
 from __future__ import annotations
 
 import pytest
 
 from mdm import Ensemble, PredicateManager, StateFactor
-from mdm.cli.robots.run import in_words
-from mdm.messages import Decision
 from mdm.models import MDP, POMDP, Factor, Space
 from mdm.policies import AlphaVectors, DeterministicPolicy
 
 
-def decision(**given):
-    told = {"state": None, "observation": None, **given}
-    return Decision(0, "team/robot", 0, "tick", belief=None, action=0, action_name="go", reward=None, **told)
+def words(robot, *, state=None, observation=None):
+    return robot.control.output.words(state, observation)
 
 
 def doors(observations):
@@ -41,14 +38,13 @@ def doors(observations):
 def test_observations_are_told_by_what_is_known_of_them(factors, given, told):
     model = doors(Space([Factor(name, symbols) for name, symbols in factors]))
     robot = Ensemble("robot", policy=AlphaVectors([[0.0, 0.0]], [0], 1), model=model, actions={"go": print})
-    words = in_words([robot])(decision(observation=given))
-    assert words == ({} if told is None else {"observation": told})
+    assert words(robot, observation=given) == ({} if told is None else {"observation": told})
 
 
 def test_states_are_told_by_the_model_s_names():
     model = MDP([[[0.5, 0.5], [0.5, 0.5]]], [[0.0], [0.0]], discount=0.9, states=["open", "closed"], actions=["go"])
     robot = Ensemble("robot", policy=DeterministicPolicy([0, 0], 1), model=model, actions={"go": print})
-    assert in_words([robot])(decision(state=1)) == {"state": "closed"}
+    assert words(robot, state=1) == {"state": "closed"}
 
 
 def test_states_without_a_model_are_told_by_their_predicates():
@@ -62,16 +58,10 @@ def test_states_without_a_model_are_told_by_their_predicates():
         states=[StateFactor("room", ["Hall", "Lab"]), StateFactor("dark", ["Dark"])],
         actions={0: print},
     )
-    words = in_words([robot])
-    assert words(decision(state=2)) == {"state": "Lab, not Dark"}
-    assert words(decision(state=1)) == {"state": "Hall, Dark"}
+    assert words(robot, state=2) == {"state": "Lab, not Dark"}
+    assert words(robot, state=1) == {"state": "Hall, Dark"}
 
 
 def test_an_index_stays_where_nothing_has_a_name():
     robot = Ensemble("robot", policy=DeterministicPolicy([0, 0], 1), actions={0: print})
-    assert in_words([robot])(decision(state=1)) == {"state": 1}
-
-
-def test_ensembles_that_a_task_has_started_are_told_by_indices():
-    assert in_words([])(decision(state=1)) == {"state": 1}
-    assert in_words([])(decision(observation=(None, 1))) == {"observation": (None, 1)}
+    assert words(robot, state=1) == {"state": 1}

@@ -87,7 +87,8 @@ def policy_of(given: GivenPolicy, model: MDP | None = None) -> Policy:
         and hasattr(given, "num_actions")
     ):
         return cast("Policy", given)
-    if hasattr(found := getattr(given, "policy", None), "information"):  # of what a solver returns
+    found: Any = getattr(given, "policy", None)  # of a solver's result
+    if found is not None:
         return policy_of(found, model)
     missing = [name for name in ("num_actions", "information", "action") if not hasattr(given, name)]
     if hasattr(given, "action") and missing and not isinstance(given, type):

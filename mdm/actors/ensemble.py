@@ -219,8 +219,11 @@ class Ensemble(Layer):
     def _name_factors(self) -> None:
         """Tell the control layer how the factors name their values, where the model does not."""
         symbols = self.controller.symbols
-        factors = [() if layer is None else layer.factors for layer in (self.state, self.observation)]
-        self.control.output.naming = Naming(symbols, *factors)
+        self.control.output.naming = Naming(
+            symbols,
+            () if self.state is None else self.state.factors,
+            () if self.observation is None else self.observation.factors,
+        )
         for kind, layer in (("state", self.state), ("observation", self.observation)):
             space = symbols.state_space if kind == "state" else symbols.observation_space
             if layer is not None and (space is None or all(factor.names[0] == "0" for factor in space.factors)):

@@ -104,7 +104,7 @@ class Log(Observer):
         if decisions or (debug and decisions is None):
             self.on_decision = self._decided  # type: ignore[method-assign]
         elif decisions is None and target == "console":
-            self.on_step, self.on_life = self._stepped, self._lived  # type: ignore[method-assign]
+            self.on_step, self.on_life = self._stepped, self._lived  # type: ignore[method-assign,assignment]
         self._writer = Writer()
         self._guard: Guard | None = None
         self._told: list[Fault] = []

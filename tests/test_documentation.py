@@ -33,13 +33,13 @@ def read(page):
 
 def test_the_readme_s_program_is_the_example():
     program = blocks.texts("README.md", "python")[0]
-    example = (ROOT / "examples" / "q_table.py").read_text(encoding="utf-8")
+    example = (ROOT / "examples" / "first.py").read_text(encoding="utf-8")
     assert example.endswith(program)
 
 
-def test_the_readme_names_every_extra():
+def test_the_page_on_installing_names_every_extra():
     extras = tomllib.loads(read("pyproject.toml"))["project"]["optional-dependencies"].keys() - {"dev", "demo", "docs"}
-    assert set(re.findall(r"^pip install '\.\[(\w+)\]'", read("README.md"), re.MULTILINE)) == extras
+    assert set(re.findall(r"^pip install '\.\[(\w+)\]'", read("docs/install.md"), re.MULTILINE)) == extras
 
 
 def test_the_configuration_page_s_file_is_complete(tmp_path, monkeypatch, capsys):
@@ -78,10 +78,11 @@ def test_the_tables_of_pages_are_right_but_for_what_is_not_there(tmp_path, capsy
         assert [line for line in found if not re.search(absent, line)] == []
 
 
-def test_the_commands_of_the_readme_have_these_options():
+def test_the_commands_of_their_page_have_these_options():
     """Beside those in a block that runs: of each line the verb, and all that begins with dashes."""
     parsers = {command.words: command for command in commands()}
-    lines = [line for text in blocks.texts("README.md", "console") for line in text.splitlines()]
+    pages = ("README.md", "docs/command.md")
+    lines = [line for page in pages for text in blocks.texts(page, "console") for line in text.splitlines()]
     lines = [line.partition("#")[0].split() for line in lines if line.startswith("mdm ")]
     assert len(lines) > 20
     for words in lines:
@@ -126,12 +127,12 @@ def test_every_key_of_an_ensemble_is_in_the_page():
             assert f"`{key}`" in page, key
 
 
-def test_every_verb_is_in_the_readme():
+def test_every_verb_is_in_the_page_on_the_command():
     from mdm.cli import VERBS
 
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    page = read("docs/command.md")
     for verb in VERBS:
-        assert f"mdm {verb} " in readme
+        assert f"mdm {verb} " in page
 
 
 def test_every_page_is_in_the_index():
@@ -139,12 +140,12 @@ def test_every_page_is_in_the_index():
     assert [page.stem for page in (ROOT / "docs").glob("*.md") if page.stem not in {"index", *index}] == []
 
 
-def test_every_format_is_in_the_readme():
+def test_every_format_is_in_its_page():
     from mdm.formats.files import MODEL_SUFFIXES
 
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    page = read("docs/formats.md")
     for suffix in MODEL_SUFFIXES:
-        assert f"`{suffix}`" in readme, suffix
+        assert f"`{suffix}`" in page, suffix
 
 
 PROBLEMS = re.findall(r"^\| `((\w+)\(.*\))` \| (\d+) \| (\d+) \| (\d*) ?\|", read("docs/problems.md"), re.MULTILINE)

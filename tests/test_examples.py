@@ -736,3 +736,7 @@ def test_teams_run_in_processes_of_their_own(tmp_path, name, agents, times):
     assert replayed.stderr == ""
     assert replayed.returncode == 0, replayed.stdout
     assert ", 0 of them not sent" in replayed.stdout
+
+
+def test_the_first_robot_works_and_then_charges():
+    assert run("first.py") == "working\ncharging\n"

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import inspect
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+from places import ROOT
 from sentences import refused
 
 import mdm
@@ -74,6 +77,7 @@ def test_a_running_robot_loads_no_solver_format_or_compiler():
     """What an ensemble with a table takes; scipy and numba, too, come with those who need them."""
     program = """
 import sys
+import tomllib
 import mdm
 robot = mdm.Ensemble("robot", policy=[0, 1], actions={"a": print, "b": print})
 async def main():
@@ -91,6 +95,7 @@ print(sorted(name for name in sys.modules if name.startswith(unwanted)))
 def test_a_file_without_a_team_or_a_map_loads_nothing_of_them():
     program = """
 import sys
+import tomllib
 import mdm
 mdm.load_system("examples/tiger.toml")
 print(sorted(name for name in sys.modules if name.startswith(("mdm.team", "zenoh", "mdm.maps"))))
@@ -102,6 +107,7 @@ print(sorted(name for name in sys.modules if name.startswith(("mdm.team", "zenoh
 def test_a_verb_loads_no_other_and_a_file_no_other_format():
     program = """
 import sys
+import tomllib
 from mdm.cli import main
 assert main(["run", "examples/tiger.toml", "--virtual", "--epochs", "1"]) == 0
 formats = ("openmarkov", "sarsop", "zmdp", "mdm1", "cassandra.policy_graph", "madp.dpomdp", "madp.joint_policy")
@@ -116,6 +122,7 @@ print(sorted(name for name in sys.modules if name.startswith((*others, *verbs)))
 def test_the_names_of_teams_load_what_they_need():
     program = """
 import sys
+import tomllib
 import mdm.team
 before = set(sys.modules)
 from mdm.team import Team
@@ -129,6 +136,7 @@ print(sorted(name for name in sys.modules if name.startswith(("mdm.team.agreemen
 def test_maps_load_no_actors_and_no_pictures():
     program = """
 import sys
+import tomllib
 import mdm.maps
 print(sorted(name for name in sys.modules if name.startswith(("mdm.actors", "mdm.runtime", "PIL", "yaml"))))
 mdm.maps.Places
@@ -168,3 +176,22 @@ def test_the_version_is_that_of_the_installation():
     from importlib.metadata import version
 
     assert mdm.__version__ == version("markov-decision-making")
+
+
+def test_hints_at_installing_name_packages_of_the_extras_alone():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    packages = {re.split(r"[>=;\[ ]", each)[0] for given in extras.values() for each in given}
+    hinted = {
+        name
+        for path in (ROOT / "mdm").rglob("*.py")
+        for words in re.findall(r"pip install ([a-z][\w\- ]*)", path.read_text())
+        for name in words.split()
+    }
+    assert hinted
+    assert hinted <= packages, hinted - packages
+
+
+def test_the_extra_all_has_each_other_one_that_a_user_may_want():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    (named,) = re.findall(r"\[(.*)\]", extras["all"][0])
+    assert set(named.split(",")) == extras.keys() - {"all", "demo", "dev", "docs"}

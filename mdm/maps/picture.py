@@ -438,5 +438,5 @@ def _pillow() -> tuple[Any, Any, Any]:
     try:
         from PIL import Image, ImageDraw, ImageFont  # noqa: PLC0415 - an extra
     except ImportError:
-        raise MapError("pictures of maps need Pillow: pip install 'markov-decision-making[maps]'") from None
+        raise MapError("pictures of maps need Pillow: pip install pillow pyyaml") from None
     return Image, ImageDraw, ImageFont

@@ -559,8 +559,7 @@ def decompressor(compression: str) -> Callable[[bytes, int], bytes]:
             continue
         return partial(_decompressed, name, module)
     raise Error(
-        f"this record is compressed by {compression}, which needs a module for it: "
-        f"pip install 'markov-decision-making[record]'"
+        f"this record is compressed by {compression}, which needs a module for it: pip install mcap threadpoolctl"
     )
 
 

@@ -371,7 +371,7 @@ def repair(record: Record, file: IO[bytes]) -> int:
         Error: If mcap is not installed.
     """
     if importlib.util.find_spec("mcap") is None:
-        raise Error("records need mcap: pip install 'markov-decision-making[record]'")
+        raise Error("records need mcap: pip install mcap threadpoolctl")
     written = File(file, f"mdm/{__version__}")
     for name, mapping in record.metadata.items():
         if name == "mdm.file":  # a whole of its own, which other files do not follow

@@ -132,7 +132,7 @@ class RecordWriter:
             FormatError: If the file cannot be written, is no record, or another program records to it.
         """
         if importlib.util.find_spec("mcap") is None:
-            raise Error("records need mcap: pip install 'markov-decision-making[record]'")
+            raise Error("records need mcap: pip install mcap threadpoolctl")
         try:
             if self.path.is_dir():
                 raise FormatError("this is a folder, not a file", file=self.path)

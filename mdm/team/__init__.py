@@ -1,7 +1,7 @@
 """Teams: one process per agent, which share their input and decide as one, or each on its own knowledge.
 
 A `Transport` carries the messages: a session of Zenoh between processes (`mdm.team.transport.session`, which needs
-``pip install 'markov-decision-making[team]'``), or a simulated network within one (`mdm.team.transport.network`). A
+``pip install eclipse-zenoh``), or a simulated network within one (`mdm.team.transport.network`). A
 `Team` says who decides together and how; a `Member` is one agent of it, an actor to run. The names here are loaded when
 they are first asked for.
 """

@@ -23,7 +23,7 @@ def pyplot() -> Any:
         mpl.use("Agg")
         from matplotlib import pyplot as plt  # noqa: PLC0415
     except ImportError:
-        raise Error("pictures need matplotlib: pip install 'markov-decision-making[plot]'") from None
+        raise Error("pictures need matplotlib: pip install matplotlib") from None
     return plt
 
 

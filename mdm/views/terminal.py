@@ -39,7 +39,7 @@ def rich() -> Any:
             )
         }
     except ImportError:
-        raise Error("to watch in a terminal needs rich: pip install 'markov-decision-making[watch]'") from None
+        raise Error("to watch in a terminal needs rich: pip install rich websockets") from None
     return type("Rich", (), parts)
 
 

@@ -136,7 +136,7 @@ def test_on_a_simulated_network_nothing_is_kept(tmp_path):
     network = Network(VirtualClock(), team="rooms")
     simulated = load_system(path, agent="a", transport=network.transport("a"))
     assert simulated.member.layers["joint"].storage is None
-    pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
+    pytest.importorskip("zenoh", reason="pip install eclipse-zenoh")
     real = load_system(path, agent="a")
     assert real.member.layers["joint"].storage.file == tmp_path / "a@rooms.state"
 

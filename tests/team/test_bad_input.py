@@ -22,7 +22,7 @@ from mdm.team.transport.certificates import make_certificates
 from mdm.team.transport.keys import matches
 from mdm.team.transport.router import VERSION, Packer
 
-pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
+pytest.importorskip("zenoh", reason="pip install eclipse-zenoh")
 
 BUSY = {"lost_teammate", "lost_majority", "waiting", "stale"}
 """What agents may tell of where the machine is busy."""

@@ -13,7 +13,7 @@ from team.commanded import MODES, violation
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(len(MODES)))
 def test_nobody_moves_before_a_start_whatever_is_killed_after_a_stop(seed):
-    pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
+    pytest.importorskip("zenoh", reason="pip install eclipse-zenoh")
     mode, stops, wrong = violation(seed, Return)
     assert (mode, wrong) == (MODES[seed], None)
     assert stops >= 3

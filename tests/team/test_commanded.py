@@ -9,7 +9,7 @@ from team.commanded import MODES, violation
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(len(MODES)))
 def test_no_robot_moves_after_a_stop_that_it_confirmed(seed):
-    pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
+    pytest.importorskip("zenoh", reason="pip install eclipse-zenoh")
     mode, stops, wrong = violation(seed)
     assert (mode, wrong) == (MODES[seed], None)
     assert stops >= 3

@@ -453,7 +453,7 @@ class Sessions:
 
 
 def test_agents_talk_over_real_sessions():
-    pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
+    pytest.importorskip("zenoh", reason="pip install eclipse-zenoh")
     team = Team("tigers", [("left", endpoint()), ("right", endpoint())], mode="communicating", period=0.1)
     robots = []
 

@@ -29,7 +29,7 @@ PROGRAM = ROOT / "tests" / "leftover_program.py"
 
 @pytest.mark.slow
 def test_members_that_come_and_go_leave_no_thread_file_or_process(tmp_path):
-    pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
+    pytest.importorskip("zenoh", reason="pip install eclipse-zenoh")
     ended = subprocess.run(
         [sys.executable, PROGRAM, "3"], capture_output=True, text=True, timeout=100, cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}", "TMPDIR": str(tmp_path)},

@@ -113,7 +113,7 @@ async def befall(names, told, begin):
 @pytest.mark.slow
 @pytest.mark.parametrize(("count", "period"), [(4, 0.05), (3, None)])
 def test_processes_decide_the_same_through_crashes_hangs_and_losses(count, period, tmp_path, record_property):
-    pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
+    pytest.importorskip("zenoh", reason="pip install eclipse-zenoh")
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     asyncio.run(run(tmp_path, count, period, loss=0.3))
@@ -128,7 +128,7 @@ def test_processes_decide_the_same_through_crashes_hangs_and_losses(count, perio
 
 def test_a_process_and_an_agent_here_decide_the_same(tmp_path, monkeypatch):
     """The least that shows it. The compiler stays out: it loads longer than all the rest takes."""
-    pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
+    pytest.importorskip("zenoh", reason="pip install eclipse-zenoh")
     monkeypatch.setattr("mdm.beliefs.choice.compiles", lambda model: False)
     agents = endpoints("ab")
     kept = tmp_path / "b.jsonl"

@@ -45,7 +45,7 @@ VERBS = {
             Argument("part [PART]", f"one of {', '.join(_PARTS)}", choices=_PARTS),
             Argument("symbols SYMBOL", "names or indices", nargs="*"),
             Argument("--from STATE", "the state before, for observations of events", dest="before"),
-            Argument("--picture PNG", "draw the network into a file (needs mdm[plot])"),
+            Argument("--picture PNG", "draw the network into a file (needs matplotlib)"),
             JSON,
         ),
         "files.show",

@@ -146,7 +146,7 @@ VERBS = {
         "policies.evaluate:compare",
     ),
     "plot": Verb(
-        "Draw a picture (needs mdm[plot]); its file's suffix is .png, .svg or .pdf.",
+        "Draw a picture (needs matplotlib); its file's suffix is .png, .svg or .pdf.",
         "mdm plot policy tiger.pomdp tiger.vf -o tiger.png",
         chosen=("picture", "PICTURE"),
         verbs={

@@ -37,6 +37,7 @@ _TIGER = ("tiger.pomdp", "tiger.vf")
 _FLOOR = ("patrol/floor.pgm", "patrol/floor.xml", "patrol/floor.yaml", "patrol/labels.png")
 
 EXAMPLES = {
+    "first": Example("a model from functions, its policy, and a sensor that changes", ("first.py",), "python first.py"),
     "q_table": Example("an MDP robot of one page, from a table of values", ("q_table.py",), "python q_table.py"),
     "tiger": Example(
         "a POMDP at a fixed rate, as a program and as a TOML file",
@@ -64,22 +65,22 @@ EXAMPLES = {
         "behaviour trees and state machines of five libraries as actions", ("actions",), "python ensemble_within.py"
     ),
     "tutorial": Example(
-        "the tutorial's steps, from predicates to a model's statistics (needs mdm[record,simulation])",
+        "the tutorial's steps, from predicates to a model's statistics (needs mcap, navground, pillow and pyyaml)",
         ("tutorial", "patrol"),
         "python tutorial/step1_predicates.py",
     ),
     "patrol": Example(
-        "the demo: a robot patrols a simulated building, in two levels (needs mdm[simulation])",
+        "the demo: a robot patrols a simulated building, in two levels (needs navground, pillow and pyyaml)",
         ("patrol",),
         "python patrol.py",
     ),
     "foxglove": Example(
-        "a record of the demo for Foxglove: the floor with the robot, and a layout (needs mdm[record,simulation])",
+        "a record of the demo for Foxglove: the floor with the robot, and a layout (needs mcap and navground)",
         ("foxglove", "patrol"),
         "mdm run patrol/patrol.toml --record run.mcap --seconds 60 && python foxglove/to_foxglove.py run.mcap",
     ),
     "team": Example(
-        "teams, a process an agent: replicated, centralised, communicating (needs mdm[team])",
+        "teams, a process an agent: replicated, centralised, communicating (needs eclipse-zenoh)",
         ("team", *_TIGER, *_FLOOR),
         "mdm team up team/meeting.toml --seconds 20",
     ),

@@ -70,7 +70,7 @@ _OF_A_RECORD = {
         "Write the decisions of a record as a table: time, ensemble, epoch, cause, state, observation and action "
         "with their names, reward, the end of the action, the true state where a simulated world told it, and a "
         "column for each state of a belief. The suffix of the table's file chooses its format: .csv or .parquet "
-        "(needs mdm[parquet]).",
+        "(needs pyarrow).",
         "mdm record export run.mcap -o run.csv",
         (
             _FILE,

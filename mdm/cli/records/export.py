@@ -137,7 +137,7 @@ def _pyarrow() -> tuple[Any, Any]:
     try:
         return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
     except ImportError:
-        raise Error("tables in parquet need pyarrow: pip install 'markov-decision-making[parquet]'") from None
+        raise Error("tables in parquet need pyarrow: pip install pyarrow") from None
 
 
 def repair(arguments: argparse.Namespace) -> int:

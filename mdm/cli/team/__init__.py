@@ -105,7 +105,7 @@ _VERBS = {
     "certificates": Verb(
         "Write the certificate of an authority, and a certificate and key for each agent of a team, and for the "
         "operator, as whom `mdm team status` asks, and the team's router, if it has one. In a folder that has an "
-        "authority it signs for those who have none yet. They are for trying; needs mdm[certificates].",
+        "authority it signs for those who have none yet. They are for trying; needs cryptography.",
         "mdm team certificates examples/team/meeting.toml -o certificates",
         (
             _FILE,

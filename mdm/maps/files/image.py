@@ -133,7 +133,7 @@ def _drawn(data: bytes, path: Path) -> Image:
     try:
         from PIL import Image as pillow  # noqa: N813, PLC0415 - a module, of an extra
     except ImportError:
-        raise MapError(f"{path}: PNG and BMP images need Pillow: pip install 'markov-decision-making[maps]'") from None
+        raise MapError(f"{path}: PNG and BMP images need Pillow: pip install pillow pyyaml") from None
     bits, kind = (data[24], data[25]) if data.startswith(_PNG) and len(data) > 25 else (8, -1)
     if bits == 16 and kind != 0:
         raise FormatError(_DEEP, file=path)
@@ -180,7 +180,7 @@ def save_labels(labels: Labels, path: str | PathLike[str]) -> None:
     try:
         from PIL import Image  # noqa: PLC0415 - an extra
     except ImportError:
-        raise MapError("PNG images need Pillow: pip install 'markov-decision-making[maps]'") from None
+        raise MapError("PNG images need Pillow: pip install pillow pyyaml") from None
     colours = np.array([(0, 0, 0), *_colours(len(labels.names))], dtype=np.uint8)
     image: Any = Image.fromarray(colours[labels.raster])
     with replacing(Path(path)) as file:

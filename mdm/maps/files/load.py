@@ -77,7 +77,7 @@ def load_map(
     Raises:
         FormatError: If a file is missing or malformed, or the image has another size than the map.
         MapError: If the files do not fit each other, such as a goal that lies outside the map; or if Pillow or PyYAML
-            is missing where one of them is needed (`pip install 'markov-decision-making[maps]'`).
+            is missing where one of them is needed (`pip install pillow pyyaml`).
     """
     return load_parts(graph, grid=grid, labels=labels, names=names, reach=reach, robot=robot).whole()
 

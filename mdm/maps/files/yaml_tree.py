@@ -92,7 +92,7 @@ def read_yaml(source: Source) -> Entry:
     try:
         import yaml  # noqa: PLC0415 - an extra
     except ImportError:
-        raise MapError(f"{source.path}: YAML files need PyYAML: pip install 'markov-decision-making[maps]'") from None
+        raise MapError(f"{source.path}: YAML files need PyYAML: pip install pillow pyyaml") from None
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
         return _Composer(source, yaml.parse(source.text, Loader=loader)).document()

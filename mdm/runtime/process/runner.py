@@ -232,6 +232,6 @@ def _factory(virtual: bool, uvloop: bool) -> Callable[[], asyncio.AbstractEventL
         try:
             import uvloop as package  # noqa: PLC0415 - an optional extra
         except ImportError:
-            raise Error("uvloop is not installed: pip install 'markov-decision-making[uvloop]'") from None
+            raise Error("uvloop is not installed: pip install uvloop") from None
         return package.new_event_loop
     return None

@@ -448,5 +448,5 @@ def _navground() -> tuple[Any, Any]:
     try:
         from navground import core, sim  # noqa: PLC0415 - an extra
     except ImportError:
-        raise Error("simulated buildings need navground: pip install 'markov-decision-making[simulation]'") from None
+        raise Error("simulated buildings need navground: pip install navground pillow pyyaml") from None
     return core, sim

@@ -151,8 +151,8 @@ def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -
 @cache
 def _check_compiler() -> None:
     if not may_compile():
-        text = "SARSOP runs uncompiled, slower by far on all but small models: for numba, pip install"
-        warnings.warn(f"{text} 'markov-decision-making[fast]'", ModelWarning, stacklevel=4)
+        text = "SARSOP runs uncompiled, slower by far on all but small models: pip install numba"
+        warnings.warn(text, ModelWarning, stacklevel=4)
 
 
 def _fastest() -> Any:

@@ -1,6 +1,6 @@
 """Certificates to try a team with: an authority, and a certificate of each agent.
 
-They are made by the package ``cryptography`` (``pip install 'markov-decision-making[certificates]'``): the rules of
+They are made by the package ``cryptography`` (``pip install cryptography``): the rules of
 X.509 are no place for code of one's own, and the program ``openssl`` differs from one machine to the next. A team in
 earnest takes its certificates from whoever keeps its keys.
 """
@@ -50,9 +50,7 @@ def make_certificates(folder: str | Path, agents: Mapping[str, Sequence[str]], *
         from cryptography.hazmat.primitives import hashes  # noqa: PLC0415
         from cryptography.hazmat.primitives.asymmetric import ec  # noqa: PLC0415
     except ImportError:
-        raise Error(
-            "certificates need the package cryptography: pip install 'markov-decision-making[certificates]'"
-        ) from None
+        raise Error("certificates need the package cryptography: pip install cryptography") from None
     place = Path(folder)
     made = {check_name(agent, "an agent"): access_of(place, agent) for agent in agents}
     _check_files(made)

@@ -699,7 +699,7 @@ def import_zenoh() -> Any:
         import zenoh.handlers  # noqa: PLC0415
     except ImportError:
         raise Error(
-            "processes of a team talk through Zenoh, which is not installed: pip install 'markov-decision-making[team]'"
+            "processes of a team talk through Zenoh, which is not installed: pip install eclipse-zenoh"
         ) from None
     return zenoh
 

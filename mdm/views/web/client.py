@@ -27,7 +27,7 @@ def _client(module: str) -> Any:
     try:
         return importlib.import_module(f"websockets.{module}")
     except ImportError:
-        raise Error("a page's client needs websockets: pip install 'markov-decision-making[watch]'") from None
+        raise Error("a page's client needs websockets: pip install rich websockets") from None
 
 
 class Socket:

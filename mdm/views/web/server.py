@@ -400,7 +400,7 @@ def websockets() -> Any:
         serving = importlib.import_module("websockets.asyncio.server")
         errors = importlib.import_module("websockets.exceptions")
     except ImportError:
-        raise Error("a page needs websockets: pip install 'markov-decision-making[page]'") from None
+        raise Error("a page needs websockets: pip install websockets") from None
     return SimpleNamespace(
         serve=serving.serve, Connection=serving.ServerConnection, ConnectionClosed=errors.ConnectionClosed
     )

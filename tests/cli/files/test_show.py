@@ -79,4 +79,4 @@ def test_show_without_matplotlib_says_what_to_install(mdm, monkeypatch, tmp_path
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     status, _, errors = mdm("show", MODELS / "guard.pgmx", "--picture", tmp_path / "guard.png")
     assert status == 1
-    assert "pip install 'markov-decision-making[plot]'" in errors
+    assert "pip install matplotlib" in errors

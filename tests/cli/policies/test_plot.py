@@ -86,7 +86,7 @@ def test_without_matplotlib_one_sentence(mdm, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     status, output, errors = mdm("plot", "policy", TIGER, TIGER_VECTORS, "-o", "x.png")
     assert (status, output) == (1, [])
-    assert errors == "mdm plot: pictures need matplotlib: pip install 'markov-decision-making[plot]'\n"
+    assert errors == "mdm plot: pictures need matplotlib: pip install matplotlib\n"
 
 
 @pytest.mark.parametrize("picture", ["bounds", "policy", "belief"])

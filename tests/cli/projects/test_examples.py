@@ -43,7 +43,7 @@ def test_all_files_that_it_needs_are_copied(name, tmp_path, monkeypatch, capsys)
         assert main([*verb, str(path)]) == 0, capsys.readouterr()
     if name in {"q_table", "tiger", "from_arrays", "rooms", "external_belief"}:
         done = in_process.script(copied / command[1], *command[2:], folder=copied)
-        assert (done.status, done.errors) == (0, "")
+        assert (done.status, done.wrong) == (0, "")
     else:
         assert any((copied / word).is_file() for word in command)
 

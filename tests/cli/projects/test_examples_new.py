@@ -29,7 +29,7 @@ def project(request, tmp_path, capsys):
 def test_it_passes_its_own_test_and_nothing_is_found(project):
     kind, folder, _ = project
     if kind == "team":
-        pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
+        pytest.importorskip("zenoh", reason="pip install eclipse-zenoh")
     assert len(in_process.suite(folder)) == 1
     check = ["team", "check", "team.toml"] if kind == "team" else ["check", "robot.toml"]
     done = in_process.mdm(*check, folder=folder)
@@ -41,7 +41,7 @@ def test_it_passes_its_own_test_and_nothing_is_found(project):
 def test_it_passes_its_own_test_by_pytest(project):
     kind, folder, _ = project
     if kind == "team":
-        pytest.importorskip("zenoh", reason="pip install 'markov-decision-making[team]'")
+        pytest.importorskip("zenoh", reason="pip install eclipse-zenoh")
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:asyncio", "-W", "error"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=100)
     assert "1 passed" in done.stdout, done.stdout

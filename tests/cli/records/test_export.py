@@ -129,4 +129,4 @@ def test_without_pyarrow_the_way_out_is_told(mdm, tmp_path, monkeypatch):
     path = written(tmp_path / "run.mcap", [("decisions", decision(1))])
     status, _, errors = mdm("record", "export", path, "-o", tmp_path / "run.parquet")
     assert status == 1
-    assert "pip install 'markov-decision-making[parquet]'" in errors
+    assert "pip install pyarrow" in errors

@@ -50,7 +50,7 @@ def test_without_zenoh_there_is_a_sentence(mdm, free, monkeypatch):
     monkeypatch.setitem(sys.modules, "zenoh", None)
     status, _, errors = mdm("team", "check", free())
     assert status == 1
-    assert "Zenoh, which is not installed: pip install 'markov-decision-making[team]'" in errors
+    assert "Zenoh, which is not installed: pip install eclipse-zenoh" in errors
 
 
 def test_one_that_others_cannot_reach_is_noted(mdm, free):

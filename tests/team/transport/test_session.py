@@ -428,7 +428,7 @@ def test_zenoh_is_loaded_by_those_alone_who_open_a_session():
 def test_without_zenoh_it_is_said_how_to_install_it():
     ended = run("absent")
     assert ended.stdout == (
-        "processes of a team talk through Zenoh, which is not installed: pip install 'markov-decision-making[team]'\n"
+        "processes of a team talk through Zenoh, which is not installed: pip install eclipse-zenoh\n"
     ), ended.stderr
 
 

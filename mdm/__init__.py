@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         config,
         estimation,
         formats,
+        gym,
         logic,
         maps,
         messages,
@@ -131,6 +132,7 @@ __all__ = [
     "estimation",
     "evaluate",
     "formats",
+    "gym",
     "load_model",
     "load_policy",
     "load_rewards",
@@ -157,7 +159,7 @@ __all__ = [
 
 _PACKAGES = (
     *("beliefs", "maps", "models", "policies", "problems", "simulation", "solvers", "team", "testing"),
-    *("actors", "config", "estimation", "formats", "logic", "messages", "runtime"),
+    *("actors", "config", "estimation", "formats", "gym", "logic", "messages", "runtime"),
 )
 _HOMES = {
     "actors": (

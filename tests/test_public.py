@@ -19,6 +19,7 @@ import mdm.beliefs
 import mdm.config
 import mdm.explanation
 import mdm.formats
+import mdm.gym
 import mdm.logic
 import mdm.maps
 import mdm.messages
@@ -31,7 +32,7 @@ import mdm.team
 import mdm.testing
 
 PACKAGES = [mdm, mdm.actors, mdm.beliefs, mdm.config, mdm.formats, mdm.logic, mdm.messages, mdm.models, mdm.policies]
-PACKAGES += [mdm.explanation, mdm.maps, mdm.runtime, mdm.simulation, mdm.solvers, mdm.team, mdm.testing]
+PACKAGES += [mdm.explanation, mdm.gym, mdm.maps, mdm.runtime, mdm.simulation, mdm.solvers, mdm.team, mdm.testing]
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.__name__)

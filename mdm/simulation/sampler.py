@@ -50,8 +50,8 @@ class Sampler:
         self._transitions: dict[tuple[int, int], _Row] = {}
         self._observations: dict[tuple[int, ...], _Row] = {}
 
-    def seed(self, seed: int | np.random.SeedSequence | None) -> None:
-        """Restart the samples from a seed."""
+    def seed(self, seed: int | np.random.SeedSequence | np.random.Generator | None) -> None:
+        """Restart the samples from a seed, or draw them from a generator of another's from now on."""
         self._generator = np.random.default_rng(seed)
         self._numbers = []
 

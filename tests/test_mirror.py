@@ -22,6 +22,7 @@ UNTESTED_ALONE = {
     "actors/layer.py": "a base: its layers are tested",
     "team/centralised/messages.py": "declares messages: the leader and its followers are tested",
     "snapshots/frame.py": "declares types alone",
+    "ros2/wire.py": "declares types alone",
     "cli/map/floor.py": "with the verbs that load a floor, and draw it: test_check, test_show",
     "beliefs/dense.py": "with every other filter, against one computation: test_filter",
     "beliefs/compressed.py": "with every other filter, against one computation: test_filter",

@@ -1,0 +1,24 @@
+"""What tests against the real ROS 2 need."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from ros2.environment import installed, once
+
+
+@pytest.fixture(scope="session")
+def shared_folder(tmp_path_factory):
+    """Give a folder that is one for all workers of a run of the tests."""
+    folder = tmp_path_factory.getbasetemp()
+    return folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+
+
+@pytest.fixture(scope="session")
+def ros(shared_folder):
+    """Give an interpreter that has rclpy; skip where it cannot be had."""
+    if given := os.environ.get("MDM_ROS_PYTHON"):
+        return Path(given)
+    return once(shared_folder, "ros", installed) / "bin" / "python"

@@ -1,0 +1,158 @@
+"""An environment with rclpy, and programs that run in it, each test in a domain of its own.
+
+rclpy's wheels are installed once in a run of the tests, by pip as it is configured; MDM_ROS_INDEX names another index,
+and MDM_ROS_PYTHON an interpreter that has rclpy.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import json
+import os
+import signal
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from contextlib import asynccontextmanager, contextmanager, suppress
+from pathlib import Path
+
+import pytest
+from patience import PATIENCE
+from peers import Peer
+from places import ROOT
+
+WHEELS = [f"ros-kilted-{name}" for name in ("rclpy", "rmw-fastrtps-cpp", "common-interfaces", "test-msgs")]
+HERE = Path(__file__).parent
+DOMAINS = range(30, 60)
+
+
+@contextmanager
+def alone(path):
+    """Keep other processes out of what this lock guards."""
+    with path.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def once(folder, name, make):
+    """Make something in a folder, in one of the processes that share it; skip where it cannot be had.
+
+    ``make`` is called with a path, and returns why it could not, or nothing.
+    """
+    made, said = folder / name, folder / f"{name}.said"
+    with alone(folder / f"{name}.lock"):
+        if not said.exists():
+            said.write_text(make(made) or "")
+    if why := said.read_text():
+        pytest.skip(why)
+    return made
+
+
+def installed(folder):
+    """Install rclpy into an environment, or say why it cannot be had."""
+    subprocess.run([sys.executable, "-m", "venv", folder], check=True)
+    index = os.environ.get("MDM_ROS_INDEX")
+    options = ["--quiet", "--disable-pip-version-check", *([] if index is None else ["--index-url", index])]
+    done = subprocess.run([folder / "bin" / "python", "-m", "pip", "install", *options, *WHEELS], **TEXT)
+    return done.returncode and f"rclpy's wheels cannot be had: {done.stderr.strip().rpartition(chr(10))[2]}"
+
+
+TEXT = {"capture_output": True, "text": True}
+
+
+@contextmanager
+def domain():
+    """Give the number of a ROS domain that no other test of this machine has."""
+    for number in DOMAINS:
+        with (Path(tempfile.gettempdir()) / f"mdm-ros-domain-{number}").open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield number
+            return
+    pytest.fail("there is no free ROS domain")
+
+
+class Program(Peer):
+    """A process that takes and prints lines of JSON; what it says besides goes to a file, so that it never waits."""
+
+    def __init__(self, process, said):
+        super().__init__(process)
+        self.said = said
+
+    async def hear(self, *wanted, where=lambda event: True):
+        """Return the next event that has one of these names; those before it are skipped."""
+        async with asyncio.timeout(PATIENCE):
+            while line := await self.process.stdout.readline():
+                event = json.loads(line)
+                self.heard.append(event)
+                if any(name in event for name in wanted) and where(event):
+                    return event
+        raise AssertionError(f"the process ended; it said {self.heard[-20:]} and {self.said.read_text()}")
+
+    async def rest(self):
+        """Return what a process printed until its end."""
+        async with asyncio.timeout(PATIENCE):
+            while line := await self.process.stdout.readline():
+                self.heard.append(json.loads(line))
+        return self.heard
+
+
+class Domain:
+    """Programs in a ROS domain of their own."""
+
+    def __init__(self, python, number, folder):
+        self.python, self.number, self.folder = python, number, folder
+        ours = [folder, ROOT, ROOT / "tests", *{sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}]
+        self.environment = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(map(str, ours)),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "ROS_DOMAIN_ID": str(number),
+            "ROS_LOG_DIR": str(folder / "logs"),
+        }
+        self._started = []
+
+    async def start(self, *arguments, **environment):
+        """Start a program by the arguments of its interpreter."""
+        pipe, said = asyncio.subprocess.PIPE, self.folder / f"said-{len(self._started)}.txt"
+        with said.open("w") as file:
+            process = await asyncio.create_subprocess_exec(
+                *(self.python, *map(str, arguments)),
+                stdin=pipe,
+                stdout=pipe,
+                stderr=file,
+                limit=2**26,  # bytes of a line
+                cwd=self.folder,
+                env={**self.environment, **environment},
+            )
+        self._started.append(Program(process, said))
+        return self._started[-1]
+
+    async def peer(self, name="robot", **options):
+        """Start a node that does what it is told: `peer_program.py`."""
+        peer = await self.start(HERE / "peer_program.py", json.dumps({"name": name, **options}))
+        await peer.hear("spins")
+        return peer
+
+    async def end(self):
+        for program in self._started:
+            if program.process.returncode is None:
+                with suppress(ProcessLookupError):  # it has ended, and the loop has not heard of it
+                    program.signal(signal.SIGCONT)
+                    program.signal(signal.SIGKILL)
+            await program.process.communicate()
+
+
+@asynccontextmanager
+async def programs(python, folder):
+    """Give a domain; programs that still run at the end are killed."""
+    with domain() as number:
+        here = Domain(python, number, folder)
+        try:
+            yield here
+        finally:
+            await here.end()

@@ -1,0 +1,272 @@
+"""A node of ROS that does what it is told by lines of JSON, and prints what it hears; by rclpy itself.
+
+Its argument is JSON: the node's name. A line has one of these commands, and what belongs to it:
+
+- ``{"publish": topic, "type": …, "message": {…}, "rate": 10}``: a message ten times a second from then on; without a
+  rate once; with rate 0 no more. ``"latched": true`` keeps the last message for who comes later. ``"reliable": false``
+  is best effort. The topic is there from the first such line on; ``"quiet": true`` makes it and publishes nothing.
+- ``{"echo": topic, "type": …}`` prints each message as ``{"heard": topic, "message": {…}}``.
+- ``{"serve": service, "type": …, "response": {…}, "silent": false}`` prints each request, and answers unless silent.
+- ``{"act": action, "type": …, "answer": true, "on_cancel": true, "brake": 0.0}``: an action's server. Each goal is
+  ``{"goal": number, "fields": {…}}``; ``answer`` says whether it is accepted; null: once ``{"answer": true}`` comes.
+  A request to cancel prints ``{"cancel": number}``; the goal ends after ``brake`` seconds, or by ``finish`` where that
+  is null. ``"replaces": true`` aborts a goal where another comes. ``{"accepted": number, "live": 1}`` tells how many
+  are live. ``{"options": {…}}`` changes these.
+- ``{"feedback": {…}}`` and ``{"finish": 4, "result": {…}}`` are of the newest goal, or of ``"of": number``.
+- ``{"remove": name}`` takes a publisher, subscription, service or action away; ``{"call": service, "type": …}`` calls;
+  ``{"graph": true}`` prints nodes and topics; ``{"matched": topic}`` prints that it has its counterpart, once it has;
+  ``{"echoed": 1}`` is printed back.
+"""
+
+import array
+import json
+import sys
+import threading
+from importlib import import_module
+
+import numpy as np
+import rclpy
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+LOCK = threading.Lock()
+
+
+def tell(**what):
+    with LOCK:
+        sys.stdout.write(json.dumps(what) + "\n")
+        sys.stdout.flush()
+
+
+def kind(name):
+    package, folder, last = name.split("/")
+    return getattr(import_module(f"{package}.{folder}"), last)
+
+
+def plain(value):
+    """Return a message as what JSON has."""
+    if hasattr(value, "get_fields_and_field_types"):
+        return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    if isinstance(value, (bytes, list, tuple, array.array, np.ndarray)):
+        return [plain(each) for each in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def filled(message, fields):
+    """Set fields of a message by name; others keep what they have."""
+    types = message.get_fields_and_field_types()
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            filled(getattr(message, name), value)
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            element = types[name].removeprefix("sequence<").partition("[")[0].partition(",")[0].rstrip(">")
+            package, _, last = element.partition("/")
+            setattr(message, name, [filled(kind(f"{package}/msg/{last}")(), each) for each in value])
+        elif types[name] in ("octet", "byte"):
+            setattr(message, name, bytes([value]))
+        else:
+            setattr(message, name, value)
+    return message
+
+
+class Served:
+    """An action's server, whose goals end as they are told."""
+
+    def __init__(self, peer, act, type, answer=True, on_cancel=True, brake=0.0, replaces=False, **_):  # noqa: A002
+        self.peer, self.kind, self.count, self.live = peer, kind(type), 0, {}
+        self.options = {"answer": answer, "on_cancel": on_cancel, "brake": brake, "replaces": replaces}
+        self.asked = None
+        self.numbers = {}
+        self.server = ActionServer(
+            *(peer.node, self.kind, act, self.pursue),
+            goal_callback=self.answer,
+            cancel_callback=self.cancel,
+            handle_accepted_callback=self.accepted,
+            callback_group=ReentrantCallbackGroup(),
+            result_timeout=3600,
+        )
+
+    async def answer(self, goal):
+        self.count += 1
+        self.numbers[id(goal)] = self.count
+        tell(goal=self.count, fields=plain(goal))
+        answer = self.options["answer"]
+        if answer is None:
+            self.asked = Future()
+            answer = await self.asked
+        return GoalResponse.ACCEPT if answer else GoalResponse.REJECT
+
+    def accepted(self, handle):
+        number = self.numbers.pop(id(handle.request), self.count)
+        if self.options["replaces"]:
+            for other in self.live.values():
+                other.end.done() or other.end.set_result((GoalStatus.STATUS_ABORTED, {}))
+        handle.number, handle.end, handle.status_set = number, Future(), False
+        self.live[number] = handle
+        tell(accepted=number, live=len(self.live))
+        handle.execute()
+
+    def cancel(self, handle):
+        tell(cancel=handle.number)
+        if not self.options["on_cancel"]:
+            return CancelResponse.REJECT
+        if (brake := self.options["brake"]) is not None:
+            self.peer.later(brake, lambda: handle.end.done() or handle.end.set_result((GoalStatus.STATUS_CANCELED, {})))
+        return CancelResponse.ACCEPT
+
+    async def pursue(self, handle):
+        status, result = await handle.end
+        del self.live[handle.number]
+        {4: handle.succeed, 5: handle.canceled, 6: handle.abort}[status]()
+        tell(ended=handle.number, status=status)
+        return filled(self.kind.Result(), result)
+
+    def of(self, command):
+        return self.live.get(command.get("of", max(self.live, default=None)))
+
+    def finish(self, command):
+        if (handle := self.of(command)) is not None and not handle.end.done():
+            handle.end.set_result((command["finish"], command.get("result", {})))
+
+    def feedback(self, command):
+        if (handle := self.of(command)) is not None:
+            handle.publish_feedback(filled(self.kind.Feedback(), command["feedback"]))
+
+
+class Peer:
+    def __init__(self, node, executor):
+        self.node, self.executor = node, executor
+        self.publishers, self.timers, self.things, self.action = {}, {}, {}, None
+
+    def later(self, seconds, call):
+        """Call once, after so many seconds; at once where they are 0."""
+        if not seconds:
+            self.executor.create_task(call)
+            return
+
+        def once():
+            self.node.destroy_timer(timer)
+            call()
+
+        timer = self.node.create_timer(seconds, once)
+
+    def publish(self, publish, type, message=None, rate=None, latched=False, reliable=True, quiet=False, depth=10):  # noqa: A002
+        if publish not in self.publishers:
+            quality = QoSProfile(
+                depth=depth,
+                reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+                durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+            )
+            self.publishers[publish] = self.node.create_publisher(kind(type), publish, quality)
+        publisher = self.publishers[publish]
+        if (timer := self.timers.pop(publish, None)) is not None:
+            self.node.destroy_timer(timer)
+        if quiet or rate == 0:
+            return
+        ready = filled(kind(type)(), message or {})
+        publisher.publish(ready)
+        if rate:
+            self.timers[publish] = self.node.create_timer(1 / rate, lambda: publisher.publish(ready))
+
+    def echo(self, echo, type, reliable=True):  # noqa: A002
+        quality = QoSProfile(depth=1000)
+        if not reliable:
+            quality.reliability = ReliabilityPolicy.BEST_EFFORT
+        self.things[echo] = self.node.create_subscription(
+            kind(type), echo, lambda message: tell(heard=echo, message=plain(message)), quality
+        )
+
+    def serve(self, serve, type, response=None, silent=False):  # noqa: A002
+        async def answer(request, ready):
+            tell(request=serve, fields=plain(request))
+            if silent:
+                await Future()
+            return filled(ready, response or {})
+
+        group = ReentrantCallbackGroup()
+        self.things[serve] = self.node.create_service(kind(type), serve, answer, callback_group=group)
+
+    def call(self, call, type, request=None):  # noqa: A002
+        client = self.things.setdefault(f"client of {call}", self.node.create_client(kind(type), call))
+
+        def ask():
+            if not client.service_is_ready():
+                self.later(0.02, ask)
+                return
+            future = client.call_async(filled(kind(type).Request(), request or {}))
+            future.add_done_callback(lambda done: tell(response=call, fields=plain(done.result())))
+
+        ask()
+
+    def remove(self, remove):
+        if remove in self.publishers:
+            if (timer := self.timers.pop(remove, None)) is not None:
+                self.node.destroy_timer(timer)
+            self.node.destroy_publisher(self.publishers.pop(remove))
+        elif (thing := self.things.pop(remove, None)) is None:
+            self.action.server.destroy()
+        elif not self.node.destroy_subscription(thing):
+            self.node.destroy_service(thing)
+        tell(removed=remove)
+
+    def graph(self, graph):
+        node = self.node
+        tell(nodes=node.get_node_names(), topics=dict(node.get_topic_names_and_types()))
+
+    def matched(self, matched, type="test_msgs/msg/Empty"):  # noqa: A002
+        """Print that a topic's publisher or an echo has its counterpart, once it has."""
+
+        def look():
+            if (
+                self.publishers[matched].get_subscription_count()
+                if matched in self.publishers
+                else self.node.count_publishers(matched)
+            ):
+                tell(matched=matched)
+            else:
+                self.later(0.02, look)
+
+        look()
+
+    def obey(self, command):
+        for name in ("publish", "echo", "serve", "call", "remove", "graph", "matched"):
+            if name in command:
+                getattr(self, name)(**command)
+        if "act" in command:
+            self.action = Served(self, **command)
+        if "options" in command:
+            self.action.options.update(command["options"])
+        if "answer" in command and "act" not in command:
+            self.action.asked.set_result(command["answer"])
+        if "feedback" in command:
+            self.action.feedback(command)
+        if "finish" in command:
+            self.action.finish(command)
+        if "echoed" in command:
+            tell(echoed=command["echoed"])
+
+
+def main():
+    context = Context()
+    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node(json.loads(sys.argv[1])["name"], context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    peer = Peer(node, executor)
+    thread = threading.Thread(target=executor.spin)
+    thread.start()
+    tell(spins=True)
+    for line in sys.stdin:
+        executor.create_task(peer.obey, json.loads(line))
+    executor.shutdown()
+    thread.join()
+    rclpy.shutdown(context=context)
+
+
+main()

@@ -14,9 +14,12 @@ from msgspec import Meta
 from mdm.errors import Error
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Mapping
+    from collections.abc import Awaitable, Callable, Mapping, Sequence
 
     from mdm.runtime import Runtime
+
+Role = Literal["publisher", "subscription", "service", "action"]
+"""What another node is to a name: it publishes or subscribes to a topic, or serves a service or an action."""
 
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 """How a goal ends: the codes of ``action_msgs/msg/GoalStatus``."""
@@ -38,6 +41,20 @@ class Quality(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 class WireError(Error):
     """A wire cannot carry something: the type, the field or the server is named in the text."""
+
+
+class Peer(msgspec.Struct, frozen=True):
+    """Another node's end of a topic, a service or an action.
+
+    Attributes:
+        node: Its node, with the namespace, such as ``/robot1/amcl``.
+        kind: Its type.
+        quality: Its quality of service; None of services and actions.
+    """
+
+    node: str
+    kind: str
+    quality: Quality | None = None
 
 
 class Publisher(Protocol):
@@ -124,6 +141,12 @@ class Wire(Protocol):
 
     def serve(self, service: str, kind: str, answer: Callable[[Any], Any], /) -> None:
         """Answer a service; ``answer`` is called on the event loop, with a request, and returns the response."""
+
+    def peers(self, role: Role, name: str, /) -> Sequence[Peer]:
+        """Return who has this role for a topic, a service or an action now, as ROS' graph says; remapped as all names.
+
+        The graph notices a node that ended without a farewell after some 20 s.
+        """
 
     async def open(self, runtime: Runtime) -> None:
         """Begin to carry."""

@@ -85,6 +85,7 @@ class StandIn:
         services: By service, a function (or async function) from request to response: the test's; absent: no server.
         served: By service, its type and our function; `ask` calls it.
         servers: By action, its `Server`; absent: no server.
+        graph: By role and name, the `mdm.ros2.wire.Peer`s that the graph tells of.
         opened, closed: Whether it was.
     """
 
@@ -99,6 +100,7 @@ class StandIn:
         self.served = {}
         self.servers = {}
         self.actions = {}
+        self.graph = {}
         self.opened = self.closed = False
 
     # -- What a test calls ---------------------------------------------------------------------------------------
@@ -176,6 +178,9 @@ class StandIn:
     def serve(self, service, kind, answer):
         self.fields(kind)
         self.served[service] = kind, answer
+
+    def peers(self, role, name):
+        return self.graph.get((role, name), ())
 
     async def open(self, runtime):
         self.runtime = runtime

@@ -23,6 +23,8 @@ Role = Literal["publisher", "subscription", "service", "action"]
 
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 """How a goal ends: the codes of ``action_msgs/msg/GoalStatus``."""
+UNKNOWN, ENDED = 2, 3
+"""Why a goal is not cancelled: the server knows none such, or it has ended; as in ``action_msgs/srv/CancelGoal``."""
 
 
 class Quality(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -89,8 +91,8 @@ class Goal(Protocol):
     def end(self) -> Awaitable[tuple[int, Any]]:
         """Return the status by which it ends and its result; may be awaited again, also after a cancellation."""
 
-    def cancel(self) -> Awaitable[object]:
-        """Ask the server to cancel it; return when it has answered."""
+    def cancel(self) -> Awaitable[int]:
+        """Ask the server to cancel it; return the code that it answers: 0, 1 (it refuses), `UNKNOWN` or `ENDED`."""
 
 
 class Goals(Protocol):

@@ -8,7 +8,7 @@ import re
 from collections import defaultdict
 from types import SimpleNamespace
 
-from mdm.ros2.wire import ABORTED, CANCELED, SUCCEEDED, Quality, WireError
+from mdm.ros2.wire import ABORTED, CANCELED, ENDED, SUCCEEDED, UNKNOWN, Quality, WireError
 
 ACCEPTED, EXECUTING, CANCELING = 1, 2, 3
 
@@ -265,7 +265,7 @@ class Server:
     """
 
     def __init__(self, wire, name, *, replaces=False, **behaviour):
-        self.replaces = replaces
+        self.wire, self.name, self.replaces = wire, name, replaces
         self.behaviour = Behaviour(**behaviour)
         self.next = []
         self.goals = []
@@ -294,6 +294,10 @@ class Server:
     def vanish(self):
         """End as a process that is killed: nothing is answered or ended any more."""
         self.gone = True
+
+    def start_again(self):
+        """Start as another process of the same name, which knows none of the old goals."""
+        return Server(self.wire, self.name, replaces=self.replaces, **vars(self.behaviour))
 
     def after(self, seconds, step):
         """Do something later, unless held or gone by then."""
@@ -379,12 +383,11 @@ class ServerGoal:
 
     def cancel(self, answered):
         self.cancels += 1
-        if self.live:
+        if self.live and self.behaviour.brakes is not None:
             self.tell(CANCELING)
-            if self.behaviour.brakes is not None:
-                self.server.after(self.behaviour.brakes, lambda: self.end(self.behaviour.cancelled))
+            self.server.after(self.behaviour.brakes, lambda: self.end(self.behaviour.cancelled))
         if not answered.done():
-            answered.set_result(None)
+            answered.set_result(ENDED if self.status is not None else 0 if self.behaviour.brakes is not None else 1)
 
 
 class _Goals:
@@ -423,6 +426,10 @@ class _Goal:
 
     async def cancel(self):
         answered = asyncio.get_running_loop().create_future()
-        server = self._goal.server
-        server.after(0, lambda: self._goal.cancel(answered))
-        await answered
+        goal = self._goal
+        server = goal.server.wire.servers[goal.server.name]
+        if server is goal.server:
+            server.after(0, lambda: goal.cancel(answered))
+        else:
+            server.after(0, lambda: answered.done() or answered.set_result(UNKNOWN))
+        return await answered

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
-from ros2.environment import installed, once
+from ros2.environment import generated, installed, once
 
 
 @pytest.fixture(scope="session")
@@ -22,3 +22,9 @@ def ros(shared_folder):
     if given := os.environ.get("MDM_ROS_PYTHON"):
         return Path(given)
     return once(shared_folder, "ros", installed) / "bin" / "python"
+
+
+@pytest.fixture(scope="session")
+def nav2(ros, shared_folder):
+    """Give a folder with Nav2's messages, generated from their definitions; skip where they cannot be."""
+    return once(shared_folder, "nav2", generated(ros))

@@ -10,6 +10,7 @@ import asyncio
 import fcntl
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -22,6 +23,7 @@ import pytest
 from patience import PATIENCE
 from peers import Peer
 from places import ROOT
+from ros2.nav2 import DEFINITIONS
 
 WHEELS = [f"ros-kilted-{name}" for name in ("rclpy", "rmw-fastrtps-cpp", "common-interfaces", "test-msgs")]
 HERE = Path(__file__).parent
@@ -57,6 +59,20 @@ def installed(folder):
     options = ["--quiet", "--disable-pip-version-check", *([] if index is None else ["--index-url", index])]
     done = subprocess.run([folder / "bin" / "python", "-m", "pip", "install", *options, *WHEELS], **TEXT)
     return done.returncode and f"rclpy's wheels cannot be had: {done.stderr.strip().rpartition(chr(10))[2]}"
+
+
+def generated(python):
+    """Return how Nav2's actions are generated into a folder, or why they cannot be."""
+
+    def make(folder):
+        if None in (shutil.which("gcc"), shutil.which("g++")):
+            return "messages of Nav2 are compiled by gcc and g++, which are not here"
+        folder.mkdir()
+        command = [python, HERE / "generate_program.py", "nav2_msgs", folder, json.dumps(DEFINITIONS)]
+        done = subprocess.run(command, **TEXT)
+        return done.returncode and f"messages of Nav2 cannot be generated here: {done.stderr}"
+
+    return make
 
 
 TEXT = {"capture_output": True, "text": True}
@@ -104,9 +120,9 @@ class Program(Peer):
 class Domain:
     """Programs in a ROS domain of their own."""
 
-    def __init__(self, python, number, folder):
+    def __init__(self, python, number, folder, *paths):
         self.python, self.number, self.folder = python, number, folder
-        ours = [folder, ROOT, ROOT / "tests", *{sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}]
+        ours = [folder, *paths, ROOT, ROOT / "tests", *{sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}]
         self.environment = {
             **os.environ,
             "PYTHONPATH": os.pathsep.join(map(str, ours)),
@@ -148,10 +164,10 @@ class Domain:
 
 
 @asynccontextmanager
-async def programs(python, folder):
-    """Give a domain; programs that still run at the end are killed."""
+async def programs(python, folder, *paths):
+    """Give a domain; programs that still run at the end are killed. ``paths`` have modules for them."""
     with domain() as number:
-        here = Domain(python, number, folder)
+        here = Domain(python, number, folder, *paths)
         try:
             yield here
         finally:

@@ -106,7 +106,7 @@ class Served:
         number = self.numbers.pop(id(handle.request), self.count)
         if self.options["replaces"]:
             for other in self.live.values():
-                other.end.done() or other.end.set_result((GoalStatus.STATUS_ABORTED, {}))
+                self.end(other, GoalStatus.STATUS_ABORTED)
         handle.number, handle.end, handle.status_set = number, Future(), False
         self.live[number] = handle
         tell(accepted=number, live=len(self.live))
@@ -117,8 +117,13 @@ class Served:
         if not self.options["on_cancel"]:
             return CancelResponse.REJECT
         if (brake := self.options["brake"]) is not None:
-            self.peer.later(brake, lambda: handle.end.done() or handle.end.set_result((GoalStatus.STATUS_CANCELED, {})))
+            self.peer.later(brake, lambda: self.end(handle, GoalStatus.STATUS_CANCELED))
         return CancelResponse.ACCEPT
+
+    def end(self, handle, status, result=None):
+        if not handle.end.done():
+            handle.end.set_result((status, result or {}))
+            self.peer.executor.wake()
 
     async def pursue(self, handle):
         status, result = await handle.end
@@ -131,8 +136,8 @@ class Served:
         return self.live.get(command.get("of", max(self.live, default=None)))
 
     def finish(self, command):
-        if (handle := self.of(command)) is not None and not handle.end.done():
-            handle.end.set_result((command["finish"], command.get("result", {})))
+        if (handle := self.of(command)) is not None:
+            self.end(handle, command["finish"], command.get("result"))
 
     def feedback(self, command):
         if (handle := self.of(command)) is not None:
@@ -244,6 +249,7 @@ class Peer:
             self.action.options.update(command["options"])
         if "answer" in command and "act" not in command:
             self.action.asked.set_result(command["answer"])
+            self.executor.wake()  # a coroutine that waits for a future goes on where its executor spins
         if "feedback" in command:
             self.action.feedback(command)
         if "finish" in command:

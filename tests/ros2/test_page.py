@@ -11,21 +11,14 @@ from ros2.environment import programs
 
 pytestmark = pytest.mark.slow
 
-STAND_IN = "from test_msgs.action import Fibonacci as DockRobot\n"
-"""Nav2's messages are not among the wheels; the page's program uses of its action that it is one, and no field."""
 
-
-def test_the_program_of_the_page_docks_and_ends_its_goal_with_itself(ros, tmp_path):
-    messages = tmp_path / "nav2_msgs"
-    messages.mkdir()
-    (messages / "__init__.py").touch()
-    (messages / "action.py").write_text(STAND_IN)
+def test_the_program_of_the_page_docks_and_ends_its_goal_with_itself(ros, nav2, tmp_path):
     page = tmp_path / "page.py"
     [text] = blocks.texts("docs/how-to.md", "python", "## … connect to ROS?")
     page.write_text(text)
 
     async def main():
-        async with programs(ros, tmp_path) as here:
+        async with programs(ros, tmp_path, nav2) as here:
             robot = await here.start(ROOT / "tests" / "ros_peer_program.py")
             docking = await here.start(page)
             await robot.hear("met")

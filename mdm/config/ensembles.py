@@ -33,11 +33,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from mdm.actors import PredicateManager
     from mdm.actors.drift import DriftMonitor
-    from mdm.config.functions import Functions
-    from mdm.config.tables import Problems
-    from mdm.config.team_file import Share
+    from mdm.config.readers import Readers
     from mdm.maps import Navigation
     from mdm.models import MDP, POMDP, Durations
     from mdm.policies import Policy
@@ -67,11 +64,7 @@ class Ensembles:
     """Builds the ensembles of a file, those below before those above.
 
     Args:
-        folder: The file's folder, to which paths are relative.
-        predicates: The source of their input.
-        functions: Finds the functions that are named.
-        problems: Where problems are noted.
-        share: In a team's file, the agent's part.
+        readers: Those of the file's extensions.
         navigation: The navigation that drives the ways of the file's map.
         located: Whether it is known which places there are; else their names are not checked.
         models: Those that were loaded before, by their files; newly loaded ones are added.
@@ -84,11 +77,7 @@ class Ensembles:
 
     def __init__(
         self,
-        folder: Path,
-        predicates: PredicateManager,
-        functions: Functions,
-        problems: Problems,
-        share: Share | None = None,
+        readers: Readers,
         navigation: Navigation | None = None,
         *,
         located: bool = True,
@@ -97,16 +86,13 @@ class Ensembles:
         self._models = {} if models is None else models
         self._navigation = navigation
         self._located = located
-        self._folder = folder
-        self._predicates = predicates
-        self._functions = functions
-        self._problems = problems
+        self._folder, self._predicates, self._functions, self._problems, self._share = readers.reading
+        self._readers = readers
         self._tables: dict[str, EnsembleTable | None] = {}
         self._ensembles: dict[str, Ensemble | None] = {}
         self._invalid: set[str] = set()
         self._parents: dict[str, str] = {}
         self._groups: dict[str, str] = {}
-        self._share = share
         self._unowned = False
         self.joint: dict[str, Placement] = {}
         self.monitors: list[DriftMonitor] = []
@@ -451,11 +437,17 @@ class Ensembles:
         for action, given in actions.items():
             key = f"ensembles.{name}.actions.{action}"
             written = {"call": given} if isinstance(given, str) else given
-            entry: ActionTable | None = self._problems.convert(written, ActionTable, key)
-            if entry is None:
-                continue
             index = int(action) if action.isdecimal() else action
             with self._problems.collecting(key):
+                reader = self._readers.of("actions", written, ActionTable.__struct_fields__)
+                if reader is not None:
+                    bound = reader.action(written, key)
+                    if bound is not None:
+                        bindings[index] = bound
+                    continue
+                entry: ActionTable | None = self._problems.convert(written, ActionTable, key)
+                if entry is None:
+                    continue
                 if entry.way is not None or entry.place is not None:
                     bindings[index] = self._drive_to(entry, written)
                     continue

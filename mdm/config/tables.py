@@ -162,10 +162,10 @@ class Problems:
     """The problems of a file.
 
     Args:
-        path: The file, named in every problem.
+        path: The file, named in every problem; None where there is none.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path | None) -> None:
         self._path = path
         self._found: list[ConfigError] = []
 

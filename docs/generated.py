@@ -46,6 +46,7 @@ PACKAGES = (
     "mdm.replay",
     "mdm.snapshots",
     "mdm.views.web",
+    "mdm.ros2",
     "mdm.testing",
     "mdm.errors",
 )

@@ -93,7 +93,7 @@ KINDS: Final[dict[str, FaultKind]] = {
         "Make their formulas exclude each other, or say what shall count with `on_violation`.",
     ),
     "pose": FaultKind(
-        "A pose is not finite, or on a floor that the map has not.",
+        "A pose is not finite, on a floor that the map has not, or less certain than is allowed.",
         "Correct what tells poses; names of floors are those of `building.toml`.",
     ),
     "late": FaultKind(
@@ -209,7 +209,7 @@ KINDS: Final[dict[str, FaultKind]] = {
         "Its file or the team's name differs: `mdm team check` on both machines.",
     ),
     "clock": FaultKind(
-        "The clock of an agent differs from this one's by more than the team allows.",
+        "The clock of an agent, or that of a topic's stamps, differs from this one's by more than is allowed.",
         "Synchronise the machines' clocks, by chrony or PTP; start an agent again whose clock was put right meanwhile.",
     ),
     "held": FaultKind(

@@ -56,17 +56,13 @@ class Threshold(NamedTuple):
         return False if _HOLDS[self.until](number, self.end) else before
 
 
-def parse_threshold(text: str, at: int = 0) -> Threshold:
+def parse_threshold(text: str) -> Threshold:
     """Parse a threshold: a comparison, and with ``until`` the opposite one that ends it.
-
-    Args:
-        text: The threshold, or a text that ends with one.
-        at: Its beginning in the text.
 
     Raises:
         FormatError: If the text is none, or both comparisons may hold at once; with the column and what was expected.
     """
-    sign, bound, at = _comparison(text, at)
+    sign, bound, at = _comparison(text, 0)
     match = _match(_UNTIL, text, at)
     if match.group(1) is None:
         _refuse_rest(text, match.end(), "'until' or the end")

@@ -60,7 +60,10 @@ class Condition:
         self._before: bool | None = None
         rest = text[match.end() :]
         if self._equal and rest[:1] in {"<", ">"}:
-            self._threshold = parse_threshold(text, match.end())
+            try:
+                self._threshold = parse_threshold(rest)
+            except FormatError as error:
+                raise FormatError(error.message, column=match.end() + (error.column or 1)) from None
         elif rest:
             equal = _EQUAL.match(rest) if self._equal else None
             if equal is None:

@@ -113,7 +113,7 @@ class Goals(Protocol):
 
 
 class Wire(Protocol):
-    """Carries topics, services and actions; `mdm.ros2.rclpy_wire` is the one over the user's rclpy.
+    """Carries topics, services and actions; ``RclpyWire`` is the wire over the user's rclpy, and others can be written.
 
     Types are named as in ROS, such as ``sensor_msgs/msg/BatteryState``. An invalid name or type is a `WireError` where
     the handle is made.

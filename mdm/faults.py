@@ -169,6 +169,10 @@ KINDS: Final[dict[str, FaultKind]] = {
         "An action failed, timed out, was abandoned or gave up, or begins beside one that was abandoned.",
         "Correct the callback that the detail names; `on_failed_action`, `then` and `attempts` say what follows.",
     ),
+    "unmatched": FaultKind(
+        "Nobody is at the other end of a topic, a service or an action of ROS.",
+        "Start the node that should be there, or correct the name and type of what the detail names.",
+    ),
     "safe_action": FaultKind(
         "The safe action failed or did not come to its end; after the second time the emergency is called.",
         "Make the safe action short and simple; look at the robot, then `release()` the ensemble.",

@@ -261,6 +261,7 @@ class Server:
         goals: All that have reached it, in order.
         next: Behaviours of the next goals, which come first; then ``behaviour``.
         most: How many goals were live at once, at most.
+        sent: All that were sent to it, in order.
         held: Whether it does nothing at the moment, as a stopped process; what comes waits until it wakes.
     """
 
@@ -269,6 +270,7 @@ class Server:
         self.behaviour = Behaviour(**behaviour)
         self.next = []
         self.goals = []
+        self.sent = []
         self.most = 0
         self.held = False
         self.gone = False
@@ -288,8 +290,12 @@ class Server:
         """Go on with the old goals, and with all that has come meanwhile, in order."""
         self.held = False
         waiting, self._waiting = self._waiting, []
-        for step in waiting:
-            self._do(step)
+        for step, comes in waiting:
+            self._do(step, comes=comes)
+
+    def lose(self):
+        """Lose what has come while it was held, as the middleware does that has given it up."""
+        self._waiting = [each for each in self._waiting if not each[1]]
 
     def vanish(self):
         """End as a process that is killed: nothing is answered or ended any more."""
@@ -303,11 +309,15 @@ class Server:
         """Do something later, unless held or gone by then."""
         asyncio.get_running_loop().call_later(seconds, self._do, step)
 
-    def _do(self, step):
+    def comes(self, step):
+        """Do what comes from outside, in its turn."""
+        asyncio.get_running_loop().call_soon(lambda: self._do(step, comes=True))
+
+    def _do(self, step, *, comes=False):
         if self.gone:
             return
         if self.held:
-            self._waiting.append(step)
+            self._waiting.append((step, comes))
         else:
             step()
 
@@ -322,6 +332,7 @@ class Server:
         goal.live = goal.accepted = behaviour.accepts
         if goal.live:
             self.most = max(self.most, len(self.live) - (self.replaces and len(self.live) > 1))
+        goal.told = asyncio.get_running_loop().time()
         goal.answered.set_result(None)
         if not goal.live:
             return
@@ -345,6 +356,8 @@ class ServerGoal:
         accepted: Whether it was; None before the answer.
         live: Whether it is pursued.
         cancels: How many cancellations have reached the server.
+        sent, told: When it was sent, and when its server last told something of it.
+        beside: Those that were sent before, and had not ended by then, with when each was last told of.
         status, result: How it has ended.
     """
 
@@ -354,16 +367,21 @@ class ServerGoal:
         self.accepted = self.status = self.result = None
         self.live = False
         self.cancels = self.fed = 0
+        self.sent = self.told = loop.time()
+        self.beside = [(goal, goal.told) for goal in server.sent if goal.live or goal.accepted is None]
+        server.sent.append(self)
         self.answered, self.over = loop.create_future(), loop.create_future()
         self._feedback, self._status = feedback, status
 
     def tell(self, status):
         """Tell a status."""
+        self.told = asyncio.get_running_loop().time()
         self._status(status)
 
     def feed(self, **fields):
         """Give feedback."""
         if self.live and not (self.server.held or self.server.gone):
+            self.told = asyncio.get_running_loop().time()
             self._feedback(SimpleNamespace(**fields))
 
     def feed_on(self):
@@ -406,7 +424,7 @@ class _Goals:
             await asyncio.get_running_loop().create_future()
         server = self.wire.servers[self.name]
         goal = ServerGoal(server, message, feedback, status)
-        server._do(lambda: server.take(goal))
+        server.comes(lambda: server.take(goal))
         await asyncio.shield(goal.answered)
         return _Goal(goal)
 
@@ -429,7 +447,7 @@ class _Goal:
         goal = self._goal
         server = goal.server.wire.servers[goal.server.name]
         if server is goal.server:
-            server.after(0, lambda: goal.cancel(answered))
+            server.comes(lambda: goal.cancel(answered))
         else:
-            server.after(0, lambda: answered.done() or answered.set_result(UNKNOWN))
+            server.comes(lambda: answered.done() or answered.set_result(UNKNOWN))
         return await answered

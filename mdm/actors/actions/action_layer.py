@@ -603,7 +603,7 @@ class ActionLayer(Layer):
         self._observers.ended(self._path, life.number, work, self.runtime.now())
         if work.error is not None:
             self._finish(life, "failed", describe(work.error))
-        elif work.interrupted:  # even where it swallowed the cancellation, and returned
+        elif work.interrupted and (work.cancelled or not life.binding.may_succeed):  # even where it has returned
             self._finish(life, life.ending or "preempted")
         elif work.cancelled:
             self._finish(life, "failed", "was cancelled, but not by its action layer")

@@ -49,6 +49,7 @@ class Binding:
         "grace",
         "group",
         "lasts",
+        "may_succeed",
         "on_repeat",
         "plain",
         "resume",
@@ -80,6 +81,7 @@ class Binding:
         self.goes_on = goes_on
         self._asks_action = goes_on is not None and _takes_action(goes_on)
         self.group = settings.group
+        self.may_succeed = settings.may_succeed
         self.sequel: Sequel = settings
         self.retries = settings.then == "decide"
         self.ensemble: Ensemble | None = None

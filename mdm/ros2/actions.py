@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Unpack, cast
@@ -43,6 +44,7 @@ class GoalTable(BindingSettings, frozen=True, kw_only=True):
         silence: Seconds without feedback or status after which it has failed. None by default: with a server that gives
             no feedback each goal would fail.
         group: Of goals of the same group the next is sent before the running one ends, which the server aborts for it.
+        may_succeed: A goal that is reached when it was asked to end has succeeded, by default.
     """
 
     action: str
@@ -51,6 +53,7 @@ class GoalTable(BindingSettings, frozen=True, kw_only=True):
     feedback: dict[str, str] | str | None = None
     silence: Seconds | None = None
     group: str | None = None
+    may_succeed: bool = True
 
 
 class CallTable(BindingSettings, frozen=True, kw_only=True):
@@ -138,7 +141,10 @@ class Actions:
         """Return the action that has a server pursue a goal; see `GoalTable`."""
         GoalTable(action=name, type=kind, silence=silence)
         server, make, hear = self.server(name, kind), self._maker(kind, goal), self._hearer(name, feedback)
+        options.setdefault("may_succeed", True)
         group = options.get("group")
+        if isinstance(group, str):  # groups are told apart by identity
+            group = options["group"] = sys.intern(group)
 
         def within(ensemble: Ensemble | None) -> Callable[[Action], Any]:
             secured = partial(self.secured, ensemble)

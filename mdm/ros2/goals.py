@@ -144,7 +144,10 @@ class Pursuit:
 
     async def _cancel(self, goal: Goal) -> None:
         try:
-            code = await goal.cancel()
+            async with asyncio.timeout(_AGAIN):
+                code = await goal.cancel()
+        except TimeoutError:
+            return  # it is asked again
         except Exception as error:
             self._server.report("action", f"a goal of {self._server.name} cannot be cancelled: {describe(error)}")
         else:

@@ -1,6 +1,7 @@
 """A robot that changes its mind at random between two goals of one server and none, and prints how each ended as JSON.
 
-Its argument is JSON: ``seed``, ``decisions``, ``group`` and ``silence``.
+Its argument is JSON: ``seed``, ``decisions``, ``group`` and ``silence``. With 0 decisions it decides as it is
+told by lines such as ``{"decide": 1}``, until they end.
 """
 
 import asyncio
@@ -45,11 +46,14 @@ async def main(seed, decisions, group=None, silence=None):
         while not server.goals.ready:
             await asyncio.sleep(0.05)
         tell(ready=True)
+        if not decisions:
+            while line := await asyncio.to_thread(sys.stdin.readline):
+                robot.publish_state(json.loads(line)["decide"])
         for _ in range(decisions):
             robot.publish_state(draw.choice([0, 1, 1, 2, 2]))
             await asyncio.sleep(draw.choice([0.0, 0.0, 0.001, 0.003, 0.01, 0.03]))
         robot.publish_state(0)
-        while server.open:
+        while decisions and server.open:
             await asyncio.sleep(0.01)
         tell(over=True, ended=dict(robot.action.ended))
         await actions.close()

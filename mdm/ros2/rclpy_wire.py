@@ -371,7 +371,7 @@ class _Goals:
             request = self._parts.CancelGoalService.Request()
             request.goal_info.goal_id = identity
             answered = await self._cancels.ask(request)
-            return int(answered.return_code)
+            return answered.return_code or int(not answered.goals_canceling)  # rclpy's servers refuse by an empty list
 
         return _Goal(accepted, end, cancel)
 

@@ -176,16 +176,18 @@ def test_a_goal_succeeds_is_rejected_aborted_cancelled(ros, tmp_path):
         async with wire(here, remap={"/count": "/counts"}, **FIBONACCI) as ours:
             ours.tell(ready="/count")
             await ours.hear("ready")
+            ours.tell(peers="/count", role="action", wanted=[["/robot", "test_msgs/action/Fibonacci", None]])
+            await ours.hear("peers")
             for number, status in enumerate((4, 6), 1):
                 ours.tell(send="/count", goal={"order": 5}, number=number)
                 assert (await robot.hear("goal"))["fields"] == {"order": 5}
                 assert (await ours.hear("accepted"))["accepted"]
-                await ours.hear("status", where=lambda event: event["status"] == 2)
                 robot.tell(feedback={"sequence": [0, 1, 1]})
                 assert await ours.hear("feedback") == {"feedback": {"sequence": [0, 1, 1]}, "of": number}
                 robot.tell(finish=status, result={"sequence": [8]})
                 ended = {"ended": number, "status": status, "result": {"sequence": [8]}}
                 assert await ours.hear("ended") == ended
+                assert {"status": 2, "of": number} in ours.heard
             robot.tell(options={"answer": False}, echoed=1)
             await robot.hear("echoed")
             ours.tell(send="/count", goal={"order": -1}, number=3)

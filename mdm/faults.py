@@ -169,6 +169,10 @@ KINDS: Final[dict[str, FaultKind]] = {
         "An action failed, timed out, was abandoned or gave up, or begins beside one that was abandoned.",
         "Correct the callback that the detail names; `on_failed_action`, `then` and `attempts` say what follows.",
     ),
+    "quality": FaultKind(
+        "The other side of a topic of ROS has another quality of service, or type: no message passes.",
+        "Give both the same, by `qos` in the entry of the topic; `mdm check --live` names both.",
+    ),
     "unmatched": FaultKind(
         "Nobody is at the other end of a topic, a service or an action of ROS.",
         "Start the node that should be there, or correct the name and type of what the detail names.",

@@ -125,7 +125,7 @@ class Ensemble(Layer):
         agent: Of a team, the agent that this ensemble acts for, by index or name.
         local: Run that agent's own controller of a `JointController`, on its own observations alone; otherwise the
             policy decides for the whole team, on all that the team observes.
-        safe_action: Leaves the robot safe: an action, by name or as a function. The page on safety says when it runs.
+        safe_action: Leaves the robot safe: an action by name, or a function or `bind`. See the page on safety.
         supervision: How its failure is handled.
         options: See `SafetyOptions` and `ControlOptions`: ``drive``, ``horizon``, ``deadline`` and others.
 
@@ -148,7 +148,7 @@ class Ensemble(Layer):
         observations: Sequence[ObservationFactor] = (),
         agent: int | str = 0,
         local: bool = False,
-        safe_action: str | Callback | None = None,
+        safe_action: str | Callback | Binding | None = None,
         supervision: Supervision = "escalate",
         **options: Unpack[SafetyOptions],
     ) -> None:

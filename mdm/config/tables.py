@@ -150,7 +150,7 @@ class EnsembleTable(SafetySettings, frozen=True, kw_only=True):
     agents: list[str] | None = None
     placement: Any = None
     local: bool = False
-    safe_action: str | None = None
+    safe_action: str | dict[str, Any] | None = None
     supervision: Any = "escalate"
     search: Any = None
     drift: Annotated[float, Meta(gt=1)] | None = None

@@ -135,7 +135,7 @@ class ActionLayer(Layer):
         *,
         component: Callable[[int], int] | None = None,
         predicates: PredicateManager | None = None,
-        safe_action: str | Callback | None = None,
+        safe_action: str | Callback | Binding | None = None,
         safe_timeout: float = SAFE_TIMEOUT,
         name: str = "action",
     ) -> None:

@@ -206,9 +206,9 @@ def bindings_of(
 
 
 def safe_binding(
-    safe_action: str | Callback | None, names: tuple[str, ...], bindings: tuple[Binding, ...]
+    safe_action: str | Callback | Binding | None, names: tuple[str, ...], bindings: tuple[Binding, ...]
 ) -> Binding | None:
-    """Return the binding of the safe action, which is a function or, by its name, one of the actions.
+    """Return the binding of the safe action, which is a function, a binding, or, by its name, one of the actions.
 
     Raises:
         ConfigError: If there is no such action, or it is an ensemble.
@@ -222,7 +222,7 @@ def safe_binding(
             )
         binding = bindings[names.index(safe_action)]
     else:
-        binding = bind(safe_action)
+        binding = safe_action if isinstance(safe_action, Binding) else bind(safe_action)
     if binding.ensemble is not None:
         raise ConfigError(
             f"the safe action is a function: ensemble {binding.ensemble.name!r} would have to decide in a safe mode",

@@ -3,6 +3,7 @@
 from mdm.ros2.conditions import Condition
 from mdm.ros2.inputs import Topic
 from mdm.ros2.link import Link
+from mdm.ros2.rclpy_wire import RclpyWire
 from mdm.ros2.wire import Quality, Wire, WireError
 
-__all__ = ["Condition", "Link", "Quality", "Topic", "Wire", "WireError"]
+__all__ = ["Condition", "Link", "Quality", "RclpyWire", "Topic", "Wire", "WireError"]

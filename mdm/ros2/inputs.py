@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from mdm.actors.predicates.sources import truth
 from mdm.errors import ConfigError
@@ -25,11 +25,9 @@ if TYPE_CHECKING:
     from mdm.runtime import Runtime
 
 When = Condition | Callable[[Any], "bool | None"]
-POSES: Final = (
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "geometry_msgs/msg/PoseStamped",
-    "nav_msgs/msg/Odometry",
-)
+PoseKind = Literal[
+    "geometry_msgs/msg/PoseWithCovarianceStamped", "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Odometry"
+]
 """The types of messages that tell a pose."""
 _OLD, _AHEAD = 5.0, 1.0
 """Seconds by which a stamp may be behind the clock, and ahead of it."""
@@ -109,15 +107,16 @@ class Topic:
                 m²: the square of a standard deviation, here of 0.7 m.
 
         Raises:
-            ConfigError: If the type is none of `POSES`.
+            ConfigError: If the type is none of these.
         """
-        if self.kind not in POSES:
-            raise ConfigError(f"a pose is told by {', '.join(POSES)}, not by {self.kind}")
+        if self.kind not in get_args(PoseKind):
+            raise ConfigError(f"a pose is told by {', '.join(get_args(PoseKind))}, not by {self.kind}")
         self._places = places, covariance
 
     def _when(self, given: str | When) -> When:
         if isinstance(given, str):
             given = Condition(given)
+        if isinstance(given, Condition):
             given.check(self.kind, self._fields)
         else:
             check_plain(given, f"the 'when' of {self.name}")

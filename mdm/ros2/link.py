@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mdm.errors import ConfigError
+from mdm.ros2.actions import Actions
 from mdm.ros2.inputs import Topic
 from mdm.ros2.wire import Quality
 from mdm.runtime import Extension
 
 if TYPE_CHECKING:
     from mdm.actors import PredicateManager
+    from mdm.ros2.reports import Reports
     from mdm.ros2.wire import Wire
     from mdm.runtime import Runtime
 
@@ -31,16 +33,20 @@ class Link(Extension):
     Args:
         wire: What carries it.
         predicates: Where predicates and events are declared.
+        reports: What ROS sees of the run; nothing by default.
 
     Attributes:
         wire: As given.
+        actions: Makes actions of goals, services and topics.
         topics: Those that are subscribed to, by name.
     """
 
     name = "the link to ROS 2"
 
-    def __init__(self, wire: Wire, predicates: PredicateManager) -> None:
+    def __init__(self, wire: Wire, predicates: PredicateManager, reports: Reports | None = None) -> None:
         self.wire = wire
+        self.actions = Actions(wire, predicates)
+        self._reports = reports
         self._predicates = predicates
         self.topics: dict[str, Topic] = {}
 
@@ -68,11 +74,17 @@ class Link(Extension):
         return topic
 
     async def open(self, runtime: Runtime) -> None:
-        """Hear all topics from now on."""
+        """Carry all from now on."""
         for topic in self.topics.values():
             topic.open(runtime)
         await self.wire.open(runtime)
+        await self.actions.open(runtime)
+        if self._reports is not None:
+            self._reports.open(runtime)
 
     async def close(self) -> None:
-        """End the wire."""
+        """End the wire, behind the last report."""
+        if self._reports is not None:
+            self._reports.close()
+        await self.actions.close()
         await self.wire.close()

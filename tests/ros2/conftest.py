@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 import pytest
-from ros2.environment import generated, installed, once
+from ros2.environment import generated, interpreter, once
 
 
 @pytest.fixture(scope="session")
@@ -19,9 +18,7 @@ def shared_folder(tmp_path_factory):
 @pytest.fixture(scope="session")
 def ros(shared_folder):
     """Give an interpreter that has rclpy; skip where it cannot be had."""
-    if given := os.environ.get("MDM_ROS_PYTHON"):
-        return Path(given)
-    return once(shared_folder, "ros", installed) / "bin" / "python"
+    return interpreter(shared_folder)
 
 
 @pytest.fixture(scope="session")

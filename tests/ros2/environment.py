@@ -52,6 +52,14 @@ def once(folder, name, make):
     return made
 
 
+def where_possible(main):
+    """Run a program, or print why it cannot be run here."""
+    try:
+        main()
+    except pytest.skip.Exception as why:
+        sys.stdout.write(f"left out: {why}\n")
+
+
 def installed(folder):
     """Install rclpy into an environment, or say why it cannot be had."""
     subprocess.run([sys.executable, "-m", "venv", folder], check=True)
@@ -59,6 +67,13 @@ def installed(folder):
     options = ["--quiet", "--disable-pip-version-check", *([] if index is None else ["--index-url", index])]
     done = subprocess.run([folder / "bin" / "python", "-m", "pip", "install", *options, *WHEELS], **TEXT)
     return done.returncode and f"rclpy's wheels cannot be had: {done.stderr.strip().rpartition(chr(10))[2]}"
+
+
+def interpreter(folder):
+    """Return an interpreter that has rclpy: the one that is given, or of an environment that is made in a folder."""
+    if (given := os.environ.get("MDM_ROS_PYTHON")) is not None:
+        return Path(given)
+    return once(folder, "ros", installed) / "bin" / "python"
 
 
 def generated(python):
@@ -98,23 +113,82 @@ class Program(Peer):
     def __init__(self, process, said):
         super().__init__(process)
         self.said = said
+        self.reading = None
 
     async def hear(self, *wanted, where=lambda event: True):
         """Return the next event that has one of these names; those before it are skipped."""
         async with asyncio.timeout(PATIENCE):
-            while line := await self.process.stdout.readline():
-                event = json.loads(line)
-                self.heard.append(event)
+            async for event in self.lines():
                 if any(name in event for name in wanted) and where(event):
                     return event
         raise AssertionError(f"the process ended; it said {self.heard[-20:]} and {self.said.read_text()}")
 
+    async def lines(self):
+        """Yield what it prints until its end."""
+        while line := await self.process.stdout.readline():
+            self.heard.append(json.loads(line))
+            yield self.heard[-1]
+
     async def rest(self):
-        """Return what a process printed until its end."""
+        """Return all that it has printed, at its end."""
         async with asyncio.timeout(PATIENCE):
-            while line := await self.process.stdout.readline():
-                self.heard.append(json.loads(line))
+            async for _ in self.lines():
+                pass
         return self.heard
+
+
+class Watched:
+    """A program that is read all the time: what it has said may be looked back at."""
+
+    def __init__(self, program):
+        self.program, self.said = program, []
+        self._news = asyncio.Event()
+        self._reading = program.reading = asyncio.create_task(self._read())
+
+    async def _read(self):
+        async for event in self.program.lines():
+            self.said.append(event)
+            self._news.set()
+        self._news.set()
+
+    def tell(self, **command):
+        self.program.tell(**command)
+
+    def last(self, name):
+        """Return the newest event that has this name, or None."""
+        return next((event for event in reversed(self.said) if name in event), None)
+
+    async def until(self, holds):
+        """Wait until something holds of what was said."""
+        try:
+            async with asyncio.timeout(PATIENCE):
+                while not holds():
+                    if self._reading.done():
+                        raise AssertionError(f"the program has ended; {self}")
+                    self._news.clear()
+                    await self._news.wait()
+        except TimeoutError:
+            raise AssertionError(f"it was not said; {self}") from None
+
+    def __str__(self):
+        return f"it said {self.said[-20:]} and {self.program.said.read_text()}"
+
+    async def says(self, *names, since=0, where=lambda event: True):
+        """Wait until an event has one of these names, since so many were said; return it."""
+        found = []
+
+        def said():
+            found[:] = [each for each in self.said[since:] if any(name in each for name in names) and where(each)]
+            return found
+
+        await self.until(said)
+        return found[0]
+
+    async def ended(self):
+        """Wait for its end; return its exit status."""
+        async with asyncio.timeout(PATIENCE):
+            await self._reading
+            return await self.program.process.wait()
 
 
 class Domain:
@@ -154,13 +228,25 @@ class Domain:
         await peer.hear("spins")
         return peer
 
+    async def system(self, text, **environment):
+        """Start a system of a TOML file with this text: `system_program.py`."""
+        file = self.folder / "system.toml"
+        file.write_text(text)
+        system = await self.start(HERE / "system_program.py", file, **environment)
+        await system.hear("runs")
+        return system
+
     async def end(self):
         for program in self._started:
             if program.process.returncode is None:
                 with suppress(ProcessLookupError):  # it has ended, and the loop has not heard of it
                     program.signal(signal.SIGCONT)
                     program.signal(signal.SIGKILL)
-            await program.process.communicate()
+            if program.reading is None:
+                await program.process.communicate()
+            else:
+                await program.reading
+                await program.process.wait()
 
 
 @asynccontextmanager

@@ -3,30 +3,37 @@
 Its argument is JSON: the node's name. A line has one of these commands, and what belongs to it:
 
 - ``{"publish": topic, "type": …, "message": {…}, "rate": 10}``: a message ten times a second from then on; without a
-  rate once; with rate 0 no more. ``"latched": true`` keeps the last message for who comes later. ``"reliable": false``
-  is best effort. The topic is there from the first such line on; ``"quiet": true`` makes it and publishes nothing.
+  rate once; with rate 0 no more. ``"turns": [{…}, {…}]`` are several by turns. ``"latched": true`` keeps the last
+  message for who comes later. ``"reliable": false`` is best effort. The topic is there from the first such line on;
+  ``"quiet": true`` makes it and publishes nothing.
+- ``{"flood": topic, "messages": [{…}], "count": 9000, "rate": 9000}``: these by turns. A field that is
+  ``{"value": 0.5, "times": 1000}`` is a long array.
 - ``{"echo": topic, "type": …}`` prints each message as ``{"heard": topic, "message": {…}}``.
 - ``{"serve": service, "type": …, "response": {…}, "silent": false}`` prints each request, and answers unless silent.
 - ``{"act": action, "type": …, "answer": true, "on_cancel": true, "brake": 0.0}``: an action's server. Each goal is
   ``{"goal": number, "fields": {…}}``; ``answer`` says whether it is accepted; null: once ``{"answer": true}`` comes.
   A request to cancel prints ``{"cancel": number}``; the goal ends after ``brake`` seconds, or by ``finish`` where that
-  is null. ``"replaces": true`` aborts a goal where another comes. ``{"accepted": number, "live": 1}`` tells how many
-  are live. ``{"options": {…}}`` changes these.
+  is null, or by success where it is "reach". ``"replaces": true`` aborts a goal where another comes. ``{"accepted":
+  number, "live": 1}`` tells how many are live. ``"beat": 10`` gives feedback ten times a second. ``{"options": {…}}``
+  changes answers and ends.
 - ``{"feedback": {…}}`` and ``{"finish": 4, "result": {…}}`` are of the newest goal, or of ``"of": number``.
 - ``{"remove": name}`` takes a publisher, subscription, service or action away; ``{"call": service, "type": …}`` calls;
   ``{"graph": true}`` prints nodes and topics; ``{"matched": topic}`` prints that it has its counterpart, once it has;
-  ``{"echoed": 1}`` is printed back.
+  ``{"live": true}`` prints how many goals are live; ``{"echoed": 1}`` is printed back.
 """
 
 import array
+import itertools
 import json
 import sys
 import threading
+import time
 from importlib import import_module
 
 import numpy as np
 import rclpy
 from action_msgs.msg import GoalStatus
+from action_msgs.srv import CancelGoal
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.context import Context
@@ -53,7 +60,9 @@ def plain(value):
     """Return a message as what JSON has."""
     if hasattr(value, "get_fields_and_field_types"):
         return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
-    if isinstance(value, (bytes, list, tuple, array.array, np.ndarray)):
+    if isinstance(value, bytes):  # one byte
+        return value[0]
+    if isinstance(value, (list, tuple, array.array, np.ndarray)):
         return [plain(each) for each in value]
     return value.item() if isinstance(value, np.generic) else value
 
@@ -62,7 +71,9 @@ def filled(message, fields):
     """Set fields of a message by name; others keep what they have."""
     types = message.get_fields_and_field_types()
     for name, value in fields.items():
-        if isinstance(value, dict):
+        if isinstance(value, dict) and "times" in value:
+            setattr(message, name, array.array(getattr(message, name).typecode, [value["value"]]) * value["times"])
+        elif isinstance(value, dict):
             filled(getattr(message, name), value)
         elif isinstance(value, list) and value and isinstance(value[0], dict):
             element = types[name].removeprefix("sequence<").partition("[")[0].partition(",")[0].rstrip(">")
@@ -78,10 +89,12 @@ def filled(message, fields):
 class Served:
     """An action's server, whose goals end as they are told."""
 
-    def __init__(self, peer, act, type, answer=True, on_cancel=True, brake=0.0, replaces=False, **_):  # noqa: A002
+    def __init__(self, peer, act, type, answer=True, on_cancel=True, brake=0.0, replaces=False, beat=0.0, **_):  # noqa: A002
         self.peer, self.kind, self.count, self.live = peer, kind(type), 0, {}
         self.options = {"answer": answer, "on_cancel": on_cancel, "brake": brake, "replaces": replaces}
-        self.asked = None
+        self.asked = []
+        if beat:
+            self.peer.node.create_timer(1 / beat, self.beat)
         self.numbers = {}
         self.server = ActionServer(
             *(peer.node, self.kind, act, self.pursue),
@@ -98,8 +111,9 @@ class Served:
         tell(goal=self.count, fields=plain(goal))
         answer = self.options["answer"]
         if answer is None:
-            self.asked = Future()
-            answer = await self.asked
+            asked = Future()
+            self.asked.append(asked)
+            answer = await asked
         return GoalResponse.ACCEPT if answer else GoalResponse.REJECT
 
     def accepted(self, handle):
@@ -116,7 +130,9 @@ class Served:
         tell(cancel=handle.number)
         if not self.options["on_cancel"]:
             return CancelResponse.REJECT
-        if (brake := self.options["brake"]) is not None:
+        if (brake := self.options["brake"]) == "reach":
+            self.end(handle, GoalStatus.STATUS_SUCCEEDED)
+        elif brake is not None:
             self.peer.later(brake, lambda: self.end(handle, GoalStatus.STATUS_CANCELED))
         return CancelResponse.ACCEPT
 
@@ -128,9 +144,15 @@ class Served:
     async def pursue(self, handle):
         status, result = await handle.end
         del self.live[handle.number]
+        if status == GoalStatus.STATUS_CANCELED and not handle.is_cancel_requested:
+            status = GoalStatus.STATUS_ABORTED
         {4: handle.succeed, 5: handle.canceled, 6: handle.abort}[status]()
         tell(ended=handle.number, status=status)
         return filled(self.kind.Result(), result)
+
+    def beat(self):
+        for handle in self.live.values():
+            handle.publish_feedback(self.kind.Feedback())
 
     def of(self, command):
         return self.live.get(command.get("of", max(self.live, default=None)))
@@ -161,31 +183,45 @@ class Peer:
 
         timer = self.node.create_timer(seconds, once)
 
-    def publish(self, publish, type, message=None, rate=None, latched=False, reliable=True, quiet=False, depth=10):  # noqa: A002
+    def publish(self, publish, type, *, rate=None, quiet=False, message=None, turns=(), **quality):  # noqa: A002
         if publish not in self.publishers:
-            quality = QoSProfile(
-                depth=depth,
-                reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-                durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-            )
-            self.publishers[publish] = self.node.create_publisher(kind(type), publish, quality)
+            self.publishers[publish] = self.node.create_publisher(kind(type), publish, self.quality(**quality))
         publisher = self.publishers[publish]
         if (timer := self.timers.pop(publish, None)) is not None:
             self.node.destroy_timer(timer)
         if quiet or rate == 0:
             return
-        ready = filled(kind(type)(), message or {})
-        publisher.publish(ready)
+        ready = itertools.cycle([filled(kind(type)(), each) for each in turns or [message or {}]])
+        publisher.publish(next(ready))
         if rate:
-            self.timers[publish] = self.node.create_timer(1 / rate, lambda: publisher.publish(ready))
+            self.timers[publish] = self.node.create_timer(1 / rate, lambda: publisher.publish(next(ready)))
+
+    def quality(self, *, depth=10, reliable=True, latched=False):
+        return QoSProfile(
+            depth=depth,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
+
+    def flood(self, flood, messages, count, rate):
+        """Publish these messages by turns, so many, so many a second; then say after how many seconds."""
+        publisher = self.publishers[flood]
+        ready = [filled(publisher.msg_type(), each) for each in messages]
+
+        def run():
+            begin = time.monotonic()
+            for number in range(count):
+                while time.monotonic() < begin + number / rate:
+                    time.sleep(0.0005)
+                publisher.publish(ready[number % len(ready)])
+            tell(flooded=count, seconds=time.monotonic() - begin)
+
+        threading.Thread(target=run).start()
 
     def echo(self, echo, type, reliable=True):  # noqa: A002
-        quality = QoSProfile(depth=1000)
-        if not reliable:
-            quality.reliability = ReliabilityPolicy.BEST_EFFORT
-        self.things[echo] = self.node.create_subscription(
-            kind(type), echo, lambda message: tell(heard=echo, message=plain(message)), quality
-        )
+        quality = self.quality(depth=1000, reliable=reliable)
+        hear = lambda message: tell(heard=echo, message=plain(message))
+        self.things[echo] = self.node.create_subscription(kind(type), echo, hear, quality)
 
     def serve(self, serve, type, response=None, silent=False):  # noqa: A002
         async def answer(request, ready):
@@ -206,6 +242,18 @@ class Peer:
                 return
             future = client.call_async(filled(kind(type).Request(), request or {}))
             future.add_done_callback(lambda done: tell(response=call, fields=plain(done.result())))
+
+        ask()
+
+    def cancel_all(self, cancel_all):
+        """Cancel all goals of an action's server, whoever sent them."""
+        client = self.node.create_client(CancelGoal, f"{cancel_all}/_action/cancel_goal")
+
+        def ask():
+            if client.service_is_ready():
+                client.call_async(CancelGoal.Request())
+            else:
+                self.later(0.02, ask)
 
         ask()
 
@@ -240,7 +288,7 @@ class Peer:
         look()
 
     def obey(self, command):
-        for name in ("publish", "echo", "serve", "call", "remove", "graph", "matched"):
+        for name in ("publish", "flood", "echo", "serve", "call", "remove", "graph", "matched"):
             if name in command:
                 getattr(self, name)(**command)
         if "act" in command:
@@ -248,12 +296,17 @@ class Peer:
         if "options" in command:
             self.action.options.update(command["options"])
         if "answer" in command and "act" not in command:
-            self.action.asked.set_result(command["answer"])
+            while self.action.asked:
+                self.action.asked.pop().set_result(command["answer"])
             self.executor.wake()  # a coroutine that waits for a future goes on where its executor spins
         if "feedback" in command:
             self.action.feedback(command)
         if "finish" in command:
             self.action.finish(command)
+        if "cancel_all" in command:
+            self.cancel_all(**command)
+        if "live" in command:
+            tell(lives=len(self.action.live))
         if "echoed" in command:
             tell(echoed=command["echoed"])
 

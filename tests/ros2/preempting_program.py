@@ -9,12 +9,11 @@ import json
 import random
 import sys
 
-from mdm.ros2.rclpy_wire import RclpyWire
-
 import mdm
 from mdm.messages import ActionLife
 from mdm.policies import DeterministicPolicy
 from mdm.ros2.actions import Actions
+from mdm.ros2.rclpy_wire import RclpyWire
 
 FIBONACCI = "test_msgs/action/Fibonacci"
 

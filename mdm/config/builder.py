@@ -162,6 +162,7 @@ def load_system(
     decisions: str | Path | None = None,
     models: dict[Path, MDP] | None = None,
     tables: Mapping[str, type[TableReader]] | None = None,
+    virtual: bool = False,
 ) -> System:
     """Build the system that a TOML file describes; of a team's file, that of one agent.
 
@@ -182,6 +183,7 @@ def load_system(
             For programs that have the systems of several agents.
         tables: The program's own readers of extensions' tables, by their names; other packages register theirs as
             entry points of the group ``"mdm.tables"``.
+        virtual: It is to run in virtual time: extensions that need real time are left out, and their actions last.
 
     Raises:
         ConfigError: With all problems, one per line and each in its ``problems``; those of a document name no file.
@@ -190,7 +192,7 @@ def load_system(
     if not isinstance(path, Mapping) and folder is not None:
         raise Error(f"a folder is for a document: the paths in {path} are relative to its own")
     given = path if isinstance(path, Mapping) else Path(path)
-    builder = _Builder(given, folder=folder, callbacks=callbacks, models=models, tables=tables)
+    builder = _Builder(given, folder=folder, callbacks=callbacks, models=models, tables=tables, virtual=virtual)
     return builder.system(agent, transport=transport, decisions=decisions)
 
 
@@ -255,12 +257,14 @@ class _Builder:
         look: bool = False,
         models: dict[Path, MDP] | None = None,
         tables: Mapping[str, Any] | None = None,
+        virtual: bool = False,
     ) -> None:
         path = given if isinstance(given, Path) else None
         self._given = given
         self._folder = Path(folder or "") if path is None else path.parent
         self._models = models
         self._tables = {} if tables is None else tables
+        self._virtual = virtual
         self._callbacks = callbacks
         self._problems = Problems(path)
         self._functions = Functions(self._folder, self._problems, callbacks=callbacks, look=look)
@@ -285,7 +289,7 @@ class _Builder:
         document = self._read()
         described, share = self._share(document, agent)
         declarations = Declarations(self._problems, share)
-        reading = Reading(self._folder, declarations.manager, self._functions, self._problems, share)
+        reading = Reading(self._folder, declarations.manager, self._functions, self._problems, share, self._virtual)
         readers = Readers(document, _KNOWN, self._tables, reading)
         places, navigation = self._places(document, readers)
         declarations.declare(document, readers)

@@ -94,7 +94,7 @@ class Ensembles:
         self._models = {} if models is None else models
         self._navigation = navigation
         self._located = located
-        self._folder, self._predicates, self._functions, self._problems, self._share = readers.reading
+        self._folder, self._predicates, self._functions, self._problems, self._share, _ = readers.reading
         self._readers = readers
         self._tables: dict[str, EnsembleTable | None] = {}
         self._ensembles: dict[str, Ensemble | None] = {}

@@ -50,7 +50,7 @@ def read_places(value: Any, readers: Readers) -> tuple[Places | None, Navigation
         value: The table ``places``.
         readers: Those of the file's extensions.
     """
-    folder, predicates, functions, problems, share = readers.reading
+    folder, predicates, functions, problems, share, _ = readers.reading
     table: PlacesTable | None = problems.convert(value, PlacesTable, "places")
     if table is None:
         return None, None

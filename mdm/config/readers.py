@@ -31,6 +31,7 @@ class Reading(NamedTuple):
         functions: Finds functions; where it does not import them, the reader makes stand-ins and loads no library.
         problems: Where problems are noted.
         share: In a team's file, whose part it is.
+        virtual: Whether it is to run in virtual time: a reader that needs real time makes stand-ins then, too.
     """
 
     folder: Path
@@ -38,6 +39,7 @@ class Reading(NamedTuple):
     functions: Functions
     problems: Problems
     share: Share | None = None
+    virtual: bool = False
 
 
 class TableReader:

@@ -78,7 +78,7 @@ class Topic:
         """
         self._predicates.sensor(name, max_age=max_age)
         self._values.append((name, self._when(when)))
-        self._predicates.declared.tellers[name] = f"{self.name}: {when}"
+        self._predicates.declared.tellers[name] = f"{self.name} ({when})"
 
     def event(self, name: str, when: str | When | None = None) -> None:
         """Declare an event that each message raises, or each for which ``when`` holds.
@@ -96,7 +96,7 @@ class Topic:
         else:
             self._asked.append((name, told))
             self._waiting = deque(maxlen=self.quality.depth)
-        self._predicates.declared.tellers[name] = f"{self.name}: {when or 'each message'}"
+        self._predicates.declared.tellers[name] = f"{self.name} ({when or 'each message'})"
 
     def pose(self, places: Places, covariance: float = 0.5) -> None:
         """Tell places where the robot is, in the frame of their map.

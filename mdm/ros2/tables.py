@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 import msgspec
@@ -112,7 +113,11 @@ class PoseTable(TopicTable, frozen=True, kw_only=True):
 
 
 class Ros2Reader(TableReader):
-    """Makes the link of a file; without functions, as for `mdm check` or a replay, none, and types are unchecked."""
+    """Makes the link of a file.
+
+    Without functions, as for `mdm check` or a replay, and in virtual time, there is none: types are unchecked, topics
+    tell nothing, and goals last until they are replaced.
+    """
 
     entries: ClassVar[Mapping[str, frozenset[str]]] = {
         **dict.fromkeys(("predicates", "events", "pose"), frozenset({"topic"})),
@@ -134,7 +139,7 @@ class Ros2Reader(TableReader):
                 raise ConfigError("a namespace per agent is for a team's file, which has a table [team]")
             namespace = share.own(namespace) or ""
         make: Any = self.wire if table.wire is None else functions.find(table.wire, "ros2.wire")
-        if not functions.imported or make is None:
+        if make is None or not functions.imported or (self._reading.virtual and table.wire is None):
             return
         wire = make(node=table.node, namespace=namespace, remap=table.remap)
         services = table.services if isinstance(table.services, list) else SERVICES if table.services else ()
@@ -152,19 +157,25 @@ class Ros2Reader(TableReader):
         """Declare a predicate that a topic decides."""
         entry = self._entry(written, TopicPredicateTable, key)
         when = None if entry is None else self._when(entry.when, f"{key}.when")
-        if when is not None and self._link is not None:
-            self._topic(entry).predicate(name, when, entry.max_age)
-        elif entry is not None:
+        if when is None:
+            return
+        if self._link is None:
             self._reading.predicates.sensor(name, max_age=entry.max_age)
+        else:
+            self._topic(entry).predicate(name, when, entry.max_age)
+        self._reading.predicates.declared.tellers[name] = f"{entry.topic} ({entry.when})"
 
     def event(self, name: str, written: dict[str, Any], key: str) -> None:
         """Declare an event that a topic raises."""
         entry = self._entry(written, TopicEventTable, key)
         when = None if entry is None or entry.when is None else self._when(entry.when, f"{key}.when")
-        if entry is not None and self._link is not None and (when is None) is (entry.when is None):
-            self._topic(entry).event(name, when)
-        else:
+        if entry is None or (when is None and entry.when is not None):
+            return
+        if self._link is None:
             self._reading.predicates.event(name)
+        else:
+            self._topic(entry).event(name, when)
+        self._reading.predicates.declared.tellers[name] = f"{entry.topic} ({entry.when or 'each message'})"
 
     def pose(self, written: dict[str, Any], places: Places, key: str) -> None:
         """Let a topic tell where the robot is."""
@@ -191,8 +202,9 @@ class Ros2Reader(TableReader):
         if len(self._reading.problems) > before:
             return None
         if self._link is None:
-            once = role == "publish" and entry.rate is None
-            return Binding(nothing if once else Lasting(), **entry.as_arguments(BindingSettings))
+            target: Any = partial(nothing) if role == "publish" and entry.rate is None else Lasting()
+            target.__module__, target.__qualname__ = "mdm.ros2.actions", f"ros2({given[role]!r})"
+            return Binding(target, **entry.as_arguments(BindingSettings))
         bound: Binding = getattr(self._link.actions, method)(given.pop(role), given.pop("type"), **given)
         return bound
 

@@ -15,6 +15,7 @@ from sentences import refused
 
 import mdm
 from mdm import ConfigError, load_system
+from mdm.cli.robots.ensembles import facts
 from mdm.config.builder import look_over
 from mdm.config.recorded import attach_configuration
 from mdm.maps import save_graph
@@ -60,7 +61,7 @@ qos = { depth = 100, reliability = "reliable" }
 
 [ensembles.top]
 policy = [0, 1]
-safe_action = "Brake"
+safe_action = { service = "/brake", type = "std_srvs/srv/SetBool", request = { data = true } }
 
 [ensembles.top.states]
 low = ["Low"]
@@ -74,11 +75,6 @@ type = "nav2_msgs/action/DockRobot"
 goal = "robot_code:home"
 silence = 2.0
 feedback = { predicate = "Charging", when = "count > 1" }
-
-[ensembles.top.actions.Brake]
-service = "/brake"
-type = "std_srvs/srv/SetBool"
-request = { data = true }
 """
 
 
@@ -214,6 +210,19 @@ def recorded(folder):
     return record
 
 
+def test_a_file_is_described_alike_with_and_without_ros(folder):
+    path = folder / "robot.toml"
+    linked, looked = load_system(path, tables=reader_of(Peers())), look_over(path)
+    virtual = load_system(path, virtual=True)
+    assert facts(linked) == facts(looked) == facts(virtual)
+    assert facts(linked)["definitions"] == {
+        "Low": "set by /battery (percentage < 0.2 until > 0.3), unknown after 5 s",
+        "Charging": "set by code",
+        "Bumped": "raised by /bumper (data)",
+    }
+    assert (len(linked.extensions), looked.extensions, virtual.extensions) == (1, (), ())
+
+
 @pytest.mark.slow
 def test_the_command_looks_at_records_and_files_without_ros(folder):
     record = recorded(folder)
@@ -223,6 +232,7 @@ def test_the_command_looks_at_records_and_files_without_ros(folder):
         ("watch", record, "--once"),
         ("check", "robot.toml"),
         ("info", "robot.toml"),
+        ("run", "robot.toml", "--virtual", "--quiet", "--seconds", "60"),
     ):
         done = command(*words, folder=folder)
         assert (done.returncode, done.stderr) == (0, ""), (words, done.stdout, done.stderr)

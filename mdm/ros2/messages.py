@@ -19,8 +19,9 @@ from mdm.ros2.wire import WireError
 __all__ = ["fields", "filled", "interface", "make", "plain"]
 
 _KIND = re.compile(r"([a-z]\w*)/(msg|srv|action)/([A-Z][A-Za-z0-9]*)(?:_(Request|Response|Goal|Result|Feedback))?")
-_ARRAY = re.compile(r"sequence<(?P<inner>.+?)(?:, (?P<most>\d+))?>|(?P<element>.+)\[(?P<length>\d+)\]")
-_TEXT = re.compile(r"w?string(?:<(?P<most>\d+)>)?")
+_ARRAY = cache(re.compile(r"sequence<(?P<inner>.+?)(?:, (?P<most>\d+))?>|(?P<element>.+)\[(?P<length>\d+)\]").fullmatch)
+_TEXT = cache(re.compile(r"w?string(?:<(?P<most>\d+)>)?").fullmatch)
+_FIELDS: Any = cache(lambda kind: kind.get_fields_and_field_types())  # which copies them each time
 _CODES = {"float": "f", "double": "d", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i"}
 _CODES |= {"uint32": "I", "int64": "lq", "uint64": "LQ"}  # of elements, in arrays of Python and numpy
 _RANGES = {f"int{bits}": range(-(2 ** (bits - 1)), 2 ** (bits - 1)) for bits in (8, 16, 32, 64)}
@@ -106,10 +107,10 @@ def plain(value: Any, most: int | None = None) -> Any:
 
 
 def _filled(kind: Any, values: Any, place: str) -> Any:
-    known = kind.get_fields_and_field_types()
-    message = values if isinstance(values, kind) else kind()
-    if message is values:  # somebody has made it; NaN stays
-        given = {name: getattr(values, name) for name in known}
+    known, made = _FIELDS(kind), isinstance(values, kind)
+    message = values if made else kind()
+    if made:  # by somebody; NaN stays
+        given = {name: getattr(message, name) for name in known}
         values = {name: each for name, each in given.items() if not (isinstance(each, float) and known[name] in _CODES)}
     if not isinstance(values, Mapping):
         raise _misfit(place or "it", kind.__name__, values)
@@ -117,18 +118,20 @@ def _filled(kind: Any, values: Any, place: str) -> Any:
         there = f"{place}.{name}" if place else str(name)
         if name not in known:
             raise ValueError(f"there is no field {there!r}{_near(str(name), known)}")
-        setattr(message, name, _value(known[name], value, there, kind))
+        fitting = _value(known[name], value, there, kind)
+        if not made or fitting is not value:
+            setattr(message, name, fitting)
     return message
 
 
 def _value(kind: str, value: Any, place: str, owner: Any) -> Any:
     """Return a value as a field of a type needs it; ``owner`` is the message's class, whose constants have names."""
-    if (array := _ARRAY.fullmatch(kind)) is not None:
+    if (array := _ARRAY(kind)) is not None:
         return _elements(array, value, place, owner)
     if "/" in kind:
         return _filled(interface(kind.replace("/", "/msg/")), value, place)
     fitting = None
-    if (text := _TEXT.fullmatch(kind)) is not None:
+    if (text := _TEXT(kind)) is not None:
         coded = value.encode(errors="replace") if isinstance(value, str) else b""
         whole = coded.decode() == value and b"\0" not in coded
         fitting = value if whole and len(coded) <= int(text["most"] or len(coded)) else None

@@ -29,6 +29,8 @@ __all__ = ["RclpyWire"]
 
 _PATIENCE = 8.0
 """Seconds in which the node begins."""
+_LOOK = 5.0
+"""Seconds between two looks at the types of publishers."""
 _FEEDBACK = Quality(reliability="reliable")
 _STATUS = Quality(depth=1, reliability="reliable", durability="transient_local")
 
@@ -66,6 +68,8 @@ class RclpyWire:
         self._makers: list[Callable[[], object]] = []
         self._waiting: set[asyncio.Future[Any]] = set()
         self._told: dict[tuple[str, str], float] = {}
+        self._kinds: dict[str, str] = {}
+        self._others: set[tuple[str, Peer]] = set()
         self._ended: asyncio.Future[None] | None = None
 
     make = staticmethod(make)
@@ -74,6 +78,7 @@ class RclpyWire:
     def subscribe(self, topic: str, kind: str, hear: Callable[[Any], object], quality: Quality, /) -> None:
         """Hear each message of a topic, in the node's thread."""
         self.listen(topic, interface(kind, "msg"), hear, quality)
+        self._kinds[topic] = kind
 
     def publish(self, topic: str, kind: str, quality: Quality, /) -> _Publisher:
         """Return a publisher on a topic."""
@@ -163,7 +168,7 @@ class RclpyWire:
         def get() -> Any:
             if self.node is None:
                 raise WireError(f"{name} cannot be reached: the link to ROS 2 is not open")
-            return made[0]
+            return made[-1]  # of the last time that it was opened
 
         return get
 
@@ -195,14 +200,13 @@ class RclpyWire:
         return self.rclpy.qos.QoSProfile(depth=quality.depth, reliability=reliability, durability=durability)
 
     def misfits(self, name: str, who: str) -> dict[str, Callable[[Any], None]]:
-        """Return the callbacks of rclpy that report another side to which nothing passes."""
+        """Return the callback of rclpy that reports another side to which nothing passes."""
 
         def misfit(event: Any) -> None:
-            policy = getattr(event, "last_policy_kind", None)
-            what = "type" if policy is None else self.rclpy.qos.qos_policy_name_from_kind(policy).lower()
-            self.report(name, "quality", f"{who} another {what} than this side has, so that no message passes")
+            policy = self.rclpy.qos.qos_policy_name_from_kind(event.last_policy_kind).lower()
+            self.report(name, "quality", f"{who} another {policy} than this side has, so that no message passes")
 
-        return {"incompatible_qos": misfit, "incompatible_type": misfit}
+        return {"incompatible_qos": misfit}
 
     def hand(self, name: str, call: Callable[..., object], *arguments: Any) -> None:
         """Call a function on the event loop, from any thread; its error is a fault. After the end nothing is called."""
@@ -248,6 +252,7 @@ class RclpyWire:
             executor.add_node(node)
             for create in self._makers:
                 create()
+            node.create_timer(_LOOK, self._look)
             self.hand(self._name, _settle, begun, None)
             while not self._closing.done():
                 try:
@@ -265,6 +270,15 @@ class RclpyWire:
             with suppress(Exception):  # of a node that is gone already
                 undo.close()
             self.hand(self._name, self._end)
+
+    def _look(self) -> None:
+        """Report publishers of other types, of which Fast DDS says nothing."""
+        found = {(topic, peer) for topic in self._kinds for peer in self.peers("publisher", topic)}
+        for topic, peer in found - self._others:
+            if peer.kind != self._kinds[topic]:
+                self._others.add((topic, peer))
+                text = f"{peer.node} publishes {peer.kind}, and this side hears {self._kinds[topic]} alone"
+                self.report(topic, "quality", text)
 
     def _end(self) -> None:
         """Tell all who wait that the thread has ended."""

@@ -292,6 +292,9 @@ def test_another_quality_is_told_on_either_side(ros, tmp_path):
             assert "reliability" in fault["detail"]
             ours.tell(peers="/in", role="publisher", wanted=[["/robot", kind, "best_effort"]])
             await ours.hear("peers")
+            robot.tell(remove="/in")
+            robot.tell(publish="/in", type="std_msgs/msg/String", quiet=True)
+            await ours.hear("fault", where=lambda event: "/robot publishes std_msgs/msg/String" in event["detail"])
         async with wire(here, publishers={"/out": kind}) as ours:
             robot.tell(echo="/out", type=kind)
             fault = await ours.hear("fault")

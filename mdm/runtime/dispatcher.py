@@ -402,7 +402,7 @@ class Dispatcher:
         self.straight = _STRAIGHT
         try:
             try:
-                first.handler(message)
+                (_ := first.handler)(message)
             except RecursionError as error:
                 limit = sys.getrecursionlimit()
                 sys.setrecursionlimit(limit + _ROOM)  # here there may be none even to say so
@@ -448,7 +448,7 @@ class Dispatcher:
                 while queue:
                     subscription, message = queue.popleft()
                     try:
-                        subscription.handler(message)
+                        (_ := subscription.handler)(message)
                     except RecursionError as error:
                         limit = sys.getrecursionlimit()
                         sys.setrecursionlimit(limit + _ROOM)

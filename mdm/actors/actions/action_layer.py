@@ -395,13 +395,13 @@ class ActionLayer(Layer):
             return
         # Hot path: a plain function, while nothing lives and nobody listens to lives, needs no record of its own.
         self.started += 1
-        self._recent.append(self._now() - action.time)
+        self._recent.append((_ := self._now)() - action.time)
         if len(self._recent) >= FULL:
             self._latencies.fold()
         token = _own(action)  # whose jobs are made where it has any
         try:
             lives.calling = True
-            result = brief.function(action) if brief.takes_action else brief.function()
+            result = (_ := brief.function)(action) if brief.takes_action else (_ := brief.function)()
             lives.calling = False
             _disown(token)
         except BaseException as error:

@@ -188,7 +188,7 @@ class Output:
     def publish(self, step: Step, time: int, cause: str, observation: Observed, state: int | None) -> None:
         """Publish a decision on a stimulus of that time, unless it comes too late and is refused."""
         # Hot path.
-        latency = self._now() - time
+        latency = (_ := self._now)() - time
         self._pending.append(latency)
         if not len(self._pending) % _EACH:
             self._fold()
@@ -225,7 +225,7 @@ class Output:
             self.publish(step, time, cause, observation, state)
             return
         # Hot path.
-        self._pending.append(self._now() - time)
+        self._pending.append((_ := self._now)() - time)
         if not len(self._pending) % _EACH:
             self._fold()
         if self._observed:
@@ -252,7 +252,7 @@ class Output:
         if action < 0:
             return False
         # Hot path.
-        self._pending.append(self._now() - time)
+        self._pending.append((_ := self._now)() - time)
         if not len(self._pending) % _EACH:
             self._fold()
         if self._observed:

@@ -390,7 +390,7 @@ class Channel(Generic[T]):
         self.last = message
         dispatcher.straight -= 1
         try:
-            (_ := sole.handler)(message)  # named first, as on all hot paths: see docs/decisions/emitting-and-publishing.md
+            (_ := sole.handler)(message)  # named first: docs/decisions/emitting-and-publishing.md says why
         except BaseException:
             if dispatcher.blamed is None:  # no call: there may be no room for one
                 dispatcher.blamed = sole

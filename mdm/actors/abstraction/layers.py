@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from mdm.models import Space
 
 _FEW = 8
-_Move = tuple[int, tuple[str, ...], tuple[str, ...]]
 _Joint = tuple[int, tuple[int | None, ...]]
 
 
@@ -109,14 +108,7 @@ class StateLayer(FactorLayer[StateFactor]):
     factor = StateFactor
 
     # The attributes that each decision reads or writes, close together: many ensembles do not all fit the cache.
-    __slots__ = (
-        "_digits",
-        "_index",
-        "_known",
-        "_moves",
-        "_published",
-        "_slots",
-    )
+    __slots__ = ("_digits", "_index", "_known", "_moves", "_published", "_slots")
 
     def __init__(
         self,
@@ -135,8 +127,8 @@ class StateLayer(FactorLayer[StateFactor]):
         self._digits: tuple[int | None, ...] = ()
         # By the index, and predicates that rise and fall: index and digits that they lead to. It is looked at where the
         # digits say all that is known: of each factor of several predicates one is true, and the others are false.
-        self._memory: Memory[_Move, _Joint] | None = None
-        self._moves: Memory[_Move, _Joint] | None = None
+        self._memory: Memory[tuple[object, ...], _Joint] | None = None
+        self._moves: Memory[tuple[object, ...], _Joint] | None = None
         self._index = 0
         self._known = False
 
@@ -318,10 +310,7 @@ class ObservationLayer(FactorLayer[ObservationFactor]):
     factor = ObservationFactor
 
     # The attributes that each decision reads or writes, close together: many ensembles do not all fit the cache.
-    __slots__ = (
-        "_known",
-        "_published",
-    )
+    __slots__ = ("_known", "_published")
 
     def __init__(
         self,

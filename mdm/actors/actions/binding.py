@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dis
 import inspect
 from collections.abc import Awaitable, Callable, Mapping
 from copy import copy
+from functools import cache
+from types import CodeType, FunctionType, MethodType
 from typing import TYPE_CHECKING, Any, Unpack
 
 from mdm.actors.options import BindingOptions, BindingSettings
@@ -132,6 +135,22 @@ class Binding:
 def bind(target: Callback | Ensemble, **options: Any) -> Binding:
     """Bind an action to a target with options; see `Binding`."""
     return Binding(target, **options)
+
+
+@cache
+def _returns_nothing(code: CodeType) -> bool:
+    steps = [*dis.get_instructions(code)]
+    before = ((step.opname == "LOAD_CONST" and step.argval is None) for step in steps)
+    for nothing, step in zip(before, steps[1:], strict=False):
+        if step.opname == "RETURN_VALUE" and (step.is_jump_target or not nothing):
+            return False
+    return not any(step.opname == "RETURN_CONST" and step.argval is not None for step in steps)  # of later versions
+
+
+def returns_nothing(function: Callable[..., object]) -> bool:
+    """Whether it is plain from the code of a plain function that it returns None, if it returns."""
+    held: Any = function if isinstance(function, FunctionType | MethodType) else type(function).__call__
+    return hasattr(held, "__code__") and _returns_nothing(held.__code__)
 
 
 def _no_call() -> None:

@@ -141,13 +141,12 @@ class Watched:
     """A program that is read all the time: what it has said may be looked back at."""
 
     def __init__(self, program):
-        self.program, self.said = program, []
+        self.program, self.said = program, program.heard
         self._news = asyncio.Event()
         self._reading = program.reading = asyncio.create_task(self._read())
 
     async def _read(self):
-        async for event in self.program.lines():
-            self.said.append(event)
+        async for _ in self.program.lines():
             self._news.set()
         self._news.set()
 

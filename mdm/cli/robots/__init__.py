@@ -51,9 +51,9 @@ VERBS = {
     "trace": Verb(
         "Read JSON lines from standard input, one stimulus a line, and print one JSON line a decision. A stimulus has "
         'any of "time" (seconds), "observation", "state", "belief", "predicates" ({"name": true}, or a number for a '
-        'threshold), "events" (["name"]) and "control" ("start", "stop", "reset", "release"). Async functions of the '
-        'file stand for actions that take time: they end by an event such as "Go.succeeded" or "Go.failed", and not '
-        "by themselves.",
+        'threshold), "events" (["name"]) and "control" ("start", "stop", "reset", "release", "decide_again"). Async '
+        'functions of the file stand for actions that take time: they end by an event such as "Go.succeeded" or '
+        '"Go.failed", and not by themselves.',
         "echo '{\"observation\": 0}' | mdm trace tiger.pomdp tiger.vf",
         (
             *given_file("the TOML file, whose functions are not called"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from functools import cached_property, partial
+from functools import cached_property
 from importlib.metadata import entry_points
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 from mdm.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
+    from collections.abc import Collection, Mapping
     from pathlib import Path
 
     from mdm.actors import Binding, PredicateManager
@@ -111,16 +111,15 @@ class Readers:
                 self._open[name] = kind.entries, reader or TableReader(None, reading)
 
     @cached_property
-    def _registered(self) -> dict[str, Callable[[], Any]]:
-        """Functions that load each reader, by its table: the program's own, ours, and those of other packages."""
+    def _registered(self) -> dict[str, Any]:
+        """Each reader by its table, or where it is: of other packages, ours, and the program's own."""
         tables: dict[str, str] = resolve_name("mdm:TABLES")  # of the package itself, which names those above this one
-        others = {each.name: each.load for each in entry_points(group="mdm.tables")}
-        ours = {name: partial(resolve_name, at) for name, at in tables.items()}
-        return others | ours | {name: partial(_itself, kind) for name, kind in self._given.items()}
+        return {each.name: each.value for each in entry_points(group="mdm.tables")} | tables | {**self._given}
 
     def _kind(self, name: str) -> type[TableReader]:
+        kind = self._registered[name]
         try:
-            kind = self._registered[name]()
+            kind = resolve_name(kind) if isinstance(kind, str) else kind
         except (Exception, SystemExit) as error:
             text = f"{type(error).__name__}: {error}"
             raise ConfigError(f"what reads the table [{name}] cannot be imported: {text}") from None
@@ -162,7 +161,3 @@ class Readers:
         opened = self._open.items() if self.reading.functions.imported else ()
         made = [self.reading.problems.attempt(name, reader.extension) for name, (_, reader) in opened]
         return tuple([extension for extension in made if extension is not None])
-
-
-def _itself(kind: Any) -> Any:
-    return kind

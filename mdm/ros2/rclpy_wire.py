@@ -7,6 +7,7 @@ three services and two topics here: rclpy's own client of actions can lose an an
 from __future__ import annotations
 
 import asyncio
+import os
 import threading
 import time
 from contextlib import ExitStack, suppress
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["RclpyWire"]
 
+_DOMAINS = 232
+"""The last domain: with a greater one Fast DDS ends the process."""
 _PATIENCE = 8.0
 """Seconds in which the node begins."""
 _LOOK = 5.0
@@ -46,13 +49,16 @@ class RclpyWire:
         remap: By name of a topic, service or action, the one that is used in its place.
 
     Raises:
-        WireError: If rclpy is not there, or a name is none of ROS 2.
+        WireError: If rclpy is not there, the domain is none, or a name is none of ROS 2.
 
     Attributes:
         node: The node of rclpy; None unless the wire is open.
     """
 
     def __init__(self, node: str, namespace: str = "", remap: Mapping[str, str] | None = None) -> None:
+        domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+        if not domain.isdecimal() or int(domain) > _DOMAINS:
+            raise WireError(f"ROS_DOMAIN_ID is a whole number from 0 to {_DOMAINS}, not {domain!r}")
         try:
             self.rclpy: Any = import_module("rclpy")
             import_module("rclpy.node")  # and the modules that it needs

@@ -43,6 +43,7 @@ class Obey:
         if topic in self.raises:
             raise ValueError("a sensor's mistake")
         if topic in self.hangs:
+            tell(hangs=topic)
             time.sleep(1000)
         tell(heard=topic, message=plain(message), thread=threading.current_thread() is not threading.main_thread())
 

@@ -171,7 +171,7 @@ KINDS: Final[dict[str, FaultKind]] = {
     ),
     "quality": FaultKind(
         "The other side of a topic of ROS has another quality of service, or type: no message passes.",
-        "Give both the same, by `qos` in the entry of the topic; `mdm check --live` names both.",
+        "Give both the same: `qos` in the entry of the topic, or the quality or type of the other node.",
     ),
     "unmatched": FaultKind(
         "Nobody is at the other end of a topic, a service or an action of ROS.",

@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 
 SERVICES = ("start", "stop", "reset", "release")
 
-OPEN = "anybody on the ROS domain may call {}, which ROS refuses to nobody unless SROS2 is set up"
-"""The warning where a file offers services, with their names."""
-
 _OK, _WARN, _ERROR = b"\0", b"\1", b"\2"
 _KEPT = Quality(depth=100, reliability="reliable", durability="transient_local")
 
@@ -76,7 +73,8 @@ class Reports(Observer):
         if self._modes is not None:
             guard.subscriptions.append(runtime.decisions.subscribe(guard(self._decided)))
         if self._services:
-            runtime.say("services", warning=OPEN.format(", ".join(f"~/{name}" for name in self._services)))
+            served = ", ".join(f"~/{name}" for name in self._services)
+            runtime.say("services", warning=f"anybody on the ROS domain may call {served}, unless SROS2 is set up")
         if self._diagnose is not None:
             self._beat()
 

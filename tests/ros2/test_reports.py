@@ -7,10 +7,12 @@ import json
 from datetime import datetime
 
 import pytest
+from places import EXAMPLES
+from ros2.environment import programs
 from ros2.stand_in import StandIn
 
 import mdm
-from mdm.ros2.reports import OPEN, SERVICES, Reports
+from mdm.ros2.reports import SERVICES, Reports
 from mdm.ros2.wire import Quality
 from mdm.testing import run_virtual
 
@@ -195,7 +197,7 @@ def test_the_log_warns_of_services(capsys):
         await runtime.start(robot())
 
     run_virtual(main, log="json", extensions=[Link(wire, services=["stop"])])
-    assert OPEN.format("~/stop") in capsys.readouterr().err
+    assert "anybody on the ROS domain may call ~/stop" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("kind", ["diagnostics", "decisions"])
@@ -214,3 +216,40 @@ def test_what_fails_to_be_told_is_one_fault_and_the_robot_goes_on(kind, monkeypa
     [fault] = run(main, **{"diagnostics": False, kind: True}).faults
     assert fault.kind == "observer"
     assert "no room" in fault.detail
+
+
+@pytest.mark.slow
+def test_a_node_reads_how_the_robot_does_and_stops_it(ros, nav2, tmp_path):
+    for name in ("floor.xml", "patrol.mdp", "patrol.policy"):
+        (tmp_path / name).write_bytes((EXAMPLES / "ros2" / name).read_bytes())
+    asked = 'node = "patrol"\nnamespace = "/ns"\ndecisions = true\nservices = true'
+    text = (EXAMPLES / "ros2" / "patrol.toml").read_text().replace('node = "patrol"', asked)
+    (tmp_path / "patrol.toml").write_text(text)
+
+    async def main():
+        async with programs(ros, tmp_path, nav2) as here:
+            peer = await here.peer()
+            peer.tell(echo="/diagnostics", type="diagnostic_msgs/msg/DiagnosticArray")
+            peer.tell(echo="/ns/patrol/decisions", type="std_msgs/msg/String")
+            await here.start("-m", "mdm", "run", "patrol.toml")
+
+            async def status(level):
+                def has(event):
+                    return event["message"]["status"] and event["message"]["status"][0]["level"] == [level]
+
+                told = await peer.hear("heard", where=lambda event: event["heard"] == "/diagnostics" and has(event))
+                return told["message"]["status"][0]
+
+            waits = await status(1)
+            assert waits["name"] == "ns/patrol: patrol"
+            assert "BatteryIsLow" in waits["message"]
+            await here.start(EXAMPLES / "ros2" / "robot.py")
+            decided = await peer.hear("heard", where=lambda event: event["heard"] == "/ns/patrol/decisions")
+            assert json.loads(decided["message"]["data"])["action_name"] == "to-office"
+            runs = await status(0)
+            assert {value["key"] for value in runs["values"]} == {"mode", "action", "since", "causes"}
+            peer.tell(call="/ns/patrol/stop", type="std_srvs/srv/Trigger")
+            assert (await peer.hear("response"))["fields"] == {"success": True, "message": "stop: patrol"}
+            assert (await status(1))["message"] == "stopped"
+
+    asyncio.run(main())

@@ -33,12 +33,18 @@ class Quality(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         depth: Messages that wait at most, in DDS, before the oldest is dropped without a word.
         reliability: ``best_effort`` meets every publisher, ``reliable`` only a reliable one.
-        durability: ``transient_local`` also gets the last message of a publisher that keeps it.
+        durability: ``transient_local`` also gets the message that a publisher keeps, where both are reliable.
     """
 
     depth: Annotated[int, Meta(ge=1, le=100_000)] = 10
     reliability: Literal["reliable", "best_effort"] = "best_effort"
     durability: Literal["volatile", "transient_local"] = "volatile"
+
+    def __post_init__(self) -> None:
+        if self.durability == "transient_local" and self.reliability == "best_effort":
+            raise ValueError(
+                "kept messages (transient_local) reach reliable subscriptions: say reliability = 'reliable'"
+            )
 
 
 class WireError(Error):

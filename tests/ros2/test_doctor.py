@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 
+import msgspec
 import pytest
 from places import EXAMPLES
 from ros2.environment import programs
@@ -104,11 +105,19 @@ def test_reliability_is_judged_by_the_table_of_dds(role, ours, theirs):
 @pytest.mark.parametrize("ours", ["volatile", "transient_local"])
 @pytest.mark.parametrize("role", ["publisher", "subscription"])
 def test_durability_is_judged_by_the_table_of_dds(role, ours, theirs):
-    problems = part(role, TWIST, Quality(durability=ours), Peer("/n", TWIST, Quality(durability=theirs)))
+    ours_, theirs_ = (Quality(reliability="reliable", durability=each) for each in (ours, theirs))
+    problems = part(role, TWIST, ours_, Peer("/n", TWIST, theirs_))
     offered, wanted = (theirs, ours) if role == "publisher" else (ours, theirs)
     assert len(problems) == (offered == "volatile" and wanted == "transient_local")
     if problems:
         assert f'qos = {{ durability = "{theirs}" }}' in problems[0]
+
+
+def test_a_kept_message_is_not_asked_for_where_it_cannot_come():
+    """DDS hands kept messages to reliable readers alone; the slow test hears one."""
+    with pytest.raises(msgspec.ValidationError, match="reliability"):
+        msgspec.convert({"durability": "transient_local"}, Quality)
+    assert msgspec.convert({"durability": "transient_local", "reliability": "reliable"}, Quality) == KEPT
 
 
 @pytest.mark.slow
@@ -137,6 +146,8 @@ def test_the_doctor_says_what_is_missing_and_what_is_heard(ros, nav2, tmp_path):
             told = json.loads(text)
             assert (status, told["problems"]) == (0, [])
             assert {part["name"] for part in told["parts"]} == set(names)
+            [pose] = [part for part in told["parts"] if part["name"] == "/amcl_pose"]
+            assert pose["heard"]["header"]["frame_id"] == "map"  # kept: the robot stands
             [battery] = [part for part in told["parts"] if part["name"] == "/battery_state"]
             assert 0 <= battery["heard"]["percentage"] <= 1
             assert told["ros"]["domain"] == str(here.number)

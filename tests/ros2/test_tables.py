@@ -265,7 +265,7 @@ PLACES = """
 graph = "floor.xml"
 reach = 1.9
 max_age = 5.0
-pose = { topic = "/amcl_pose", covariance = 0.2, qos = { durability = "transient_local" } }
+pose = { topic = "/amcl_pose", covariance = 0.2, qos = { reliability = "reliable", durability = "transient_local" } }
 navigator = { ros2 = { action = "/navigate_to_pose", silence = 3.0 } }
 [ensembles.top]
 policy = [0, 1]

@@ -79,7 +79,8 @@ wheel-test:
 # teams that are sent forged messages; then all that may happen, in a few steps, to three ensembles above each other;
 # then patrols of random floors, which must go on; then
 # random schedules of what happens to a team's agreement; then random systems in wall time, which are recorded and
-# replayed; then damaged records, which are read; then hours of many robots on a floor; then days of the demo, 6 minutes of a processor each.
+# replayed; then damaged records, which are read; then hours of many robots on a floor; then days of the demo, 6 minutes of a processor each; then
+# goals, disturbances and a patrol beside real nodes of ROS 2.
 # Violations are printed with their seeds.
 MDM_CHAOS ?= 100000
 MDM_CHAOS_PROCESSES ?= 1000
@@ -91,6 +92,8 @@ MDM_REPLAYS ?= 1000
 MDM_DAMAGED ?= 10000
 MDM_CROWDS ?= 3600
 MDM_DAYS ?= 20
+MDM_PURSUITS ?= 1000
+MDM_ROS_SCHEDULES ?= 500
 chaos: $(READY)
 	PYTHONPATH=tests $(BIN)/python -m chaos $(MDM_CHAOS) $(MDM_CHAOS_PROCESSES)
 	PYTHONPATH=tests $(BIN)/python -m team.forgery $(MDM_FORGED)
@@ -101,6 +104,9 @@ chaos: $(READY)
 	PYTHONPATH=tests $(BIN)/python -m damage $(MDM_DAMAGED)
 	PYTHONPATH=tests $(BIN)/python -m crowds $(MDM_CROWDS)
 	PYTHONPATH=tests $(BIN)/python -m days $(MDM_DAYS)
+	PYTHONPATH=tests $(BIN)/python -m ros2.pursuits $(MDM_PURSUITS)
+	PYTHONPATH=tests $(BIN)/python -m ros2.schedules $(MDM_ROS_SCHEDULES)
+	PYTHONPATH=tests $(BIN)/python -m ros2.patrol 120
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -140,6 +146,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/places.py
 	$(BIN)/python benchmarks/maps.py
 	$(BIN)/python benchmarks/building.py
+	$(BIN)/python benchmarks/ros2.py
 	$(BIN)/python benchmarks/team_bridge.py
 	$(BIN)/python benchmarks/team_latency.py
 	$(BIN)/python benchmarks/team_memory.py

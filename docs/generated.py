@@ -47,6 +47,7 @@ PACKAGES = (
     "mdm.replay",
     "mdm.snapshots",
     "mdm.views.web",
+    "mdm.ros2",
     "mdm.testing",
     "mdm.errors",
 )
@@ -63,6 +64,14 @@ TABLES = {
     "[ensembles.NAME.supervision]": ("mdm.config.tables.RestartTable", ("mdm.runtime.Restart",)),
     "[ensembles.NAME.placement]": ("mdm.team.Placement", ()),
     "[places]": ("mdm.config.places.PlacesTable", ("mdm.maps.load_map",)),
+    "[ros2]": ("mdm.ros2.tables.Ros2Table", ()),
+    "[predicates] topic": ("mdm.ros2.tables.TopicPredicateTable", ("mdm.ros2.tables.TopicTable",)),
+    "[events] topic": ("mdm.ros2.tables.TopicEventTable", ("mdm.ros2.tables.TopicTable",)),
+    "[places] pose": ("mdm.ros2.tables.PoseTable", ("mdm.ros2.tables.TopicTable",)),
+    "[places] navigator": ("mdm.ros2.navigator.NavigatorTable", ()),
+    "[ensembles.NAME.actions] action": ("mdm.ros2.actions.GoalTable", ()),
+    "[ensembles.NAME.actions] service": ("mdm.ros2.actions.CallTable", ()),
+    "[ensembles.NAME.actions] publish": ("mdm.ros2.actions.PublishTable", ()),
     "[team]": ("mdm.config.team_file.TeamTable", ("mdm.Team",)),
     "[team] agents": ("mdm.team.Agent", ()),
     "[team.communication]": (

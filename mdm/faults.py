@@ -93,7 +93,7 @@ KINDS: Final[dict[str, FaultKind]] = {
         "Make their formulas exclude each other, or say what shall count with `on_violation`.",
     ),
     "pose": FaultKind(
-        "A pose is not finite, or on a floor that the map has not.",
+        "A pose is not finite, on a floor that the map has not, or less certain than is allowed.",
         "Correct what tells poses; names of floors are those of `building.toml`.",
     ),
     "late": FaultKind(
@@ -169,6 +169,14 @@ KINDS: Final[dict[str, FaultKind]] = {
         "An action failed, timed out, was abandoned or gave up, or begins beside one that was abandoned.",
         "Correct the callback that the detail names; `on_failed_action`, `then` and `attempts` say what follows.",
     ),
+    "quality": FaultKind(
+        "The other side of a topic of ROS has another quality of service, or type: no message passes.",
+        "Give both the same: `qos` in the entry of the topic, or the quality or type of the other node.",
+    ),
+    "unmatched": FaultKind(
+        "Nobody is at the other end of a topic, a service or an action of ROS.",
+        "Start the node that should be there, or correct the name and type of what the detail names.",
+    ),
     "safe_action": FaultKind(
         "The safe action failed or did not come to its end; after the second time the emergency is called.",
         "Make the safe action short and simple; look at the robot, then `release()` the ensemble.",
@@ -209,7 +217,7 @@ KINDS: Final[dict[str, FaultKind]] = {
         "Its file or the team's name differs: `mdm team check` on both machines.",
     ),
     "clock": FaultKind(
-        "The clock of an agent differs from this one's by more than the team allows.",
+        "The clock of an agent, or that of a topic's stamps, differs from this one's by more than is allowed.",
         "Synchronise the machines' clocks, by chrony or PTP; start an agent again whose clock was put right meanwhile.",
     ),
     "held": FaultKind(

@@ -187,7 +187,8 @@ class Decision(Message, frozen=True, gc=False):
 
     ``cause`` names the stimulus: ``start``, ``resume``, ``reset``, ``state``, ``observation``, ``belief``, ``tick``,
     ``episode`` (the stimulus after a horizon, which starts a new episode), ``release`` (the end of a safe mode),
-    ``again`` (an action's end, or failure, after which it is decided once more where nothing else was decided), or
+    ``again`` (an action's end, or failure, after which it is decided once more where nothing else was decided; or
+    `Ensemble.decide_again`), or
     ``team`` (what a team's controller, or this agent of a communicating team, has decided).
     """
 
@@ -216,9 +217,9 @@ class ActionLife(Message, frozen=True, gc=False):
 
 
 class Control(Message, frozen=True, gc=False):
-    """A command to an ensemble; ``release`` ends its safe mode."""
+    """A command to an ensemble; ``release`` ends its safe mode, ``decide_again`` has it decide on the present input."""
 
-    command: Literal["start", "stop", "reset", "resume", "release"]
+    command: Literal["start", "stop", "reset", "resume", "release", "decide_again"]
 
 
 ModeName = Literal["stopped", "deciding", "safe"]

@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-import queue
 import re
 import subprocess
 import sys
-import threading
 import tomllib
-from functools import partial
-from types import SimpleNamespace
 
 import blocks
 import numpy as np
 import pytest
-import ros_stand_in
-from patience import PATIENCE
 from places import ROOT
 
 from mdm import ModelError, Runtime, problems, run, save_model
 from mdm.cli import main
 from mdm.cli.projects.completion import commands
-from mdm.messages import ActionLife
 from mdm.models import MDP, POMDP, Factor, Space
 from mdm.team import Network
 
@@ -214,79 +207,3 @@ def test_the_glossary_has_each_word_once_in_order():
     assert {"acknowledge", "commit", "gate", "leader", "life", "mode", "pending", "quorum", "source", "term"} <= set(
         words
     )
-
-
-def test_the_program_on_ros_runs_with_a_stand_in(monkeypatch):
-    """Its goals end, fail and are cancelled in each state; its callbacks never raise; its thread is joined."""
-    ros = ros_stand_in.Robot()
-    for name, module in ros_stand_in.modules(ros).items():
-        monkeypatch.setitem(sys.modules, name, module)
-    program = {"__name__": "page"}
-    exec(compile(blocks.texts("docs/how-to.md", "python", "## … connect to ROS?")[0], "how-to.md", "exec"), program)
-    threads = set(threading.enumerate())
-    lives, changes, heard = queue.Queue(), queue.Queue(), queue.Queue()
-
-    async def next_of(waiting):
-        return await asyncio.to_thread(waiting.get, timeout=PATIENCE)
-
-    async def drive(node):
-        async with Runtime(log=False) as runtime:
-            robot = program["robot_on"](node)
-            await runtime.start(robot)
-            robot.channel("lives", ActionLife).subscribe(lambda life: life.action == "dock" and lives.put(life.status))
-
-            async def dock():
-                ros.say("/battery_state", percentage=0.1)
-                sent = await next_of(ros.sent)
-                assert await next_of(lives) == "running"
-                return sent
-
-            async def leave():
-                ros.say("/battery_state", percentage=0.9)
-                assert await next_of(changes) == "falling"
-
-            def note(update):
-                for change in ("falling", "unknown"):
-                    if getattr(update, change):
-                        changes.put(change)
-
-            robot.predicates.updates.subscribe(note)
-            ros.answer(await dock()).ended.settle(SimpleNamespace(status=4))
-            assert await next_of(lives) == "succeeded"
-            await leave()
-            ros.answer(await dock(), accepted=False)
-            assert await next_of(lives) == "failed"
-            await leave()
-            (await dock()).settle(error=RuntimeError("no server"))
-            assert await next_of(lives) == "failed"
-            await leave()
-            goal = ros.answer(await dock())
-            await leave()
-            assert await next_of(ros.cancelled) is goal
-            assert lives.empty()  # it drives until it says that it has ended
-            goal.ended.settle(SimpleNamespace(status=5))
-            assert await next_of(lives) == "preempted"
-            sent = await dock()
-            await leave()  # before the goal is accepted
-            goal = ros.answer(sent)
-            assert await next_of(ros.cancelled) is goal
-            goal.ended.settle(SimpleNamespace(status=5))
-            assert await next_of(lives) == "preempted"
-            ros.say("/battery_state")  # without the field
-            assert await next_of(changes) == "unknown"
-            await leave()
-        return robot
-
-    with program["spinning"]("patrol") as node:
-        robot = run(partial(drive, node))
-        [thread] = {each for each in threading.enumerate() if each.name.startswith("Thread")} - threads
-        assert not thread.daemon
-        ros.say("/battery_state", percentage=0.1)  # after the end
-        node.executor.call(heard.put, True)
-        assert heard.get(timeout=PATIENCE)  # nothing has ended the executor
-        assert robot.runtime.statistics().dispatcher.refused == 1
-        assert ros.open
-    assert len(ros.errors) == 1
-    assert "percentage" in ros.errors[0]
-    assert not thread.is_alive()
-    assert (ros.options, ros.open) == ("no", False)

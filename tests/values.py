@@ -64,15 +64,20 @@ def derived(kind: type) -> list[type]:
 
 def tables() -> list[type]:
     """Return all tables of TOML files: structs of options that are declared in their package, or converted to there."""
-    import mdm.config  # here, as below: runs that are not complete need nothing of it
+    import mdm.config
+    import mdm.ros2  # here, as below: runs that are not complete need nothing of it
     from mdm.options import Options
     from mdm.team.ownership import Placement
     from mdm.team.team import Agent
     from mdm.team.transport.settings import Ceiling
 
-    for module in iter_modules(mdm.config.__path__):
-        import_module(f"mdm.config.{module.name}")
-    own = [table for table in derived(Options) if table.__module__.startswith("mdm.config.")]
+    for package in (mdm.config, mdm.ros2):
+        for module in iter_modules(package.__path__):
+            import_module(f"{package.__name__}.{module.name}")
+    packages = ("mdm.config.", "mdm.ros2.")
+    own = [
+        table for table in derived(Options) if table.__module__.startswith(packages) and table.__name__ != "TopicTable"
+    ]
     return [*own, Agent, Ceiling, Placement]
 
 

@@ -126,7 +126,7 @@ class Ensemble(Layer):
         agent: Of a team, the agent that this ensemble acts for, by index or name.
         local: Run that agent's own controller of a `JointController`, on its own observations alone; otherwise the
             policy decides for the whole team, on all that the team observes.
-        safe_action: Leaves the robot safe: an action, by name or as a function. The page on safety says when it runs.
+        safe_action: Leaves the robot safe: an action by name, or a function or `bind`. See the page on safety.
         supervision: How its failure is handled.
         options: See `SafetyOptions` and `ControlOptions`: ``drive``, ``horizon``, ``deadline`` and others.
 
@@ -149,7 +149,7 @@ class Ensemble(Layer):
         observations: Sequence[ObservationFactor] = (),
         agent: int | str = 0,
         local: bool = False,
-        safe_action: str | Callback | None = None,
+        safe_action: str | Callback | Binding | None = None,
         supervision: Supervision = "escalate",
         **options: Unpack[SafetyOptions],
     ) -> None:
@@ -453,6 +453,19 @@ class Ensemble(Layer):
         """End the safe mode: the caller answers for its causes. The safe action comes to its end first."""
         self.channel("control", Control).publish(Control(self.runtime.now(), "release"))
 
+    def decide_again(self) -> None:
+        """Decide once more on the present state or belief, as one decision more of the episode; from any thread.
+
+        Nothing is decided while it is stopped or safe, its state is unknown or a search goes on; nor at a fixed rate,
+        where the next tick decides.
+
+        Raises:
+            Error: If it is of a team, which decides together.
+        """
+        if self.shared:
+            raise Error(f"ensemble {self.name!r} is of a team, which decides on what all agents tell: set a predicate")
+        self.channel("control", Control).publish(Control(self.runtime.now(), "decide_again"))
+
     def follow(self, team: Team, owned: Collection[str], *, acts: bool = True) -> JointProcess:
         """Decide on a team's input; call this before the start.
 
@@ -536,8 +549,8 @@ class Ensemble(Layer):
 
     def _on_control(self, control: Control) -> None:
         command = control.command
-        if command != "release" and self.control.source.asked(command):
-            return
+        if command == "decide_again" or (command != "release" and self.control.source.asked(command)):
+            return  # the first is the control layer's
         if command == "reset" or command == "release" or not self._put_off(command):  # noqa: PLR1714 - mypy
             self._command(control)
 

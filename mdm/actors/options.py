@@ -181,12 +181,15 @@ class BindingSettings(DriveSettings, frozen=True, kw_only=True):
         concurrent: The action neither ends the running one nor is ended by the next.
         group: Of tasks of the same group, such as drives to goals, the next one begins before the running one is
             cancelled, so that the device they drive need not stop in between. Any object that stands for the group.
+        may_succeed: A task that returns after its cancellation has succeeded, as a drive that arrives meanwhile, and
+            was not ``preempted`` or ``timed_out``. One of a group that was replaced is ``preempted`` all the same.
     """
 
     on_repeat: OnRepeat = "continue"
     resume: bool = False
     concurrent: bool = False
     group: Any = None
+    may_succeed: bool = False
 
 
 class BindingOptions(DriveOptions, total=False):
@@ -196,6 +199,7 @@ class BindingOptions(DriveOptions, total=False):
     resume: bool
     concurrent: bool
     group: object
+    may_succeed: bool
 
 
 ControlOptions.__doc__ = ControlSettings.__doc__

@@ -27,6 +27,7 @@ __all__ = ["VERBS", "main", "make_parser"]
 VERBS = {
     "run": ("robots", "run the ensembles of a TOML file, or one agent of a team's"),
     "team": ("team", "run a team, and ask it how it is"),
+    "ros2": ("robots", "say what of ROS 2 a file needs, and whether it is there"),
     "check": ("files", "list all problems of an ensemble, model or policy file"),
     "info": ("files", "describe the content of a file"),
     "show": ("files", "show a row of a model by names, or its network"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +12,9 @@ from mdm.actors import PredicateManager
 from mdm.actors.predicates.declarations import ACTION_END, near_end
 from mdm.config.ensembles import Ensembles
 from mdm.config.functions import Functions, Unseen
+from mdm.config.readers import Readers, Reading
 from mdm.config.tables import EventTable, PredicateTable, Problems
-from mdm.errors import ConfigError
+from mdm.errors import ConfigError, Error
 from mdm.formats.archive.npz import is_archive
 from mdm.formats.files import beginning, holds_policy
 from mdm.logic import Formula, parse, similar
@@ -24,15 +26,18 @@ from mdm.runtime.supervision import describe
 from mdm.texts import texts_in
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping
+    from collections.abc import Callable, Collection, Iterable
 
     from mdm.actors import Ensemble
+    from mdm.config.readers import TableReader
     from mdm.config.team_file import Share, TeamFile
     from mdm.maps import Navigation, Places
     from mdm.models import MDP, Durations
+    from mdm.runtime import Extension
     from mdm.team import Member, Team
     from mdm.team.transport.transport import Transport
 
+_KNOWN = ("team", "places", "predicates", "events", "ensembles", "tasks", "emergency", "starved_after")
 _HELD: dict[bool | None, str] = {True: "a policy", False: "a model"}
 
 
@@ -55,6 +60,7 @@ class System(Actor):
             is given none of its own.
         monitors: Actors that start before the ensembles and watch them, such as drift monitors.
         durations: By the names of ensembles, how long actions take in the models that their policies are for.
+        extensions: Opened by the runtime before the system starts, and closed behind the safe actions; not in a replay.
     """
 
     def __init__(
@@ -70,6 +76,7 @@ class System(Actor):
         starved_after: float | None = None,
         monitors: Iterable[Actor] = (),
         durations: Mapping[str, Durations] | None = None,
+        extensions: Iterable[Extension] = (),
     ) -> None:
         super().__init__(name)
         self.predicates = predicates
@@ -80,6 +87,7 @@ class System(Actor):
         self.emergency = emergency
         self.starved_after = starved_after
         self.durations = {} if durations is None else dict(durations)
+        self.extensions = tuple(extensions)
         self.add(predicates)
         if places is not None:
             self.add(places)
@@ -145,13 +153,16 @@ class System(Actor):
 
 
 def load_system(
-    path: str | Path,
+    path: str | Path | Mapping[str, Any],
     *,
+    folder: str | Path | None = None,
     agent: str | None = None,
     callbacks: bool = True,
     transport: Transport | None = None,
     decisions: str | Path | None = None,
     models: dict[Path, MDP] | None = None,
+    tables: Mapping[str, type[TableReader]] | None = None,
+    virtual: bool = False,
 ) -> System:
     """Build the system that a TOML file describes; of a team's file, that of one agent.
 
@@ -161,18 +172,27 @@ def load_system(
         mdm.run(system)
 
     Args:
-        path: The file. Paths in it are relative to its folder, which is also searched first for modules.
+        path: The file; or a document, as `tomllib.loads` returns it. Paths in it are relative to its folder, which is
+            also searched first for modules.
+        folder: That of a document; by default the working directory.
         agent: Of a team's file, which agent's system.
         callbacks: Import and bind the functions; otherwise actions do nothing and tasks are left out.
         transport: Of a team's file, the carrier of the agent's messages; by default a session of Zenoh at its endpoint.
         decisions: Of a team's file, a file to which each joint step is added as a line of JSON.
         models: Those that were loaded before, by their files, and are not loaded again; newly loaded ones are added.
             For programs that have the systems of several agents.
+        tables: The program's own readers of extensions' tables, by their names; other packages register theirs as
+            entry points of the group ``"mdm.tables"``.
+        virtual: It is to run in virtual time: extensions that need real time are left out, and their actions last.
 
     Raises:
-        ConfigError: With all problems, one per line and each in its ``problems``.
+        ConfigError: With all problems, one per line and each in its ``problems``; those of a document name no file.
+        Error: If a folder is given for a file, which has its own.
     """
-    builder = _Builder(Path(path), callbacks=callbacks, models=models)
+    if not isinstance(path, Mapping) and folder is not None:
+        raise Error(f"a folder is for a document: the paths in {path} are relative to its own")
+    given = path if isinstance(path, Mapping) else Path(path)
+    builder = _Builder(given, folder=folder, callbacks=callbacks, models=models, tables=tables, virtual=virtual)
     return builder.system(agent, transport=transport, decisions=decisions)
 
 
@@ -229,13 +249,25 @@ class _Builder:
     """Builds a system and collects problems."""
 
     def __init__(
-        self, path: Path, *, callbacks: bool, look: bool = False, models: dict[Path, MDP] | None = None
+        self,
+        given: Path | Mapping[str, Any],
+        *,
+        callbacks: bool,
+        folder: str | Path | None = None,
+        look: bool = False,
+        models: dict[Path, MDP] | None = None,
+        tables: Mapping[str, Any] | None = None,
+        virtual: bool = False,
     ) -> None:
-        self._path = path
+        path = given if isinstance(given, Path) else None
+        self._given = given
+        self._folder = Path(folder or "") if path is None else path.parent
         self._models = models
+        self._tables = {} if tables is None else tables
+        self._virtual = virtual
         self._callbacks = callbacks
         self._problems = Problems(path)
-        self._functions = Functions(path.parent, self._problems, callbacks=callbacks, look=look)
+        self._functions = Functions(self._folder, self._problems, callbacks=callbacks, look=look)
 
     def team(self, *, whole: bool = True) -> TeamFile | None:
         """Return the team; raise its problems, or, where it need not be whole, those that hide its agents."""
@@ -250,26 +282,20 @@ class _Builder:
             return None
         from mdm.config.team_file import read_team  # noqa: PLC0415 - files without a team load nothing of teams
 
-        return read_team(document["team"], self._path.parent, self._functions, self._problems)
+        return read_team(document["team"], self._folder, self._functions, self._problems)
 
     def system(self, agent: str | None, **options: Any) -> System:
         """Return the system, or raise all problems."""
         document = self._read()
-        known = ("team", "places", "predicates", "events", "ensembles", "tasks", "emergency", "starved_after")
-        for key in document:
-            if key not in known:
-                self._problems.add(f"there is no key {key!r} here; the keys are {', '.join(known)}", key)
         described, share = self._share(document, agent)
         declarations = Declarations(self._problems, share)
-        places, navigation = self._places(document, declarations, share)
-        declarations.declare(document)
+        reading = Reading(self._folder, declarations.manager, self._functions, self._problems, share, self._virtual)
+        readers = Readers(document, _KNOWN, self._tables, reading)
+        places, navigation = self._places(document, readers)
+        declarations.declare(document, readers)
         declarations.declare_others(document.get("ensembles"))
         located = places is not None or "places" not in document  # else any name may be one of the map's
-        builder = Ensembles(
-            *(self._path.parent, declarations.manager, self._functions, self._problems, share, navigation),
-            located=located,
-            models=self._models,
-        )
+        builder = Ensembles(readers, navigation, located=located, models=self._models)
         ensembles = builder.build(document)
         given = document.get("tasks", [])
         if share is not None and isinstance(given, dict):
@@ -294,6 +320,8 @@ class _Builder:
         if builder.complete:
             declarations.check_ends({name for ensemble in ensembles.values() for name in ensemble.action.names})
         self._problems.raise_all()
+        extensions = readers.extensions()
+        self._problems.raise_all()
         system = self._problems.attempt(
             *("ensembles", System, declarations.manager, ensembles, tasks),
             places=places,
@@ -302,14 +330,13 @@ class _Builder:
             starved_after=starved_after,
             monitors=builder.monitors,
             durations=builder.durations,
+            extensions=extensions,
         )
         self._problems.raise_all()
         assert system is not None
         return system
 
-    def _places(
-        self, document: dict[str, Any], declarations: Declarations, share: Share | None
-    ) -> tuple[Places | None, Navigation | None]:
+    def _places(self, document: dict[str, Any], readers: Readers) -> tuple[Places | None, Navigation | None]:
         """Return the places of the map, and the navigator that drives there; None where there are problems."""
         if "places" not in document:
             return None, None
@@ -319,9 +346,7 @@ class _Builder:
             )
         from mdm.config.places import read_places  # noqa: PLC0415 - files without a map load nothing of maps
 
-        return read_places(
-            document["places"], self._path.parent, declarations.manager, self._functions, self._problems, share
-        )
+        return read_places(document["places"], readers)
 
     def _share(self, document: dict[str, Any], agent: str | None) -> tuple[TeamFile, Share] | tuple[None, None]:
         """Return the team, and the agent's share of its file."""
@@ -339,11 +364,13 @@ class _Builder:
         return described, share
 
     def _read(self) -> dict[str, Any]:
-        if self._path.exists() and not self._path.is_file() and not self._path.is_dir():
+        if not isinstance(self._given, Path):
+            return dict(self._given)
+        if self._given.exists() and not self._given.is_file() and not self._given.is_dir():
             self._problems.add("this is a pipe or a device, not a file: save its content to a file first", None)
             self._problems.raise_all()
         try:
-            return tomllib.loads(self._path.read_text(encoding="utf-8-sig"))
+            return tomllib.loads(self._given.read_text(encoding="utf-8-sig"))
         except FileNotFoundError:
             self._problems.add("there is no such file", None)
         except IsADirectoryError:
@@ -351,17 +378,17 @@ class _Builder:
         except OSError as error:
             self._problems.add(f"the file cannot be read: {error.strerror}", None)
         except UnicodeDecodeError:
-            self._problems.add(self._other_content() or "this is not UTF-8 text, which TOML requires", None)
+            self._problems.add(self._other_content(self._given) or "this is not UTF-8 text, which TOML requires", None)
         except tomllib.TOMLDecodeError as error:
-            self._problems.add(self._other_content() or f"this is not valid TOML: {error}", None)
+            self._problems.add(self._other_content(self._given) or f"this is not valid TOML: {error}", None)
         self._problems.raise_all()
         raise AssertionError
 
-    def _other_content(self) -> str | None:
+    def _other_content(self, path: Path) -> str | None:
         """Return the kind of a file that is no TOML by its name either; None if that is not known."""
-        if self._path.suffix == ".toml":
+        if path.suffix == ".toml":
             return None
-        held = "a model or a policy" if is_archive(self._path) else _HELD.get(holds_policy(beginning(self._path)))
+        held = "a model or a policy" if is_archive(path) else _HELD.get(holds_policy(beginning(path)))
         return None if held is None else f"the file holds {held}; a TOML file of ensembles was expected"
 
     def _tasks(self, references: object) -> list[Callable[[System], Any]]:
@@ -430,9 +457,10 @@ class Declarations:
         self._share = share
         self._formulas: list[tuple[str, Formula]] = []
 
-    def declare(self, document: dict[str, Any]) -> None:
+    def declare(self, document: dict[str, Any], readers: Readers) -> None:
         """Declare predicates and events, even invalid ones, so that their uses are not reported as well."""
         manager = self.manager
+        self._readers = readers
         tables = ("predicates", self._predicate, manager.sensor), ("events", self._event, manager.event)
         for kind, declare, stand_in in tables:
             for name, value in self._problems.tables(document, kind):
@@ -457,6 +485,9 @@ class Declarations:
                 self.manager.event(name)
 
     def _predicate(self, name: str, written: Any, key: str) -> None:
+        if (reader := self._readers.of("predicates", written, PredicateTable.__struct_fields__)) is not None:
+            reader.predicate(name, written, key)
+            return
         table: PredicateTable | None = self._problems.convert(written, PredicateTable, key)
         if table is None:
             return
@@ -470,6 +501,9 @@ class Declarations:
             self.manager.sensor(name, when=table.when, max_age=table.max_age, initial=table.initial)
 
     def _event(self, name: str, written: Any, key: str) -> None:
+        if (reader := self._readers.of("events", written, EventTable.__struct_fields__)) is not None:
+            reader.event(name, written, key)
+            return
         table: EventTable | None = self._problems.convert(written, EventTable, key)
         if table is not None:
             self.manager.event(name, None if table.formula is None else self._formula(table.formula, key))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, cast
 
 import msgspec
@@ -33,11 +34,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from mdm.actors import PredicateManager
     from mdm.actors.drift import DriftMonitor
-    from mdm.config.functions import Functions
-    from mdm.config.tables import Problems
-    from mdm.config.team_file import Share
+    from mdm.config.readers import Readers
     from mdm.maps import Navigation
     from mdm.models import MDP, POMDP, Durations
     from mdm.policies import Policy
@@ -45,6 +43,13 @@ if TYPE_CHECKING:
     from mdm.team import Placement
 
 T = TypeVar("T")
+
+_ONE_SAFE_ACTION = (
+    "a safe action is not given by agent: give the name of an action, which each agent's table of actions "
+    'binds to a function of its own; or a function "module:name", which each agent calls in its own process'
+)
+_OF_SAFE_ACTION = ("call", "way", "place", "grace", "may_succeed")
+"""The keys of an action that mean something where it is the safe action alone."""
 
 
 class Seat(NamedTuple):
@@ -67,11 +72,7 @@ class Ensembles:
     """Builds the ensembles of a file, those below before those above.
 
     Args:
-        folder: The file's folder, to which paths are relative.
-        predicates: The source of their input.
-        functions: Finds the functions that are named.
-        problems: Where problems are noted.
-        share: In a team's file, the agent's part.
+        readers: Those of the file's extensions.
         navigation: The navigation that drives the ways of the file's map.
         located: Whether it is known which places there are; else their names are not checked.
         models: Those that were loaded before, by their files; newly loaded ones are added.
@@ -84,11 +85,7 @@ class Ensembles:
 
     def __init__(
         self,
-        folder: Path,
-        predicates: PredicateManager,
-        functions: Functions,
-        problems: Problems,
-        share: Share | None = None,
+        readers: Readers,
         navigation: Navigation | None = None,
         *,
         located: bool = True,
@@ -97,16 +94,13 @@ class Ensembles:
         self._models = {} if models is None else models
         self._navigation = navigation
         self._located = located
-        self._folder = folder
-        self._predicates = predicates
-        self._functions = functions
-        self._problems = problems
+        self._folder, self._predicates, self._functions, self._problems, self._share, _ = readers.reading
+        self._readers = readers
         self._tables: dict[str, EnsembleTable | None] = {}
         self._ensembles: dict[str, Ensemble | None] = {}
         self._invalid: set[str] = set()
         self._parents: dict[str, str] = {}
         self._groups: dict[str, str] = {}
-        self._share = share
         self._unowned = False
         self.joint: dict[str, Placement] = {}
         self.monitors: list[DriftMonitor] = []
@@ -175,23 +169,19 @@ class Ensembles:
             key, before = f"ensembles.{name}", len(self._problems)
             if name in {"", self._predicates.name}:
                 self._problems.add(f"an ensemble cannot be called {name!r}: give it another name", key)
-            if isinstance(value, dict) and isinstance(value.get("safe_action"), dict):
-                self._problems.add(self._one_safe_action(), f"{key}.safe_action")
+            safe = value.get("safe_action") if isinstance(value, dict) else None
+            if (
+                isinstance(safe, dict)
+                and self._share is not None
+                and not safe.keys().isdisjoint(self._share.team.names)
+            ):
+                self._problems.add(_ONE_SAFE_ACTION, f"{key}.safe_action")
                 value = {field: given for field, given in value.items() if field != "safe_action"}  # noqa: PLW2901
             self._tables[name] = self._problems.convert(value, EnsembleTable, key, partly=True)
             if len(self._problems) > before:
                 self._invalid.add(name)
         if not document.get("ensembles"):
             self._problems.add("there is no ensemble: a table such as [ensembles.robot] is missing", "ensembles")
-
-    def _one_safe_action(self) -> str:
-        """Return how a safe action is written, for one that is a table."""
-        if self._share is None:
-            return 'a safe action is the name of an action, or a function "module:name", not a table'
-        return (
-            "a safe action is not given by agent: give the name of an action, which each agent's table of actions "
-            'binds to a function of its own; or a function "module:name", which each agent calls in its own process'
-        )
 
     def _ensemble(self, name: str, above: tuple[str, ...]) -> Ensemble | None:
         """Build an ensemble after its children; None if it has problems, which are reported once."""
@@ -273,7 +263,7 @@ class Ensembles:
         rewards = attempt(f"{key}.rewards", self._load, load_rewards, table.rewards)
         if table.tracker is not None:
             parts["tracker"] = self._made(table.tracker, model, f"{key}.tracker", "a tracker")
-        safe = self._safe_action(table, seat, f"{key}.safe_action")
+        safe = attempt(f"{key}.safe_action", self._safe_action, name, table.safe_action, seat, f"{key}.safe_action")
         if any(part is None for part in parts.values()):
             return None
         if table.tracker is not None and self._functions.looks:
@@ -376,13 +366,17 @@ class Ensembles:
             self._problems.add(f"{reference!r} returned None in place of {what}", key)
         return made
 
-    def _safe_action(self, table: EnsembleTable, seat: Seat, key: str) -> Any:
-        safe = table.safe_action
-        if safe is None or ":" not in safe:
-            return safe
-        function = self._functions.find(safe, key) if seat.acts else None
-        binding = self._problems.attempt(key, Binding, function or nothing)
-        return nothing if binding is None else binding.target
+    def _safe_action(self, name: str, given: str | dict[str, Any] | None, seat: Seat, key: str) -> Any:
+        if given is None or (isinstance(given, str) and ":" not in given):
+            return given
+        if not seat.acts:
+            return nothing
+        if isinstance(given, dict) and self._readers.of("actions", given, ActionTable.__struct_fields__) is None:
+            for field in given:
+                if field not in _OF_SAFE_ACTION:
+                    keys = ", ".join(_OF_SAFE_ACTION)
+                    raise ConfigError(f"{field!r} means nothing for a safe action; its keys are {keys}")
+        return self._binding(name, given, key, ()) or nothing
 
     def _search(
         self, table: EnsembleTable, model: MDP | POMDP | None, policy: Any, key: str, memory: float | None
@@ -450,19 +444,30 @@ class Ensembles:
         bindings: dict[Any, Binding] = {}
         for action, given in actions.items():
             key = f"ensembles.{name}.actions.{action}"
-            written = {"call": given} if isinstance(given, str) else given
-            entry: ActionTable | None = self._problems.convert(written, ActionTable, key)
-            if entry is None:
-                continue
-            index = int(action) if action.isdecimal() else action
-            with self._problems.collecting(key):
-                if entry.way is not None or entry.place is not None:
-                    bindings[index] = self._drive_to(entry, written)
-                    continue
-                target = self._target(entry, key, name, above)
-                if target is not None:
-                    bindings[index] = self._bound(entry, target)
+            binding = self._problems.attempt(key, self._binding, name, given, key, above)
+            if binding is not None:
+                bindings[int(action) if action.isdecimal() else action] = binding
         return bindings if len(bindings) == len(actions) else None
+
+    def _binding(self, name: str, given: Any, key: str, above: tuple[str, ...]) -> Binding | None:
+        """Return the binding of an action of an ensemble; None where it has problems that are noted."""
+        written = {"call": given} if isinstance(given, str) else given
+        reader = self._readers.of("actions", written, ActionTable.__struct_fields__)
+        if reader is not None:
+            return reader.action(written, key)
+        entry: ActionTable | None = self._problems.convert(written, ActionTable, key)
+        if entry is None:
+            return None
+        if entry.way is not None or entry.place is not None:
+            return self._drive_to(entry, written)
+        target = self._target(entry, key, name, above)
+        if not isinstance(target, Binding):
+            return None if target is None else self._bound(entry, target)
+        if target.ensemble is not None:
+            raise ConfigError(f"{entry.call!r} is bound to an ensemble: name one of this file, by 'ensemble'")
+        if others := [field for field in written if field != "call"]:
+            raise ConfigError(f"{entry.call!r} is a Binding, which has its own options: leave {', '.join(others)} out")
+        return target
 
     def _bound(self, entry: ActionTable, target: Any) -> Binding:
         """Return the action of a function or an ensemble."""
@@ -501,7 +506,9 @@ class Ensembles:
         if (entry.call is None) == (entry.ensemble is None):
             raise ConfigError("an action needs either a function ('call'), an 'ensemble', or a 'way' or 'place'")
         if entry.call is not None:
-            return self._functions.find(entry.call, key) or nothing  # what else is wrong is told, too
+            table = self._tables[name]
+            model = partial(self._model, table) if table is not None else lambda: None
+            return self._functions.find_action(entry.call, key, model) or nothing  # what else is wrong is told, too
         below = str(entry.ensemble)
         if below not in self._tables:
             raise ConfigError(f"there is no ensemble {below!r} in this file{similar(below, self._tables)}")

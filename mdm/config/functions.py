@@ -15,6 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from mdm.actors.actions.binding import Binding
 from mdm.errors import ConfigError, Error
 from mdm.logic import similar
 from mdm.policies import BeliefPolicy, StatePolicy
@@ -65,6 +66,20 @@ class Functions:
         """Return the function named ``module:name``; None where there is none, which is noted with its key."""
         return self._problems.attempt(key, self._found, reference)
 
+    def find_action(self, reference: str, key: str, model: Callable[[], MDP | None]) -> Any:
+        """Return a function or `Binding` of that name, or the binding that a function so annotated makes, as `find`."""
+        return self._problems.attempt(key, self._action, reference, model)
+
+    def _action(self, reference: str, model: Callable[[], MDP | None]) -> Any:
+        found: Any = find_function(reference, self._folder, Binding) if self.imported else self._found(reference)
+        returns = getattr(found, "__annotations__", {}).get("return")
+        if returns is not Binding and not (isinstance(returns, str) and returns.rpartition(".")[2] == "Binding"):
+            return found
+        binding = made(found, reference, model())
+        if not isinstance(binding, Binding):
+            raise ConfigError(f"{reference!r} returned {binding!r} in place of a Binding")
+        return binding
+
     def _found(self, reference: str) -> Callable[..., Any]:
         if self.imported:
             return find_function(reference, self._folder)
@@ -76,8 +91,10 @@ class Functions:
         return Lasting() if lasts else nothing
 
 
-def find_function(reference: str, folder: Path) -> Callable[..., Any]:
+def find_function(reference: str, folder: Path, *kinds: type) -> Callable[..., Any]:
     """Return the function ``module:name`` or ``module:object.name``; modules beside the file take precedence.
+
+    Objects of further kinds may stand there.
 
     Raises:
         ConfigError: If there is no such module or function, the module cannot be imported, or another module of that
@@ -101,7 +118,7 @@ def find_function(reference: str, folder: Path) -> Callable[..., Any]:
         function = getattr(function, part, None)
         if function is None:
             raise ConfigError(f"module {module_name!r} has no {attribute!r}{similar(part, names)}")
-    if not callable(function):
+    if not callable(function) and not isinstance(function, kinds):
         raise ConfigError(f"{reference!r} is a {type(function).__name__}, not a function")
     return cast("Callable[..., Any]", function)
 
@@ -183,7 +200,7 @@ def look_for(reference: str, folder: Path) -> Callable[..., Any] | None:
     if names is not None and name not in names:
         raise ConfigError(f"module {module!r} has no {name!r}{similar(name, names)}")
     defined = [node for node in tree.body if isinstance(node, _Definition) and node.name == attribute]
-    if len(defined) == 1 and names is not None and names[name] == 1 and not defined[0].decorator_list:
+    if len(defined) == 1 and names is not None and names[name] == 1 and not _is_made(defined[0]):
         return _stand_in(defined[0], defined[0].args, module)
     lasting = next((each for each in defined if isinstance(each, ast.AsyncFunctionDef) and not _yields(each)), None)
     return None if lasting is None else _stand_in(lasting, _ANY, module)
@@ -232,6 +249,12 @@ def _stand_in(definition: _Definition, arguments: ast.arguments, module: str) ->
     names: dict[str, Any] = {"__name__": module}
     exec(compile(ast.fix_missing_locations(ast.Module([node], [])), module, "exec"), names)  # noqa: S102 - see above
     return cast("Callable[..., Any]", names[definition.name])
+
+
+def _is_made(definition: _Definition) -> bool:
+    """Whether the function at work is another one: a decorator's, or of the binding that it returns."""
+    returns = "" if definition.returns is None else ast.unparse(definition.returns).strip("'")
+    return bool(definition.decorator_list) or returns.rpartition(".")[2] == "Binding"
 
 
 def _yields(definition: _Definition) -> bool:

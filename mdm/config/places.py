@@ -15,9 +15,8 @@ from mdm.runtime.supervision import describe
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from mdm.actors import PredicateManager
     from mdm.config.functions import Functions
-    from mdm.config.tables import Problems
+    from mdm.config.readers import Readers
     from mdm.config.team_file import Share
     from mdm.maps import Floors, Map
 
@@ -29,7 +28,8 @@ class PlacesTable(PlacesSettings, frozen=True):
         building: The file of several floors, in place of the graph and the other files of a map.
         robot: The robot's properties, by which the restrictions of a tmap2 are judged.
         navigator: A function or class that makes the navigator, ``module:name``; in a team's file it may be a table
-            with one for each agent.
+            with one for each agent. A table whose one key is an extension's table is that extension's navigator.
+        pose: A table with a key of an extension, which tells where the robot is.
     """
 
     graph: str | None = None
@@ -39,27 +39,18 @@ class PlacesTable(PlacesSettings, frozen=True):
     names: str | dict[str, int] | None = None
     reach: Annotated[float, Meta(gt=0, extra={"unit": "metres"})] | None = None
     robot: dict[str, str] | None = None
-    navigator: str | dict[str, str] | None = None
+    navigator: str | dict[str, Any] | None = None
+    pose: dict[str, Any] | None = None
 
 
-def read_places(
-    value: Any,
-    folder: Path,
-    predicates: PredicateManager,
-    functions: Functions,
-    problems: Problems,
-    share: Share | None = None,
-) -> tuple[Places | None, Navigation | None]:
+def read_places(value: Any, readers: Readers) -> tuple[Places | None, Navigation | None]:
     """Return the places of a file, and their navigation where there is a navigator; None where there are problems.
 
     Args:
         value: The table ``places``.
-        folder: The file's, to which paths are relative.
-        predicates: Where the places are declared.
-        functions: Finds the function that makes the navigator.
-        problems: Where problems are noted.
-        share: In a team's file, whose part it is.
+        readers: Those of the file's extensions.
     """
+    folder, predicates, functions, problems, share, _ = readers.reading
     table: PlacesTable | None = problems.convert(value, PlacesTable, "places")
     if table is None:
         return None, None
@@ -69,11 +60,13 @@ def read_places(
     places = problems.attempt("places", Places, floor, predicates, **table.as_arguments(PlacesSettings))
     if places is None:
         return None, None
+    if table.pose is not None:
+        problems.attempt("places.pose", _see, table.pose, places, readers)
     before = len(problems)
-    reference = problems.attempt("places.navigator", _navigator, table.navigator, share)
-    if reference is None and len(problems) == before:
+    given = problems.attempt("places.navigator", _navigator, table.navigator, share, readers)
+    if given is None and len(problems) == before:
         return places, None
-    navigator = None if reference is None else problems.attempt("places.navigator", _made, reference, functions)
+    navigator = None if given is None else problems.attempt("places.navigator", _made, given, functions, readers)
     navigation = None
     if len(problems) == before:
         navigation = problems.attempt("places.navigator", Navigation, floor, navigator, places)
@@ -100,16 +93,30 @@ def _floor(table: PlacesTable, folder: Path) -> Map | Floors:
     return load_map(path(table.graph), grid=grid, labels=labels, names=names, reach=table.reach, robot=table.robot)
 
 
-def _navigator(given: str | dict[str, str] | None, share: Share | None) -> str | None:
-    if not isinstance(given, dict):
+def _see(written: dict[str, Any], places: Places, readers: Readers) -> None:
+    reader = readers.of("pose", written)
+    if reader is None:
+        raise ConfigError("no extension of this file has these keys; code tells a pose by system.places.see(pose)")
+    reader.pose(written, places, "places.pose")
+
+
+def _navigator(
+    given: str | dict[str, Any] | None, share: Share | None, readers: Readers
+) -> str | dict[str, Any] | None:
+    if not isinstance(given, dict) or readers.named(given) is not None:
         return given
     if share is None:
         raise ConfigError("a navigator per agent is for a team's file, which has a table [team]")
     return share.own(given)
 
 
-def _made(reference: str, functions: Functions) -> Any:
+def _made(reference: str | dict[str, Any], functions: Functions, readers: Readers) -> Any:
     """Return a navigator, or a stand-in for one that is not made."""
+    if (reader := readers.named(reference)) is not None and isinstance(reference, dict):
+        (written,) = reference.values()
+        return reader.navigator(written, "places.navigator") or _Parked()
+    if not isinstance(reference, str):
+        raise ConfigError(f"a navigator is a function, such as 'robot:Wheels', not {reference!r}")
     make: Any = functions.find(reference, "places.navigator")
     if make is None or not functions.imported:
         return _Parked()

@@ -150,7 +150,7 @@ class EnsembleTable(SafetySettings, frozen=True, kw_only=True):
     agents: list[str] | None = None
     placement: Any = None
     local: bool = False
-    safe_action: str | None = None
+    safe_action: str | dict[str, Any] | None = None
     supervision: Any = "escalate"
     search: Any = None
     drift: Annotated[float, Meta(gt=1)] | None = None
@@ -162,10 +162,10 @@ class Problems:
     """The problems of a file.
 
     Args:
-        path: The file, named in every problem.
+        path: The file, named in every problem; None where there is none.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path | None) -> None:
         self._path = path
         self._found: list[ConfigError] = []
 

@@ -489,7 +489,7 @@ class Controller:
             current = checked_belief(current, self.symbols.num_states)
         if action is None:
             try:
-                action = self._choose(current)
+                action = (_ := self._choose)(current)
             except ModelError:
                 raise
             except Exception as error:

@@ -295,12 +295,7 @@ class Network(Declarations):
     """Input and derived predicates and events: declare them, `compile`, then `update`."""
 
     # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
-    __slots__ = (
-        "_plans",
-        "_raisings",
-        "_readings",
-        "_values",
-    )
+    __slots__ = ("_plans", "_raisings", "_readings", "_values")
 
     def __init__(self) -> None:
         super().__init__()
@@ -492,16 +487,16 @@ class Network(Declarations):
         for at, code in places:
             if values[at] != code:
                 values[at] = code
-                changed.append(4 * at + code)
+                changed.append(at)
         if not changed:
             return None
         plan = given.plan
         if plan is None or len(changed) != len(places):
-            plan = self._plan(tuple(changed))
+            plan = self._plan(tuple([4 * at + values[at] for at in changed]))
             if len(changed) == len(places) and _recurs(plan):
                 given.plan = plan
         if plan.formulas is None:
-            return self._settle([code >> 2 for code in changed[: len(changed) - len(plan.raised)]], plan.raised, plan)
+            return self._settle(changed[: len(changed) - len(plan.raised)], plan.raised, plan)
         outcome = 0
         for at, function in plan.formulas:
             value = function(values)

@@ -188,7 +188,7 @@ class Driver:
         error: BaseException | None = None
         if ended.error is not None:
             error = AsRecordedError(ended.error)
-        elif ended.cancelled and not ended.interrupted:
+        elif ended.cancelled:
             error = asyncio.CancelledError()
         stand_in.end(error)
         await work.over

@@ -519,7 +519,7 @@ class StandIn:
     def cancel(self, msg: Any | None = None) -> bool:
         """Take a cancellation, before the first step or later."""
         if self._released:
-            self.end()
+            self.end(asyncio.CancelledError())
         return True
 
     def release(self) -> None:

@@ -14,12 +14,17 @@ from msgspec import Meta
 from mdm.errors import Error
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Mapping
+    from collections.abc import Awaitable, Callable, Mapping, Sequence
 
     from mdm.runtime import Runtime
 
+Role = Literal["publisher", "subscription", "service", "action"]
+"""What another node is to a name: it publishes or subscribes to a topic, or serves a service or an action."""
+
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 """How a goal ends: the codes of ``action_msgs/msg/GoalStatus``."""
+UNKNOWN, ENDED = 2, 3
+"""Why a goal is not cancelled: the server knows none such, or it has ended; as in ``action_msgs/srv/CancelGoal``."""
 
 
 class Quality(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -28,16 +33,36 @@ class Quality(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         depth: Messages that wait at most, in DDS, before the oldest is dropped without a word.
         reliability: ``best_effort`` meets every publisher, ``reliable`` only a reliable one.
-        durability: ``transient_local`` also gets the last message of a publisher that keeps it.
+        durability: ``transient_local`` also gets the message that a publisher keeps, where both are reliable.
     """
 
     depth: Annotated[int, Meta(ge=1, le=100_000)] = 10
     reliability: Literal["reliable", "best_effort"] = "best_effort"
     durability: Literal["volatile", "transient_local"] = "volatile"
 
+    def __post_init__(self) -> None:
+        if self.durability == "transient_local" and self.reliability == "best_effort":
+            raise ValueError(
+                "kept messages (transient_local) reach reliable subscriptions: say reliability = 'reliable'"
+            )
+
 
 class WireError(Error):
     """A wire cannot carry something: the type, the field or the server is named in the text."""
+
+
+class Peer(msgspec.Struct, frozen=True):
+    """Another node's end of a topic, a service or an action.
+
+    Attributes:
+        node: Its node, with the namespace, such as ``/robot1/amcl``.
+        kind: Its type.
+        quality: Its quality of service; None of services and actions.
+    """
+
+    node: str
+    kind: str
+    quality: Quality | None = None
 
 
 class Publisher(Protocol):
@@ -72,8 +97,8 @@ class Goal(Protocol):
     def end(self) -> Awaitable[tuple[int, Any]]:
         """Return the status by which it ends and its result; may be awaited again, also after a cancellation."""
 
-    def cancel(self) -> Awaitable[object]:
-        """Ask the server to cancel it; return when it has answered."""
+    def cancel(self) -> Awaitable[int]:
+        """Ask the server to cancel it; return the code that it answers: 0, 1 (it refuses), `UNKNOWN` or `ENDED`."""
 
 
 class Goals(Protocol):
@@ -94,7 +119,7 @@ class Goals(Protocol):
 
 
 class Wire(Protocol):
-    """Carries topics, services and actions; `mdm.ros2.rclpy_wire` is the one over the user's rclpy.
+    """Carries topics, services and actions; ``RclpyWire`` is the wire over the user's rclpy, and others can be written.
 
     Types are named as in ROS, such as ``sensor_msgs/msg/BatteryState``. An invalid name or type is a `WireError` where
     the handle is made.
@@ -124,6 +149,12 @@ class Wire(Protocol):
 
     def serve(self, service: str, kind: str, answer: Callable[[Any], Any], /) -> None:
         """Answer a service; ``answer`` is called on the event loop, with a request, and returns the response."""
+
+    def peers(self, role: Role, name: str, /) -> Sequence[Peer]:
+        """Return who has this role for a topic, a service or an action now, as ROS' graph says; remapped as all names.
+
+        The graph notices a node that ended without a farewell after some 20 s.
+        """
 
     async def open(self, runtime: Runtime) -> None:
         """Begin to carry."""

@@ -390,7 +390,7 @@ class Channel(Generic[T]):
         self.last = message
         dispatcher.straight -= 1
         try:
-            sole.handler(message)
+            (_ := sole.handler)(message)  # named first: docs/decisions/emitting-and-publishing.md says why
         except BaseException:
             if dispatcher.blamed is None:  # no call: there may be no room for one
                 dispatcher.blamed = sole
@@ -410,7 +410,7 @@ class Channel(Generic[T]):
             sole.taken += 1
         dispatcher.straight -= 1
         try:
-            sole.handler(message)
+            (_ := sole.handler)(message)
         except BaseException:
             if dispatcher.blamed is None:  # no call: there may be no room for one
                 dispatcher.blamed = sole

@@ -390,10 +390,7 @@ class Dispatcher:
             self.time = -1
 
     def run_from(self, first: Subscription[Any], message: object) -> None:
-        """Run a turn that begins with a message to one subscriber, where nothing waits.
-
-        Hot path: a hop by a call costs about 0.1 µs.
-        """
+        """Run a turn that begins with a message to one subscriber, where nothing waits: 0.1 µs for a hop by a call."""
         if self.watch is not None:
             self.queue.append((first, message))
             self._run_watched()
@@ -402,7 +399,7 @@ class Dispatcher:
         self.straight = _STRAIGHT
         try:
             try:
-                first.handler(message)
+                (_ := first.handler)(message)
             except RecursionError as error:
                 limit = sys.getrecursionlimit()
                 sys.setrecursionlimit(limit + _ROOM)  # here there may be none even to say so
@@ -410,13 +407,14 @@ class Dispatcher:
                 return
             except BaseException as error:
                 self._culprit(first).fail(error)
-            left = _SLICE - 1 - _STRAIGHT + self.straight
-            self.straight = 0
             if not (self.queue or self._behind):
                 self._turns += 1
+                self.straight = 0
                 self.active = False
                 self.time = -1
                 return
+            left = _SLICE - 1 - _STRAIGHT + self.straight
+            self.straight = 0
         except BaseException:
             self._leave()
             raise
@@ -448,7 +446,7 @@ class Dispatcher:
                 while queue:
                     subscription, message = queue.popleft()
                     try:
-                        subscription.handler(message)
+                        (_ := subscription.handler)(message)
                     except RecursionError as error:
                         limit = sys.getrecursionlimit()
                         sys.setrecursionlimit(limit + _ROOM)

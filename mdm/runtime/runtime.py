@@ -269,7 +269,14 @@ class Runtime:
     # -- Actors --------------------------------------------------------------------------------------------------
 
     async def start(self, actor: Actor) -> None:
-        """Start an actor at the top of the tree, its children after it; an error of its start is raised here."""
+        """Start an actor at the top of the tree, its children after it; an error of its start is raised here.
+
+        Its ``extensions``, where it has any, open before it, and close with those of the runtime; a replay opens none.
+        """
+        own = () if self._tree is None or self.dispatcher.choices.repeats else getattr(actor, "extensions", ())
+        for name, extension in _named(None, own, None):
+            if all(extension is not other for other, _ in self._opened):
+                await self._open(name, extension)
         await self.root.start_child(actor)
 
     async def stop(self, actor: Actor) -> None:
@@ -440,22 +447,25 @@ class Runtime:
             opened.callback(self.observers.end)
             opened.push_async_callback(self._close_extensions)
             for name, extension in self._named:
-                try:
-                    if extension in _LIVING:
-                        raise Error(f"{name} is open in a runtime: an extension lives as long as one")
-                    opening: Any = extension.open(self)
-                    if not inspect.isawaitable(opening):
-                        raise Error(f"{name} cannot be opened: its open is no async function")
-                    await opening
-                    _LIVING.add(extension)
-                except Error:
-                    raise
-                except Exception as error:
-                    raise Error(f"{name} cannot be opened: {describe(error)}") from error
-                if isinstance(extension, Observer):  # which a page of the program's own need not be
-                    self.observe(extension)
-                self._opened.append((extension, Guard(self, name)))
+                await self._open(name, extension)
             opened.pop_all()
+
+    async def _open(self, name: str, extension: Extension) -> None:
+        try:
+            if extension in _LIVING:
+                raise Error(f"{name} is open in a runtime: an extension lives as long as one")
+            opening: Any = extension.open(self)
+            if not inspect.isawaitable(opening):
+                raise Error(f"{name} cannot be opened: its open is no async function")
+            await opening
+            _LIVING.add(extension)
+        except Error:
+            raise
+        except Exception as error:
+            raise Error(f"{name} cannot be opened: {describe(error)}") from error
+        if isinstance(extension, Observer):  # which a page of the program's own need not be
+            self.observe(extension)
+        self._opened.append((extension, Guard(self, name)))
 
     async def _close_extensions(self) -> None:
         """Close the extensions that are open, the last one first; a fault names one that cannot be closed."""

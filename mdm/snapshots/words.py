@@ -22,7 +22,7 @@ _CAUSES = {
     "tick": "at a tick of its rate",
     "episode": "as a new episode began",
     "release": "as it left its safe mode",
-    "again": "again, for its action had ended",
+    "again": "again, for its action had ended or it was asked to",
     "team": "as its team had decided",
 }
 _MOST = 3

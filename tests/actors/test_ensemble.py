@@ -26,10 +26,12 @@ from mdm import (
     StateFactor,
     VirtualClock,
     bind,
+    problems,
     run,
 )
 from mdm.policies import DeterministicPolicy
-from mdm.testing import capture_decisions, crash, probe, run_virtual
+from mdm.solvers import solve
+from mdm.testing import capture_decisions, crash, probe, replay, run_virtual
 
 PACKAGE = Path(mdm.__file__).parent
 
@@ -391,3 +393,89 @@ def test_a_status_says_how_an_ensemble_is_and_was_declared():
         "state",
     )
     assert (after.drive, after.deadline, after.on_no_observation, after.searches) == (OnEvent(), 1.0, "predict", False)
+
+
+@pytest.mark.parametrize("kind", ["state", "belief"])
+def test_it_decides_again_on_what_it_knows_and_a_replay_does_too(kind, tmp_path):
+    def robot():
+        if kind == "state":
+            return Ensemble("robot", policy=[1, 0], actions={"a": lambda: None, "b": lambda: None})
+        model = problems.tiger()
+        policy = solve(model, horizon=3).policy
+        return Ensemble("robot", policy=policy, model=model, actions=dict.fromkeys(model.action_space.names, print))
+
+    async def main(runtime):
+        one = robot()
+        with capture_decisions(runtime) as decisions:
+            await runtime.start(one)
+            one.decide_again()
+            if kind == "state":
+                one.publish_state(0)
+            await asyncio.sleep(1)
+            one.decide_again()
+            await asyncio.to_thread(one.decide_again)
+            await asyncio.sleep(1)
+            one.stop()
+            one.decide_again()
+            await asyncio.sleep(1)
+            one.start()
+            await asyncio.sleep(1)
+        return [(decision.cause, decision.action) for decision in decisions]
+
+    decided = run_virtual(main, record=tmp_path / "run.mcap")
+    causes = [cause for cause, _ in decided]
+    if kind == "state":  # before it knew its state, and after it was stopped, nothing was decided
+        assert decided == [("state", 1), ("again", 1), ("again", 1), ("start", 1)]
+    else:
+        assert causes == ["start", "again", "again", "again", "start"]
+        assert len({action for _, action in decided}) == 1
+    assert replay(tmp_path / "run.mcap", robot()) == len(decided)
+
+
+@pytest.mark.parametrize("mode", ["safe", "ticking"])
+def test_it_decides_nothing_again_while_it_is_safe_or_at_a_fixed_rate(mode):
+    options = {"drive": 0.5} if mode == "ticking" else {}
+    one = Ensemble("robot", policy=[0], actions={"a": lambda: None}, safe_action=lambda: None, **options)
+
+    async def main(runtime):
+        await runtime.start(one)
+        one.publish_state(0)
+        if mode == "safe":
+            one.safety.endanger("mine", "", 0)
+        await asyncio.sleep(2.5)
+        with capture_decisions(runtime) as decisions:
+            one.decide_again()
+            await asyncio.sleep(0.1)
+        return len(decisions)
+
+    assert run_virtual(main) == 0
+
+
+def test_asked_again_and_again_it_decides_once_each_and_pauses_count_on():
+    """A decision for each request, and one after the pause of an action's end only where none came meanwhile."""
+    done = []
+    one = Ensemble("robot", policy=[0], actions={"a": bind(lambda: done.append(1), then="decide", pause=1.0)})
+
+    async def main(runtime):
+        await runtime.start(one)
+        with capture_decisions(runtime) as decisions:
+            one.publish_state(0)
+            for pause in (0.25, 0.5, 0.0, 0.9, 0.2):
+                await asyncio.sleep(pause)
+                one.decide_again()
+            await asyncio.sleep(1.5)
+        first = decisions[0].time
+        return [round((decision.time - first) / 1e9, 3) for decision in decisions]
+
+    assert run_virtual(main) == [0.0, 0.25, 0.75, 0.75, 1.65, 1.85, 2.85]
+    assert len(done) == 7
+
+
+def test_a_team_s_ensemble_is_not_asked_to_decide_again():
+    class Team:
+        absence = ""
+
+    one = Ensemble("robot", policy=[0], actions={"a": lambda: None})
+    one.follow(Team(), ())
+    with refused(mdm.Error):
+        one.decide_again()

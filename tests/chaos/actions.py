@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 
 import anyio
 from chaos.journal import Panic
@@ -124,10 +125,11 @@ class Actions:
             self._journal.leave(run)
 
     async def _scoped(self, enter, *, safe):
-        """Clean up within a scope that is shielded."""
+        """Clean up within a scope that is shielded, and say that all is done."""
         run = enter()
         try:
-            await asyncio.sleep(50.0)
+            with suppress(asyncio.CancelledError):
+                await asyncio.sleep(50.0)
         finally:
             with anyio.CancelScope(shield=True):
                 await linger(0.3)

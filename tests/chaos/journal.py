@@ -89,6 +89,7 @@ class Journal:
         self.robots, self.parents = {}, {}
         self.runtime = None
         self.runs, self.overlaps, self.limits, self.beside = [], [], {}, set()
+        self.arriving = set()
         self.raised, self.exits, self.answers, self.endings, self.wrong = [], [], [], [], []
         self.lives, self.faults, self.modes, self.decisions = [], [], [], []
         self.blind, self.cautious, self.due, self.sent = {}, set(), {}, {}

@@ -26,6 +26,7 @@ class Oracles:
         yield from self._nothing_left()
         if not self._broken_off:
             yield from self._all_told()
+            yield from self._arrived()
             yield from self._excused()
             yield from self._ends_in_time()
             yield from self._ends_at_once()
@@ -107,6 +108,15 @@ class Oracles:
         for text in self._journal.excused:
             if any(text in detail for detail in told):
                 yield f"the cleanup that raised {text!r} was of what had been superseded, and is a cause of safety"
+
+    def _arrived(self):
+        """Hold that what may say that it has succeeded, and does so at each end, is not told as preempted."""
+        for action in self._journal.arriving:
+            ends = [life.status for life in self._lives() if life.action == action and life.status != "running"]
+            entered = sum(run.action == action for run in self._journal.runs)
+            early = ends.count("preempted") + ends.count("timed_out")  # before their first step, if at all
+            if len(ends) >= entered > len(ends) - early:  # of some ensembles the lives are not heard
+                yield f"{action} has come to its end {entered} times, and its lives are told as {ends}"
 
     def _nothing_left(self):
         journal = self._journal

@@ -250,6 +250,8 @@ class System:
             self._journal.beside.add(action)
         if of_group:
             self._journal.groups[action] = name
+        elif kind == "scoped":
+            self._journal.arriving.add(action)
         return mdm.bind(
             self._actions.make(kind, name, action),
             grace=draw.choice([0.5, 2.0]),
@@ -257,6 +259,7 @@ class System:
             concurrent=concurrent,
             on_repeat=draw.choice(["continue", "continue", "restart"]),
             group=name if of_group else None,
+            may_succeed=kind == "scoped",
             **self._lively.sequel(action),
         )
 

@@ -66,8 +66,9 @@ def test_a_solver_loads_no_actors_and_a_robot_no_solvers(tiger):
         assert not of(package, solving)
     running = loaded("run", "--virtual", "--epochs", "2", "examples/patrol/patrol.toml")
     assert of("mdm.actors", running)
-    assert not of("mdm.solvers", running)
-    assert not of("mdm.views", running)
+    for package in ("mdm.solvers", "mdm.views", "mdm.ros2"):
+        assert not of(package, running)
+    assert not of("mdm.ros2", loaded("check", "examples/patrol/patrol.toml"))
 
 
 @pytest.mark.parametrize("verb", ["info", "check"])

@@ -9,13 +9,20 @@ from sentences import refused
 
 from mdm import ConfigError
 from mdm.config.builder import Declarations
+from mdm.config.functions import Functions
+from mdm.config.readers import Readers, Reading
 from mdm.config.tables import Problems
+
+
+def without_extensions(declarations, problems):
+    functions = Functions(Path(), problems, callbacks=False)
+    return Readers({}, (), {}, Reading(Path(), declarations.manager, functions, problems))
 
 
 def declared(**tables):
     problems = Problems(Path("robot.toml"))
     declarations = Declarations(problems)
-    declarations.declare(tables)
+    declarations.declare(tables, without_extensions(declarations, problems))
     declarations.check()
     problems.raise_all()
     return declarations
@@ -52,7 +59,8 @@ def test_what_cannot_be_declared_is_told(tables, words):
 def test_ends_of_actions_are_those_of_the_ensembles():
     problems = Problems(Path("robot.toml"))
     declarations = Declarations(problems)
-    declarations.declare({"predicates": {"Done": {"set": "Work.succeeded", "reset": "Rest.succeeded"}}})
+    tables = {"predicates": {"Done": {"set": "Work.succeeded", "reset": "Rest.succeeded"}}}
+    declarations.declare(tables, without_extensions(declarations, problems))
     declarations.check_ends(["Work", "Rst"])
     with refused(ConfigError):
         problems.raise_all()

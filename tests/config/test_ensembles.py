@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from sentences import refused
 
 import mdm
 from mdm import ConfigError, load_system, save_model
+from mdm.messages import ActionLife
 from mdm.models import POMDP, Factor, Space
 from mdm.testing import capture_decisions, probe, run_virtual
 
@@ -257,3 +260,58 @@ def test_drift_needs_a_model(folder):
     text = DRIFTING.replace('model = "weather.npz"\n', "").replace("ODDS", "10")
     with refused(ConfigError):
         load_system(written(folder, text, "robot.toml"), callbacks=False)
+
+
+@pytest.mark.parametrize(
+    ("options", "lived"),
+    [
+        ('group = "wheels"', ["A on", "A preempted", "B on", "A off"]),
+        ("grace = 5.0", ["A on", "A off", "A preempted", "B on"]),
+        ("may_succeed = true", ["A on", "A off", "A succeeded", "B on"]),
+        ('group = "wheels", may_succeed = true', ["A on", "A preempted", "B on", "A off"]),
+    ],
+)
+def test_a_group_and_a_late_success_are_of_a_file_too(folder, options, lived):
+    """Of functions of one group the next begins before the last is cancelled, which is told as preempted by then."""
+    (folder / "drives_code.py").write_text(DRIVES)
+    sys.modules.pop("drives_code", None)
+    text = f"""
+        [ensembles.robot]
+        policy = [0, 1]
+        [ensembles.robot.actions]
+        A = {{ call = "drives_code:a", {options} }}
+        B = {{ call = "drives_code:b", {options} }}
+    """
+    system = load_system(written(folder, text, "drives.toml"))
+    robot, log = system.ensembles["robot"], sys.modules["drives_code"].log
+
+    def tell(life):
+        if life.status not in {"running", "abandoned"}:
+            log.append(f"{life.action} {life.status}")
+
+    async def main(runtime):
+        runtime.channel("robot/lives", ActionLife).subscribe(tell)
+        await runtime.start(system)
+        for state in (0, 1):
+            robot.publish_state(state)
+            await asyncio.sleep(2)
+        return list(log)
+
+    assert run_virtual(main) == lived
+
+
+DRIVES = """
+import asyncio
+log = []
+async def drive(name):
+    log.append(f"{name} on")
+    try:
+        await asyncio.sleep(1000)
+    except asyncio.CancelledError:
+        await asyncio.sleep(1)
+        log.append(f"{name} off")
+async def a():
+    await drive("A")
+async def b():
+    await drive("B")
+"""

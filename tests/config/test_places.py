@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
+from typing import ClassVar
 
 import pytest
 import team_file as team
@@ -11,7 +12,8 @@ from building_file import write_building
 from loading import written
 from sentences import refused
 
-from mdm import ConfigError, Error, load_system
+from mdm import ConfigError, Error, Extension, load_system
+from mdm.config import TableReader
 from mdm.config.builder import look_over
 from mdm.maps import Pose
 from mdm.messages import Heading
@@ -295,6 +297,93 @@ def test_navigators_of_no_agent_or_not_of_this_one_are_refused(tmp_path, old, ne
 def test_a_navigator_per_agent_is_for_a_team(tmp_path):
     found = problems(tmp_path, FILE.replace('"wheels:Wheels"', '{ ada = "wheels:Wheels" }'))
     assert any(key == "places.navigator" and "for a team's file" in message for key, message in found)
+
+
+class Beacon(TableReader):
+    """Reads a table `beacon`, poses with a light, and navigators."""
+
+    entries: ClassVar = {"pose": frozenset({"light"})}
+
+    def pose(self, written, places, key):
+        self.see = lambda: places.see(Pose(*written["light"]))
+
+    def navigator(self, written, key):
+        if written["power"] < 1:
+            raise ConfigError("it does not drive so")
+        self.driven = Driven()
+        return self.driven
+
+    def extension(self):
+        return Shining(self)
+
+
+class Driven:
+    """Notes goals."""
+
+    def __init__(self):
+        self.goals = []
+
+    async def go(self, goal):
+        self.goals.append(goal.x)
+        await asyncio.Event().wait()
+
+
+class Shining(Extension):
+    """Tells the pose at the first change of an actor that begins."""
+
+    def __init__(self, reader):
+        self.reader = reader
+
+    def on_change(self, change):
+        if change.actor == "places" and change.state == "running":
+            asyncio.get_running_loop().call_later(1.0, self.reader.see)
+
+
+LIGHT = "pose = { light = [6.0, 2.0] }\nnavigator = { beacon = { power = 3 } }"
+DRIVEN = FILE.replace('navigator = "wheels:Wheels"', LIGHT).replace('["wheels:localise"]', "[]")
+BEACON = {"beacon": Beacon}
+
+
+def test_an_extension_tells_the_pose_and_drives(tmp_path):
+    system = load_system(file(tmp_path, f"beacon = {{}}\n{DRIVEN}"), tables=BEACON)
+
+    async def main(runtime):
+        await runtime.start(system)
+        await asyncio.sleep(1.2)
+
+    run_virtual(main)
+    assert system.extensions[0].reader.driven.goals == [2.0]  # in the kitchen the robot drives home to the hall
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "words"),
+    [
+        (
+            "beacon = {}",
+            "",
+            "places.pose",
+            "'light' is a key of the extension 'beacon': give the file a table [beacon]",
+        ),
+        ("beacon = {}", "", "places.navigator", "'beacon' is an extension: give the file a table [beacon]"),
+        ("light", "smoke", "places.pose", "no extension of this file has these keys"),
+        ("power = 3", "power = 0", "places.navigator", "it does not drive so"),
+        ("{ beacon =", "{ radio =", "places.navigator", "for a team's file"),
+    ],
+)
+def test_poses_and_navigators_of_no_extension_are_refused(tmp_path, old, new, key, words):
+    found = problems(tmp_path, f"beacon = {{}}\n{DRIVEN}".replace(old, new), tables=BEACON)
+    assert any(at == key and words in message for at, message in found), found
+    assert {at for at, _ in found} <= {"places.pose", "places.navigator"}
+
+
+def test_an_agent_of_a_team_may_be_driven_by_an_extension(tmp_path):
+    path = of_a_team(tmp_path, '"wheels:Broken"', "{ beacon = { power = 3 } }")
+    text = f"beacon = {{}}\n{path.read_text()}"
+    go = load_system(written(tmp_path, text), agent="b", tables=BEACON).ensembles["joint"].action.bindings[1]
+    assert go.target.__qualname__ == "Navigation.go_to('Kitchen')"
+    path.write_text(text.replace("{ beacon = { power = 3 } }", "3"))
+    with refused(ConfigError):
+        load_system(path, agent="b", tables=BEACON)
 
 
 def test_a_tour_is_of_the_places(tmp_path):

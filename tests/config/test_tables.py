@@ -167,7 +167,11 @@ OTHER_KEYS = {
         "way": "the target, a way of the map",
     },
     tables.RestartTable: {"restart": "the argument limit, by the name of the supervision"},
-    PlacesTable: {"building": "a file of several floors", "navigator": "a function that makes it"},
+    PlacesTable: {
+        "building": "a file of several floors",
+        "navigator": "a function that makes it",
+        "pose": "of an extension",
+    },
     TeamTable: {
         "access": "the folder of certificates, of which each agent takes its own",
         "allowance": "a table of its own",

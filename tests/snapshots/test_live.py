@@ -447,7 +447,7 @@ def test_who_looks_late_does_not_say_how_an_action_has_ended_that_nobody_saw():
         live.close()
         return found
 
-    unseen, seen = "again, for its action had ended", "again, for Go had ended (failed)"
+    unseen, seen = "again, for its action had ended or it was asked to", "again, for Go had ended (failed)"
     assert run_virtual(main) == ["on a change of its state", unseen, seen]
 
 

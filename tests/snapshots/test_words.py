@@ -47,7 +47,7 @@ def test_a_cause_has_what_is_known_of_it():
     assert cause_in_words("observation", observed="hear-left") == "on observing hear-left"
     assert cause_in_words("again", ended=Ended("Up", 1.0, "timed_out")) == "again, for Up had ended (timed out)"
     assert cause_in_words("again", ended=Ended("Up", 1.0, "succeeded")) == "again, for Up had ended"
-    assert cause_in_words("again") == "again, for its action had ended"
+    assert cause_in_words("again") == "again, for its action had ended or it was asked to"
     assert cause_in_words("something new") == "something new"
 
 

@@ -8,7 +8,7 @@ from mdm.actors.abstraction.factors import F, ObservationFactor, StateFactor, ar
 from mdm.actors.layer import Layer
 from mdm.errors import ConfigError, Error
 from mdm.logic import similar
-from mdm.logic.network import Memory
+from mdm.logic.network import MOST, Memory
 from mdm.messages import EventUpdate, Observation, PredicateUpdate, State
 
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from mdm.models import Space
 
 _FEW = 8
+_Joint = tuple[int, tuple[int | None, ...]]
 
 
 class FactorLayer(Layer, Generic[F]):
@@ -85,6 +86,10 @@ class _Value:
         self.unknown = (1 << len(factor.predicates)) - 1
         self.violated = 0
 
+    def is_told_by(self, digit: int | None) -> bool:
+        """Whether a factor's digit says all that is known of it."""
+        return self.binary or (self.true == 1 << (digit or 0) and not self.unknown)
+
 
 class StateLayer(FactorLayer[StateFactor]):
     """Publishes the joint `State` on ``state`` whenever it changes, once every factor is known.
@@ -103,14 +108,7 @@ class StateLayer(FactorLayer[StateFactor]):
     factor = StateFactor
 
     # The attributes that each decision reads or writes, close together: many ensembles do not all fit the cache.
-    __slots__ = (
-        "_digits",
-        "_index",
-        "_known",
-        "_missing",
-        "_published",
-        "_slots",
-    )
+    __slots__ = ("_digits", "_index", "_known", "_moves", "_published", "_slots")
 
     def __init__(
         self,
@@ -126,8 +124,11 @@ class StateLayer(FactorLayer[StateFactor]):
         self.joint: tuple[int | None, ...] = ()
         self._values: tuple[_Value, ...] = ()
         self._slots: dict[str, tuple[tuple[_Value, int], ...]] = {}
-        self._digits: list[int | None] = []
-        self._missing = 0
+        self._digits: tuple[int | None, ...] = ()
+        # By the index, and predicates that rise and fall: index and digits that they lead to. It is looked at where the
+        # digits say all that is known: of each factor of several predicates one is true, and the others are false.
+        self._memory: Memory[tuple[object, ...], _Joint] | None = None
+        self._moves: Memory[tuple[object, ...], _Joint] | None = None
         self._index = 0
         self._known = False
 
@@ -175,8 +176,7 @@ class StateLayer(FactorLayer[StateFactor]):
             values.insert(0, _Value(factor, position, stride))
             stride *= factor.size
         self._values = tuple(values)
-        self._digits = [None] * len(values)
-        self._missing = len(values)
+        self._digits = (None,) * len(values)
         slots: dict[str, list[tuple[_Value, int]]] = {}
         for value in self._values:
             if value.factor not in self.own:
@@ -184,6 +184,7 @@ class StateLayer(FactorLayer[StateFactor]):
             for position, predicate in enumerate(value.factor.predicates):
                 slots.setdefault(predicate, []).append((value, 1 << position))
         self._slots = {predicate: tuple(places) for predicate, places in slots.items()}
+        self._moves, self._memory = None, Memory() if stride <= MOST else None
         self.subscribe(self.predicates.updates, self._update, topics=self._slots)
         now = self.predicates.values()
         self._update(
@@ -197,62 +198,52 @@ class StateLayer(FactorLayer[StateFactor]):
         )
 
     def _update(self, update: PredicateUpdate) -> None:  # noqa: C901 - hot path, no calls
-        """Hot path: about 0.3 µs for one predicate of a binary factor."""
-        slots, digits = self._slots, self._digits
-        index, found = self._index, False
-        several: list[_Value] | None = None
-        for name in update.rising:
-            for value, bit in slots.get(name, ()):
-                found = True
-                if not value.binary:
-                    value.true |= bit
-                    value.unknown &= ~bit
-                    if several is None:
-                        several = []
-                    several.append(value)
-                    continue
-                old, new = digits[value.position], value.positive
-                if old != new:
-                    digits[value.position] = new
-                    if old is None:
-                        self._missing -= 1
-                        old = 0
-                    index += (new - old) * value.stride
-        for name in update.falling:
-            for value, bit in slots.get(name, ()):
-                found = True
-                if not value.binary:
-                    value.true &= ~bit
-                    value.unknown &= ~bit
-                    if several is None:
-                        several = []
-                    several.append(value)
-                    continue
-                old, new = digits[value.position], value.negative
-                if old != new:
-                    digits[value.position] = new
-                    if old is None:
-                        self._missing -= 1
-                        old = 0
-                    index += (new - old) * value.stride
-        if update.unknown:
-            several = [*(several or ()), *self._forget(update.unknown)]
-        if several is not None:
-            for value in several:
-                digit, old = self._evaluate(value, update.time), digits[value.position]
-                if digit != old:
-                    digits[value.position] = digit
-                    if old is None or digit is None:
-                        self._missing += (digit is None) - (old is None)
-                    index += ((digit or 0) - (old or 0)) * value.stride
-        elif not found:
+        """Hot path: looks up what a recurring change makes of a joint state that says all that is known."""
+        moves, index = self._moves, self._index
+        if moves is not None and not update.unknown:
+            joint = moves.get((index, update.rising, update.falling))
+            if joint is not None:
+                if joint[0] != index:
+                    self._index, self._digits = joint
+                    self._published.emit_last(State(update.time, *joint))
+                return
+        digits, several, found = [*self._digits], list[_Value](), bool(update.unknown)
+        if moves is not None:
+            self._moves = None
+            for value, digit in zip(self._values, digits, strict=True):  # which does not follow what is looked up
+                value.true = 1 << (digit or 0)
+        for names, rises in ((update.rising, True), (update.falling, False)):
+            for name in names:
+                for value, bit in self._slots.get(name, ()):
+                    found = True
+                    if not value.binary:
+                        value.true = value.true | bit if rises else value.true & ~bit
+                        value.unknown &= ~bit
+                        several.append(value)
+                        continue
+                    old, new = digits[value.position], value.positive if rises else value.negative
+                    if old != new:
+                        digits[value.position] = new
+                        index += (new - (old or 0)) * value.stride
+        for value in (*several, *self._forget(update.unknown)):
+            digit, old = self._evaluate(value, update.time), digits[value.position]
+            if digit != old:
+                digits[value.position] = digit
+                index += ((digit or 0) - (old or 0)) * value.stride
+        if not found:
+            self._moves = moves
             return
-        if self._missing:
+        self._digits = tuple(digits)
+        if None in digits:
             self._lost(update.time)
-        elif index != self._index or not self._known:
-            self._index = index
-            self._known = True
-            self._published.emit_last(State(update.time, index, tuple(digits)))
+            return
+        before, known, self._index, self._known = self._index, self._known, index, True
+        if self._memory is not None and all(map(_Value.is_told_by, self._values, digits)):
+            self._moves = self._memory
+            if moves is not None:
+                moves.keep((before, update.rising, update.falling), (index, self._digits))
+        if index != before or not known:
+            self._published.emit_last(State(update.time, index, self._digits))
 
     def _forget(self, names: tuple[str, ...]) -> list[_Value]:
         """Take predicates as unknown; return the factors that this concerns."""
@@ -295,12 +286,12 @@ class StateLayer(FactorLayer[StateFactor]):
         self._index = sum((digit or 0) * value.stride for digit, value in zip(self._digits, self._values, strict=True))
         if self._covers is not None:
             self._known = False
-            part, self._part = self._part, tuple(self._digits)
+            part, self._part = self._part, self._digits
             if part != self._part:
                 self._published.derive(State(time, None, self._part))
         elif self._known:
             self._known = False
-            self._published.derive(State(time, None, tuple(self._digits)))
+            self._published.derive(State(time, None, self._digits))
 
 
 class ObservationLayer(FactorLayer[ObservationFactor]):
@@ -319,10 +310,7 @@ class ObservationLayer(FactorLayer[ObservationFactor]):
     factor = ObservationFactor
 
     # The attributes that each decision reads or writes, close together: many ensembles do not all fit the cache.
-    __slots__ = (
-        "_known",
-        "_published",
-    )
+    __slots__ = ("_known", "_published")
 
     def __init__(
         self,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from mdm.actors.actions.binding import Binding, Callback, bindings_of, safe_binding
+from mdm.actors.actions.binding import Binding, Callback, bindings_of, returns_nothing, safe_binding
 from mdm.actors.actions.lives import Life, Lives, Order, Part
 from mdm.actors.layer import Layer
 from mdm.actors.options import SAFE_TIMEOUT, SafetySettings
@@ -41,7 +41,7 @@ Secured = Callable[[str | None], None]
 
 _FAILED = frozenset({"failed", "timed_out", "abandoned"})
 
-_own, _disown = OWNER.set, OWNER.reset
+_own, _disown, _owner = OWNER.set, OWNER.reset, OWNER.get
 
 
 class _Run(Life):
@@ -61,11 +61,12 @@ class _Run(Life):
 class _Brief:
     """A binding's function, called on the hot path."""
 
-    __slots__ = ("function", "takes_action")
+    __slots__ = ("function", "silent", "takes_action")
 
     def __init__(self, binding: Binding) -> None:
         self.function = binding.function
         self.takes_action = binding.takes_action
+        self.silent = returns_nothing(self.function)
 
 
 class ActionStatistics(ActorStatistics, frozen=True):
@@ -135,7 +136,7 @@ class ActionLayer(Layer):
         *,
         component: Callable[[int], int] | None = None,
         predicates: PredicateManager | None = None,
-        safe_action: str | Callback | None = None,
+        safe_action: str | Callback | Binding | None = None,
         safe_timeout: float = SAFE_TIMEOUT,
         name: str = "action",
     ) -> None:
@@ -258,10 +259,8 @@ class ActionLayer(Layer):
         for binding in self.bindings:
             own[id(binding)].sequel, own[id(binding)].retries = binding.sequel, binding.retries
         self.bindings = tuple([own[id(binding)] for binding in self.bindings])
-        if ensemble.liveness.counts:
-            self._briefs = (None,) * len(self.bindings)
-        else:
-            self._briefs = tuple([_Brief(binding) if binding.brief else None for binding in self.bindings])
+        counts = ensemble.liveness.counts
+        self._briefs = tuple([_Brief(each) if each.brief and not counts else None for each in self.bindings])
         if self.safe is not None:
             self.safe = own.get(id(self.safe), self.safe)
 
@@ -271,12 +270,8 @@ class ActionLayer(Layer):
         if self.safe is not None:
             self.safe = own.get(id(self.safe)) or self.safe.standing_in(partial(function, self.safe))
         self.bindings = tuple([own[id(binding)] for binding in self.bindings])
-        self._briefs = tuple(
-            [
-                _Brief(binding) if known is not None else None
-                for binding, known in zip(self.bindings, self._briefs, strict=True)
-            ]
-        )
+        briefs = zip(self.bindings, self._briefs, strict=True)
+        self._briefs = tuple([known and _Brief(binding) for binding, known in briefs])
 
     # -- Life of the layer ---------------------------------------------------------------------------------------
 
@@ -395,17 +390,20 @@ class ActionLayer(Layer):
             return
         # Hot path: a plain function, while nothing lives and nobody listens to lives, needs no record of its own.
         self.started += 1
-        self._recent.append(self._now() - action.time)
+        self._recent.append((_ := self._now)() - action.time)
         if len(self._recent) >= FULL:
             self._latencies.fold()
-        token = _own(action)  # whose jobs are made where it has any
+        # Whose jobs are made where it has any; the work of a function that returns nothing is over with its call.
+        token = None if brief.silent and _owner() is None else _own(action)
         try:
             lives.calling = True
-            result = brief.function(action) if brief.takes_action else brief.function()
+            result = (_ := brief.function)(action) if brief.takes_action else (_ := brief.function)()
             lives.calling = False
-            _disown(token)
+            if token is not None:
+                _disown(token)
         except BaseException as error:
-            _disown(token)
+            if token is not None:
+                _disown(token)
             self._raised(self._begun(index, action), error)
             return
         if result is not None or not lives.open:
@@ -603,7 +601,7 @@ class ActionLayer(Layer):
         self._observers.ended(self._path, life.number, work, self.runtime.now())
         if work.error is not None:
             self._finish(life, "failed", describe(work.error))
-        elif work.interrupted:  # even where it swallowed the cancellation, and returned
+        elif work.interrupted and (work.cancelled or not life.binding.may_succeed):  # even where it has returned
             self._finish(life, life.ending or "preempted")
         elif work.cancelled:
             self._finish(life, "failed", "was cancelled, but not by its action layer")

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dis
 import inspect
 from collections.abc import Awaitable, Callable, Mapping
 from copy import copy
+from functools import cache
+from types import CodeType, FunctionType, MethodType
 from typing import TYPE_CHECKING, Any, Unpack
 
 from mdm.actors.options import BindingOptions, BindingSettings
@@ -49,6 +52,7 @@ class Binding:
         "grace",
         "group",
         "lasts",
+        "may_succeed",
         "on_repeat",
         "plain",
         "resume",
@@ -80,6 +84,7 @@ class Binding:
         self.goes_on = goes_on
         self._asks_action = goes_on is not None and _takes_action(goes_on)
         self.group = settings.group
+        self.may_succeed = settings.may_succeed
         self.sequel: Sequel = settings
         self.retries = settings.then == "decide"
         self.ensemble: Ensemble | None = None
@@ -130,6 +135,22 @@ class Binding:
 def bind(target: Callback | Ensemble, **options: Any) -> Binding:
     """Bind an action to a target with options; see `Binding`."""
     return Binding(target, **options)
+
+
+@cache
+def _returns_nothing(code: CodeType) -> bool:
+    steps = [*dis.get_instructions(code)]
+    before = ((step.opname == "LOAD_CONST" and step.argval is None) for step in steps)
+    for nothing, step in zip(before, steps[1:], strict=False):
+        if step.opname == "RETURN_VALUE" and (step.is_jump_target or not nothing):
+            return False
+    return not any(step.opname == "RETURN_CONST" and step.argval is not None for step in steps)  # of later versions
+
+
+def returns_nothing(function: Callable[..., object]) -> bool:
+    """Whether it is plain from the code of a plain function that it returns None, if it returns."""
+    held: Any = function if isinstance(function, FunctionType | MethodType) else type(function).__call__
+    return hasattr(held, "__code__") and _returns_nothing(held.__code__)
 
 
 def _no_call() -> None:
@@ -204,9 +225,9 @@ def bindings_of(
 
 
 def safe_binding(
-    safe_action: str | Callback | None, names: tuple[str, ...], bindings: tuple[Binding, ...]
+    safe_action: str | Callback | Binding | None, names: tuple[str, ...], bindings: tuple[Binding, ...]
 ) -> Binding | None:
-    """Return the binding of the safe action, which is a function or, by its name, one of the actions.
+    """Return the binding of the safe action, which is a function, a binding, or, by its name, one of the actions.
 
     Raises:
         ConfigError: If there is no such action, or it is an ensemble.
@@ -220,7 +241,7 @@ def safe_binding(
             )
         binding = bindings[names.index(safe_action)]
     else:
-        binding = bind(safe_action)
+        binding = safe_action if isinstance(safe_action, Binding) else bind(safe_action)
     if binding.ensemble is not None:
         raise ConfigError(
             f"the safe action is a function: ensemble {binding.ensemble.name!r} would have to decide in a safe mode",

@@ -210,6 +210,8 @@ class ControlLayer(Layer):
             self.begin_episode()
             if self.running:
                 self._begin(control.time, command)
+        elif command == "decide_again":
+            self.source.decide_again(control.time)
         elif command != "release" and not self.running and self.source.may_begin:
             self.begin_episode(keep=command == "resume")
             self.ticks.begin()

@@ -142,7 +142,6 @@ class Output:
         self._due = 0
         # Whether the outlet is the channel of actions itself, whenever it is decided.
         self._alone = deadline is None
-        self._actions: Channel[Action] | None = None
         self._outlet: Channel[Action] | _Muted | _Relay = _Muted()
         self._path = ""
         self._observed = False
@@ -151,7 +150,7 @@ class Output:
         """Publish under the name of a layer's ensemble."""
         channel = layer.owner.channel
         self._now = layer.runtime.clock.reader()
-        self._actions = channel("action", Action)
+        self._actions: Channel[Action] = channel("action", Action)
         self._let_out(self._actions)
         self._rewards = channel("reward", Reward, retain=True)
         self._beliefs = channel("belief", Belief, retain=True)
@@ -182,7 +181,7 @@ class Output:
     @property
     def decisions(self) -> int:
         """The number of actions published."""
-        return 0 if self._actions is None else self._actions.published
+        return self._actions.published if self._path else 0
 
     @property
     def latency(self) -> Histogram:
@@ -192,7 +191,7 @@ class Output:
     def publish(self, step: Step, time: int, cause: str, observation: Observed, state: int | None) -> None:
         """Publish a decision on a stimulus of that time, unless it comes too late and is refused."""
         # Hot path.
-        latency = self._now() - time
+        latency = (_ := self._now)() - time
         self._pending.append(latency)
         if not len(self._pending) % _EACH:
             self._fold()
@@ -229,7 +228,7 @@ class Output:
             self.publish(step, time, cause, observation, state)
             return
         # Hot path.
-        self._pending.append(self._now() - time)
+        self._pending.append((_ := self._now)() - time)
         if not len(self._pending) % _EACH:
             self._fold()
         if self._observed:
@@ -240,7 +239,6 @@ class Output:
             self._rewards.emit(Reward(time, step.epoch, reward))
         if self._has_belief:
             self._publish_belief(time)
-        assert self._actions is not None
         self._actions.emit_last(Action(time, step.epoch, action, state))
 
     def act_last(self, state: int, time: int) -> bool:
@@ -256,14 +254,13 @@ class Output:
         if action < 0:
             return False
         # Hot path.
-        self._pending.append(self._now() - time)
+        self._pending.append((_ := self._now)() - time)
         if not len(self._pending) % _EACH:
             self._fold()
         if self._observed:
             self._observers.step(self, time, epoch, "state", state, None, None, action, None)
         self.acted = action
         self.cause = "state"
-        assert self._actions is not None
         self._actions.emit_last(Action(time, epoch, action, state))
         return True
 
@@ -356,33 +353,27 @@ class Output:
         self._observers.step(self, action.time, action.epoch, "team", None, None, belief, action.index, None)
         self.acted = action.index
         self.cause = "team"
-        self._channel.emit(action)
+        self._actions.emit(action)
         if belief is not None:
             self._beliefs.emit(Belief(action.time, belief))
         if self._decisions.heard:
-            index = action.index
-            name = self.action_names[index] if self.action_names else self._controller.symbols.action_name(index)
-            told = (action.time, self._path, action.epoch, "team", None, None, belief, index, name, None)
+            name = self.name_of(action.index)
+            told = (action.time, self._path, action.epoch, "team", None, None, belief, action.index, name, None)
             self._decisions.publish(Decision(*told))
 
     def repeat(self, time: int, state: int | None) -> None:
         """Publish the present action once more, where there is one, and the state that it was decided on."""
         if self.acted is not None:
-            self._channel.emit(Action(time, max(self._controller.epoch - 1, 0), self.acted, state))
+            self._actions.emit(Action(time, max(self._controller.epoch - 1, 0), self.acted, state))
 
     def mute(self, *, muted: bool) -> None:
         """Let no decided action begin, or let them begin again."""
-        self._let_out(_Muted() if muted else self._channel)
+        self._let_out(_Muted() if muted else self._actions)
 
     def relay(self, tell: Callable[[Action], object]) -> None:
         """Pass each decision on to somebody, too, until the layer starts again."""
-        self._let_out(_Relay(self._channel, tell))
+        self._let_out(_Relay(self._actions, tell))
 
     def _let_out(self, outlet: Channel[Action] | _Muted | _Relay) -> None:
         self._outlet = outlet
         self._alone = outlet is self._actions and self._deadline is None
-
-    @property
-    def _channel(self) -> Channel[Action]:
-        assert self._actions is not None
-        return self._actions

@@ -37,9 +37,13 @@ class Declarations:
         held_for: Nanoseconds for which a predicate's formula must have been true.
         max_age: Nanoseconds after which a sensor's value becomes unknown.
         thresholds: When a predicate holds that is told by numbers.
+        tellers: In words, who sets a predicate or raises an event in the place of code.
     """
 
-    __slots__ = ("_ages", "_formulas", "_kinds", "_parts", "_sensors", "_used", "held_for", "max_age", "thresholds")
+    __slots__ = (
+        *("_ages", "_formulas", "_kinds", "_parts", "_sensors", "_used"),
+        *("held_for", "max_age", "tellers", "thresholds"),
+    )
 
     def __init__(self) -> None:
         self._parts: dict[str, Callable[[Network], None]] = {}
@@ -50,6 +54,7 @@ class Declarations:
         self.held_for: dict[str, int] = {}
         self.max_age: dict[str, int] = {}
         self.thresholds: dict[str, Threshold] = {}
+        self.tellers: dict[str, str] = {}
         self._ages: dict[str, tuple[float, str]] = {}
 
     def add(
@@ -165,7 +170,7 @@ class Declarations:
             return f"told by {teller}, unknown after {seconds:g} s"
         aged = f", unknown after {self.max_age[name] / 1e9:g} s" if name in self.max_age else ""
         told = f" to a number: {self.thresholds[name]}" if name in self.thresholds else ""
-        return f"{'raised' if kind == 'event' else 'set'} by code{told}{aged}"
+        return f"{'raised' if kind == 'event' else 'set'} by {self.tellers.get(name, 'code')}{told}{aged}"
 
     def inputs_of(self, name: str) -> set[str]:
         """Return the names of all sensors and events that a predicate or event depends on, itself included."""

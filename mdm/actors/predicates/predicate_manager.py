@@ -272,7 +272,7 @@ class PredicateManager(Actor):
         elif self._senses is None:
             self._input(readings, ())
         else:
-            self._senses(SensorUpdate(self._now(), readings))
+            (_ := self._senses)(SensorUpdate((_ := self._now)(), readings))
 
     def occur(self, *events: str) -> None:
         """Raise events, together; `EventSource.fire` calls this. From any thread. Before the start nothing hears them.
@@ -307,7 +307,7 @@ class PredicateManager(Actor):
     def _input(self, predicates: tuple[tuple[str, bool | None], ...], events: tuple[str, ...]) -> None:
         senses = self._senses
         if senses is not None:
-            senses(SensorUpdate(self._now(), predicates, events))
+            senses(SensorUpdate((_ := self._now)(), predicates, events))
         elif self._begun:
             self._keep(SensorUpdate(self.runtime.now(), predicates, events))
         else:

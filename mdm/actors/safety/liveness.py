@@ -349,7 +349,7 @@ class Liveness:
             text: The same, in words.
             lasted: Whether it took time.
             asked: Whether a later decision had asked it to: where its cleanup then raises, that is told, and is no
-                cause.
+                cause; and where it has succeeded, nothing follows.
 
         Returns:
             Whether it is given up for now.
@@ -360,7 +360,7 @@ class Liveness:
         if stands or not safety.deciding:
             return False
         self._ended[name] = _End(status, binding, lasted)
-        if status != "preempted" and not (asked and status == "failed"):
+        if status != "preempted" and not (asked and status in {"failed", "succeeded"}):
             failed = status in _FAILED
             # Before the safe action counts as chosen, and what waits is discarded.
             follows = self._decides_alone and self._chosen == name

@@ -23,6 +23,7 @@ VERBS = {
             DURATIONS,
             Argument("--normalize", "take distributions that do not sum to 1 for notes, not problems"),
             IMPORT,
+            Argument("--live", "of a file with a table [ros2], also look for 5 s whether ROS has what it names"),
             Argument("--json", "one JSON object, with every problem"),
         ),
         "files.check",

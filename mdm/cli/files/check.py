@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import sys
 import tomllib
@@ -102,15 +103,15 @@ def _examine(arguments: argparse.Namespace) -> Findings:
     """Return a file's kind of content, its problems, and notes on oddities."""
     file, model = arguments.file, arguments.model
     is_toml = suffixes(file) == ".toml"
-    if arguments.imports and not is_toml:
-        raise UsageError("--import is for TOML files")
+    if (arguments.imports or arguments.live) and not is_toml:
+        raise UsageError(f"--{'import' if arguments.imports else 'live'} is for TOML files")
     if model is None and arguments.durations is not None:
         raise UsageError("--durations are those of a policy's --model")
     if is_toml and (model is not None or arguments.normalize):
         raise UsageError("--model is for policies and --normalize for models; this is a TOML file")
     try:
         if is_toml:
-            return _examine_ensembles(file, imports=arguments.imports)
+            return _examine_ensembles(file, imports=arguments.imports, live=arguments.live)
         if is_policy(file):
             if arguments.normalize:
                 raise UsageError("--normalize is for models; this file holds a policy")
@@ -134,18 +135,25 @@ def _examine_policy(file: str, model: str | None, durations: str | None) -> Find
     return kind_of(policy), [], notes
 
 
-def _examine_ensembles(file: str, *, imports: bool) -> Findings:
+def _examine_ensembles(file: str, *, imports: bool, live: bool) -> Findings:
     from mdm.cli.robots.ensembles import load_ensembles  # noqa: PLC0415 - a model needs no actors
     from mdm.config.builder import agents_of  # noqa: PLC0415
 
     agents = agents_of(file)
     if agents:
+        if live:
+            raise UsageError(f"--live looks for one robot: mdm ros2 doctor {file} --agent NAME")
         from mdm.cli.team.check import examine  # noqa: PLC0415 - a robot without a team needs none of it
 
         return examine(file, agents, imports=imports)
     system = load_ensembles(file, imports=imports)
+    problems: list[str] = []
+    if live:
+        from mdm.ros2.doctor import examine as look  # noqa: PLC0415 - rclpy is the user's own
+
+        problems += [problem for part in look(file) for problem in part.problems]
     notes = [note for ensemble in system.ensembles.values() for note in ensemble.notes()]
-    return "ensembles", [], [*notes, *oddities(file), *_stale_policies(file, system)]
+    return "ensembles", problems, [*notes, *oddities(file), *_stale_policies(file, system)]
 
 
 def _stale_policies(file: str, system: System) -> list[str]:
@@ -278,6 +286,7 @@ def oddities(file: str) -> Iterator[str]:
     document = tomllib.loads(Path(file).read_text(encoding="utf-8-sig"))
     ensembles = document["ensembles"]
     yield from _long_times(document, "")
+    yield from _of_ros(document.get("ros2"))
     definitions: Definitions = {}
     for name, given in [*document.get("predicates", {}).items(), *document.get("events", {}).items()]:
         table = {"formula": given} if isinstance(given, str) else given
@@ -302,6 +311,15 @@ def oddities(file: str) -> Iterator[str]:
                     both = f"{pair[0]!r} and {pair[1]!r} of the state factor {factor!r} are both true where {where}"
                     yield f"ensemble {name!r}: {both}"
         yield from _bound_twice(name, ensembles)
+
+
+def _of_ros(table: dict[str, Any] | None) -> Iterator[str]:
+    if table is None:
+        return
+    if table.get("services"):
+        yield "ros2.services: anybody on the ROS domain may call them, unless SROS2 is set up"
+    if importlib.util.find_spec("rclpy") is None:
+        yield "types are unchecked: rclpy cannot be imported here"
 
 
 def _long_times(table: dict[str, Any], key: str) -> Iterator[str]:

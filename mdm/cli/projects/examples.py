@@ -79,6 +79,11 @@ EXAMPLES = {
         ("foxglove", "patrol"),
         "mdm run patrol/patrol.toml --record run.mcap --seconds 60 && python foxglove/to_foxglove.py run.mcap",
     ),
+    "ros2": Example(
+        "a robot of ROS 2: rooms as predicates, Nav2's actions, and a launch file (needs rclpy and nav2_msgs)",
+        ("ros2",),
+        "python robot.py & mdm run patrol.toml",
+    ),
     "team": Example(
         "teams, a process an agent: replicated, centralised, communicating (needs eclipse-zenoh)",
         ("team", *_TIGER, *_FLOOR),

@@ -30,7 +30,7 @@ _FIELDS = ("ensemble", "source", "actor", "channel")
 
 _NAMED = {"mdm.Decision", "mdm.State", "mdm.Observation"}
 """The types of messages with states or observations, whose names are printed beside their numbers."""
-_COMMANDS = {"start", "stop", "reset", "release"}
+_COMMANDS = {"start", "stop", "reset", "release", "decide_again"}
 _OWN = {"mdm", "mdm.file", "mdm.end", "mdm.repaired"}
 _SHOWN = 4
 """Names of states, observations or actions that are told, of many."""

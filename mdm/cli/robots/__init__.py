@@ -5,6 +5,7 @@ from __future__ import annotations
 from mdm.cli.usage import (
     DISCOUNT,
     FALSE_NEGATIVE,
+    JSON,
     Argument,
     Verb,
     count,
@@ -51,9 +52,9 @@ VERBS = {
     "trace": Verb(
         "Read JSON lines from standard input, one stimulus a line, and print one JSON line a decision. A stimulus has "
         'any of "time" (seconds), "observation", "state", "belief", "predicates" ({"name": true}, or a number for a '
-        'threshold), "events" (["name"]) and "control" ("start", "stop", "reset", "release"). Async functions of the '
-        'file stand for actions that take time: they end by an event such as "Go.succeeded" or "Go.failed", and not '
-        "by themselves.",
+        'threshold), "events" (["name"]) and "control" ("start", "stop", "reset", "release", "decide_again"). Async '
+        'functions of the file stand for actions that take time: they end by an event such as "Go.succeeded" or '
+        '"Go.failed", and not by themselves.',
         "echo '{\"observation\": 0}' | mdm trace tiger.pomdp tiger.vf",
         (
             *given_file("the TOML file, whose functions are not called"),
@@ -70,5 +71,27 @@ VERBS = {
             Argument("--seed S", "for a stochastic policy", seed),
         ),
         "robots.trace",
+    ),
+    "ros2": Verb(
+        "Look at ROS 2 as a robot's file does.",
+        "mdm ros2 doctor examples/ros2/patrol.toml",
+        chosen=("ros2_verb", "VERB"),
+        verbs={
+            "doctor": Verb(
+                "Say which rclpy, distribution, middleware and domain there are, and of each topic, service and action "
+                "of a file who has its other end, by which type and quality of service, with a message that came. "
+                "What is missing is told with the way out, and the exit status is then 1. The file's functions are "
+                "imported, and nothing is sent.",
+                "mdm ros2 doctor examples/ros2/patrol.toml",
+                (
+                    Argument("file [FILE]", "the TOML file"),
+                    Argument("--agent NAME", "of a team's file, which agent's part"),
+                    Argument("--seconds N", "how long to look for what is missing (default: 5)", seconds, default=5.0),
+                    JSON,
+                ),
+                "robots.doctor",
+                line="what a file needs, and whether it is there",
+            )
+        },
     ),
 }

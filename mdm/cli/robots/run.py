@@ -220,7 +220,7 @@ def _load(arguments: argparse.Namespace) -> System:
     if team is None:
         if arguments.agent is not None:
             raise UsageError(f"--agent is for a team's file, and {arguments.file} has no table [team]")
-        return load_system(arguments.file)
+        return load_system(arguments.file, virtual=arguments.virtual)
     if arguments.agent is None:
         raise UsageError(
             f"{arguments.file} describes the team {team.name!r}: say which agent this process is, such as "

@@ -159,7 +159,7 @@ class _Line(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     belief: list[float] | None = None
     predicates: dict[str, bool | float | None] | None = None
     events: list[str] | None = None
-    control: Literal["start", "stop", "reset", "release"] | None = None
+    control: Literal["start", "stop", "reset", "release", "decide_again"] | None = None
     ensemble: str | None = None
 
 

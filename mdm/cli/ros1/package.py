@@ -39,7 +39,8 @@ def run(arguments: argparse.Namespace) -> int:
         (made / f"{imported.name}.toml").write_text(imported.text(made), encoding="utf-8")
     file = target / f"{imported.name}.toml"
     print(f"{file}: {imported.summary()}")
-    check.run(Namespace(file=str(file), imports=False, json=False, model=None, durations=None, normalize=False))
+    given = {"imports": False, "live": False, "json": False, "model": None, "durations": None, "normalize": False}
+    check.run(Namespace(file=str(file), **given))
     return 0 if imported.ensembles else 1
 
 

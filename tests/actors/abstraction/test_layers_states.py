@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from random import Random
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -65,6 +67,58 @@ def test_joint_states_are_those_of_numpy(shape, data):
                 assert states[-1].index == expected
                 assert states[-1].values == tuple(values)
                 last = expected
+
+    run_virtual(main)
+
+
+@given(
+    st.lists(st.integers(2, 3), min_size=1, max_size=3),
+    st.sampled_from([None, "first", "hold"]),
+    st.integers(0, 1 << 30).map(Random),
+)
+def test_joint_states_that_recur_follow_from_the_predicates_alone(shape, on_violation, random):
+    async def main(runtime):
+        manager, factors = state_layer(shape, on_violation=on_violation)
+        await runtime.start(manager)
+        layer = StateLayer(factors, manager)
+        await runtime.start(layer)
+        states = probe(runtime.channel("state/state", State, retain=True))
+        names = [name for factor in factors for name in factor.predicates]
+        known, digits, violations, odd = dict.fromkeys(names), [None] * len(shape), 0, [None] * len(shape)
+        last = None
+        for _ in range(300):
+            values = random.choices([True, False, None], [10, 15, 3], k=2)
+            told = dict(zip(random.choices(names, k=2), values, strict=True))
+            changed = {name for name, value in told.items() if known[name] is not value}
+            with manager.batch():
+                for name, value in told.items():
+                    manager.sense(name, value)
+            known.update(told)
+            for at, factor in enumerate(factors):
+                values = [known[name] for name in factor.predicates]
+                if changed.isdisjoint(factor.predicates):
+                    continue
+                if len(values) == 1:
+                    digits[at] = None if values[0] is None else int(values[0])
+                    continue
+                single, unclear = values.count(True) == 1, True not in values and None in values
+                if not single and not unclear:
+                    true = [value is True for value in values]
+                    violations += true != odd[at]
+                    odd[at] = true
+                else:
+                    odd[at] = None
+                if unclear:
+                    digits[at] = None
+                elif single or (True in values and on_violation != "hold"):
+                    digits[at] = values.index(True)
+            now = None if None in digits else int(np.ravel_multi_index(digits, shape))
+            assert (states[-1].index if states else None) == now
+            if now is not None:
+                assert states[-1].values == tuple(digits)
+            assert (len(states) > 0) == (last is not None or now is not None)
+            assert layer.violations == violations
+            last = now if now is not None else last
 
     run_virtual(main)
 

@@ -8,6 +8,7 @@ import pytest
 from sentences import refused
 
 from mdm import ConfigError, Ensemble, bind
+from mdm.actors.actions.binding import returns_nothing
 from mdm.messages import Action
 from mdm.policies import DeterministicPolicy
 
@@ -82,3 +83,56 @@ def test_whether_an_action_goes_on_is_asked_only_where_it_starts_anew():
 def test_a_concurrent_action_is_of_no_group():
     with refused(ConfigError):
         bind(print, concurrent=True, group="drives")
+
+
+def jumps(given=1):
+    if given:
+        return
+    Button()
+
+
+def cleans_up():
+    try:
+        Button()
+    finally:
+        Button()
+
+
+def fails():
+    raise ValueError
+
+
+def tells_some(given=1):
+    if given:
+        return given
+    return None
+
+
+def tells_one(given=1):
+    return given or None
+
+
+def tells_length(given=()):
+    return len(given) if len(given) > 1 else None
+
+
+def tells_and_cleans_up(given=1):
+    try:
+        return given
+    finally:
+        Button()
+
+
+@pytest.mark.parametrize(
+    "function", [jumps, cleans_up, fails, Button().press, Button(), Button.press, lambda: None, lambda *_: None]
+)
+def test_functions_that_return_nothing(function):
+    assert returns_nothing(function)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [tells_some, tells_one, tells_length, tells_and_cleans_up, partial(jumps), print, lambda: 0, Button],
+)
+def test_functions_of_which_it_is_not_known_that_they_return_nothing(function):
+    assert not returns_nothing(function)

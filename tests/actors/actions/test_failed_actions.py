@@ -14,7 +14,7 @@ from action_lives import Body, lives_of, robot, told
 from hypothesis import given, strategies as st
 from sentences import refused
 
-from mdm import ConfigError, PredicateManager, Runtime, VirtualClock, bind, run
+from mdm import Actor, ConfigError, PredicateManager, Runtime, VirtualClock, bind, run
 from mdm.testing import probe, run_virtual
 
 
@@ -338,6 +338,34 @@ def test_a_thread_of_an_action_ends_before_the_next_one_begins(begin):
             assert log == ["A ends", "B"]
             assert ensemble.action.ended == {"preempted": 1, "succeeded": 1}
             assert runtime.abandoned == []
+
+    run(main)
+
+
+def test_work_whose_sensor_leads_to_an_action_does_not_wait_for_a_thread_of_that():
+    free, log = threading.Event(), []
+
+    def drive():
+        asyncio.get_running_loop().run_in_executor(None, free.wait, 10)
+
+    class Driver(Actor):
+        def on_start(self):
+            self.spawn(self.see(), lambda work: log.append("seen"))
+
+        async def see(self):
+            ensemble.publish_state(0)
+
+    ensemble = robot({"A": drive, "B": drive})
+
+    async def main():
+        async with Runtime(log=None) as runtime:
+            await runtime.start(ensemble)
+            await runtime.start(Driver("driver"))
+            async with asyncio.timeout(10):
+                while not log:
+                    await asyncio.sleep(0.001)
+            assert ensemble.action.ended == {"succeeded": 1}
+            free.set()
 
     run(main)
 

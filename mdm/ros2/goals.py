@@ -1,0 +1,261 @@
+"""The goals of an action's server: each is carried to its end, and none begins beside one that may move the robot.
+
+A goal outlives the action that sent it where its end is not heard. It is then cancelled every five seconds, and when
+its server is heard of, until it ends or its server knows it no longer.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from mdm.errors import Error
+from mdm.ros2.wire import ABORTED, CANCELED, SUCCEEDED, UNKNOWN
+from mdm.runtime.supervision import describe
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+
+    from mdm.ros2.wire import Goal, Goals
+
+_AGAIN, _POLL = 5.0, 0.1
+_MOMENT = 1.0
+"""Seconds for what follows at once: a result its status, the abort of a goal the newer one that replaces it."""
+
+_BROKEN, _FORGOTTEN, _REJECTED = -2, -1, 0
+_WORDS = {
+    _BROKEN: "is out of reach",
+    _FORGOTTEN: "knows the goal no more, as after a restart",
+    _REJECTED: "rejected the goal",
+    SUCCEEDED: "reached the goal",
+    CANCELED: "cancelled the goal (status 5), as somebody else asked",
+    ABORTED: "aborted the goal (status 6)",
+}
+
+
+class End(NamedTuple):
+    """How a goal has ended: its status or a code of ours, and its result or an error."""
+
+    status: int
+    result: Any = None
+
+    def __str__(self) -> str:
+        """Return it in words, with the code and message of the result where it has them."""
+        told = [f"{name} {value!r}" for name in ("error_code", "error_msg") if (value := getattr(self.result, name, 0))]
+        told += [describe(self.result)] if isinstance(self.result, Exception) else []
+        words = _WORDS.get(self.status, f"ended the goal with status {self.status}")
+        return f"{words}: {', '.join(told)}" if told else words
+
+
+class Pursuit:
+    """A goal from its sending to its end, at the `Server` that is given.
+
+    Attributes:
+        heard, asked: When it was last heard of, and asked to end, in seconds of the loop; None for never.
+        secured: How often the safe action had run by then.
+        over: Done with its `End`.
+    """
+
+    def __init__(self, server: Server, message: Any, hear: Callable[[Any], object], group: object) -> None:
+        self._loop = asyncio.get_running_loop()
+        self.heard = self._cancelled = self._loop.time()
+        self.asked: float | None = None
+        self.secured = 0
+        self.group = group
+        self.over: asyncio.Future[End] = self._loop.create_future()
+        self._server, self._hear = server, hear
+        self._goal: Goal | None = None
+        self._again: asyncio.TimerHandle | None = None
+        server.open.append(self)
+        server.run(self._carry(message))
+
+    async def ended(self, silence: float | None) -> End | None:
+        """Return how it ends; None where nothing is heard for so many seconds, from when it was asked to end."""
+        while not self.over.done():
+            since = max(self.heard, self.asked or self.heard)
+            left = None if silence is None else since + silence - self._loop.time()
+            if left is not None and left <= 0:
+                return None
+            await asyncio.wait([self.over], timeout=left)
+        return self.over.result()
+
+    async def release(self, secured: int) -> None:
+        """Leave the robot to a newer goal of the group, if its server ends this one for that; else have it end."""
+        if self.over.done():
+            return
+        began, pursuits = self._loop.time(), self._server.open
+        newer = [other.over for other in pursuits[pursuits.index(self) + 1 :] if other.meets(self.group)]
+        try:
+            if newer:
+                await asyncio.wait([self.over, *newer], timeout=_MOMENT, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            self.ask(secured, began)
+
+    def meets(self, group: object) -> bool:
+        """Whether it is of a group."""
+        return group is not None and self.group is group
+
+    @property
+    def lost(self) -> bool:
+        """Whether it was asked to end, and nothing was heard of it since."""
+        return self.asked is not None and self.heard <= self.asked
+
+    def ask(self, secured: int, time: float) -> None:
+        """Have it end, as was decided at a time: at once, or when the server has answered."""
+        if not self.over.done():
+            self.asked, self.secured = time, secured
+            self._recall()
+
+    async def _carry(self, message: Any) -> None:
+        try:
+            self._goal = await self._server.goals.send(message, self._feedback, self._status)
+            self.heard = self._loop.time()
+            if not self._goal.accepted:
+                return self._finish(End(_REJECTED))
+            if self.asked is not None:
+                self._recall()
+            self._finish(End(*await self._goal.end()))
+        except Exception as error:  # of the wire: whoever waits is told
+            self._finish(End(_BROKEN, error))
+
+    def _feedback(self, message: Any) -> None:
+        self._news()
+        if self.asked is None:
+            self._hear(message)
+
+    def _status(self, status: int) -> None:
+        self._news()
+        if status in {SUCCEEDED, CANCELED, ABORTED}:  # no result comes of a server that has forgotten it
+            self._loop.call_later(_MOMENT, self._finish, End(status))
+
+    def _news(self) -> None:
+        self.heard = self._loop.time()
+        if self.asked is not None and self.heard - self._cancelled >= _MOMENT:
+            self._recall()
+
+    def _recall(self) -> None:
+        """Cancel it, now and every while until its end is heard."""
+        if self._again is not None:
+            self._again.cancel()
+        if self._goal is not None and not self.over.done():
+            self._cancelled = self._loop.time()
+            self._again = self._loop.call_later(_AGAIN, self._recall)
+            self._server.run(self._cancel(self._goal))
+
+    async def _cancel(self, goal: Goal) -> None:
+        try:
+            async with asyncio.timeout(_AGAIN):
+                code = await goal.cancel()
+        except TimeoutError:
+            return  # it is asked again
+        except Exception as error:
+            self._server.report("action", f"a goal of {self._server.name} cannot be cancelled: {describe(error)}")
+        else:
+            self.heard = self._loop.time()
+            if code == UNKNOWN:
+                self._loop.call_later(_MOMENT, self._finish, End(_FORGOTTEN))
+
+    def _finish(self, end: End) -> None:
+        if not self.over.done():
+            self._server.open.remove(self)
+            self.over.set_result(end)
+
+
+class Server:
+    """The server of an action: its name, how goals are sent there, and how a fault of it is told.
+
+    Attributes:
+        open: The goals whose end was not heard, in the order in which they were sent.
+    """
+
+    def __init__(self, name: str, goals: Goals, report: Callable[[str, str], None]) -> None:
+        self.name, self.goals, self.report = name, goals, report
+        self.open: list[Pursuit] = []
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def run(self, work: Coroutine[Any, Any, None]) -> None:
+        """Run work until `close`."""
+        task = asyncio.get_running_loop().create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def close(self) -> None:
+        """Leave all goals as they are."""
+        for task in tuple(self._tasks):
+            task.cancel()
+
+    async def pursue(
+        self,
+        message: Any,
+        hear: Callable[[Any], object],
+        silence: float | None,
+        group: object,
+        secured: Callable[[], int],
+        *,
+        secures: bool = False,
+    ) -> None:
+        """Have the server pursue a goal to its end; cancelled, return where it has succeeded all the same.
+
+        Args:
+            message: The goal's.
+            hear: Hears its feedback, on the event loop.
+            silence: Seconds without feedback, status or server, after which it has failed; None for never.
+            group: Of goals of one group, the server aborts an older one for a newer one.
+            secured: Says how often the safe action has run.
+            secures: Whether this is the safe action's own, sent also where the end of an older one was not heard.
+
+        Raises:
+            Error: If it fails, or an older goal may still move the robot.
+            CancelledError: If it was cancelled, and has ended so.
+        """
+        self._check(group, secured, secures=secures)
+        await found(lambda: self.goals.ready, self.name, self.report, silence)
+        self._check(group, secured, secures=secures)
+        pursuit, asked = Pursuit(self, message, hear, group), ""
+        try:
+            end = await pursuit.ended(silence)
+        except asyncio.CancelledError:
+            await pursuit.release(secured())
+            end = await pursuit.ended(silence)
+            replaced = pursuit.asked is None and end is not None and end.status == ABORTED
+            if replaced or (end is not None and end.status in {CANCELED, _REJECTED}):
+                raise
+            asked = " was asked to cancel the goal, and"
+        if end is None:
+            pursuit.group = None  # no other is sent beside it
+            pursuit.ask(secured(), asyncio.get_running_loop().time())
+            raise Error(f"the server of {self.name}{asked} told nothing for {silence:g} s: it may be held, or gone")
+        if end.status != SUCCEEDED:
+            raise Error(f"the server of {self.name}{asked} {end}")
+
+    def _check(self, group: object, secured: Callable[[], int], *, secures: bool) -> None:
+        for old in self.open:
+            if old.meets(group) or (old.lost and (secures or secured() > old.secured)):
+                continue
+            if old.asked is None:
+                raise Error(f"another action has the server of {self.name} pursue a goal: let it end, or use a group")
+            raise Error(
+                f"the server of {self.name} may go on with an older goal, whose end was not heard: no new one is sent "
+                f"until it is, or the safe action has run"
+            )
+
+
+async def found(
+    ready: Callable[[], bool], name: str, report: Callable[[str, str], None], seconds: float | None = None
+) -> None:
+    """Wait until the server of a service or an action is there; tell a fault where it is not there yet.
+
+    Raises:
+        Error: If it is not there after so many seconds.
+    """
+    if ready():
+        return
+    report("unmatched", f"the server of {name} is not there: an action waits for it")
+    try:
+        async with asyncio.timeout(seconds):
+            while True:
+                await asyncio.sleep(_POLL)
+                if ready():
+                    return
+    except TimeoutError:
+        raise Error(f"the server of {name} was not there for {seconds:g} s") from None

@@ -1,0 +1,418 @@
+"""The wire over the user's rclpy: one node, in a context and on a thread of its own.
+
+All of the node's life is on that thread. The event loop sends at once, and gets all answers handed. An action is its
+three services and two topics here: rclpy's own client of actions can lose an answer that comes early.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import threading
+import time
+from contextlib import ExitStack, suppress
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, NamedTuple
+from uuid import uuid4
+
+from mdm.errors import Error
+from mdm.messages import Fault
+from mdm.ros2.messages import fields, filled, interface, make
+from mdm.ros2.wire import Peer, Quality, Role, WireError
+from mdm.runtime.supervision import describe
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable, Mapping
+
+    from mdm.runtime import Runtime
+
+__all__ = ["RclpyWire"]
+
+_DOMAINS = 232
+"""The last domain: with a greater one Fast DDS ends the process."""
+_PATIENCE = 8.0
+"""Seconds in which the node begins."""
+_LOOK = 5.0
+"""Seconds between two looks at the types of publishers."""
+_FEEDBACK = Quality(reliability="reliable")
+_STATUS = Quality(depth=1, reliability="reliable", durability="transient_local")
+
+
+class RclpyWire:
+    """A `mdm.ros2.wire.Wire` over rclpy, with one node.
+
+    Domain, discovery and middleware are those of the environment. It leaves signals, parameters and rclpy's log alone.
+
+    Args:
+        node: The node's name.
+        namespace: Its namespace, such as ``/robot1``.
+        remap: By name of a topic, service or action, the one that is used in its place.
+
+    Raises:
+        WireError: If rclpy is not there, the domain is none, or a name is none of ROS 2.
+
+    Attributes:
+        node: The node of rclpy; None unless the wire is open.
+    """
+
+    def __init__(self, node: str, namespace: str = "", remap: Mapping[str, str] | None = None) -> None:
+        domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+        if not domain.isdecimal() or int(domain) > _DOMAINS:
+            raise WireError(f"ROS_DOMAIN_ID is a whole number from 0 to {_DOMAINS}, not {domain!r}")
+        try:
+            self.rclpy: Any = import_module("rclpy")
+            import_module("rclpy.node")  # and the modules that it needs
+        except Exception as error:
+            raise WireError(
+                f"rclpy cannot be imported ({error}): it comes with ROS 2, so source the setup of your distribution "
+                "(source /opt/ros/kilted/setup.bash), and run mdm with the Python for which that is built"
+            ) from error
+        self.node: Any = None
+        self._name, self._namespace, self._remap = node, f"/{namespace.strip('/')}", dict(remap or {})
+        for name in ("node", *self._remap, *self._remap.values()):
+            self._check(name)
+        self._makers: list[Callable[[], object]] = []
+        self._waiting: set[asyncio.Future[Any]] = set()
+        self._told: dict[tuple[str, str], float] = {}
+        self._kinds: dict[str, str] = {}
+        self._others: set[tuple[str, Peer]] = set()
+        self._ended: asyncio.Future[None] | None = None
+
+    make = staticmethod(make)
+    fields = staticmethod(fields)
+
+    def subscribe(self, topic: str, kind: str, hear: Callable[[Any], object], quality: Quality, /) -> None:
+        """Hear each message of a topic, in the node's thread."""
+        self.listen(topic, interface(kind, "msg"), hear, quality)
+        self._kinds[topic] = kind
+
+    def publish(self, topic: str, kind: str, quality: Quality, /) -> _Publisher:
+        """Return a publisher on a topic."""
+        return _Publisher(self, topic, interface(kind, "msg"), quality)
+
+    def call(self, service: str, kind: str, /) -> _Client:
+        """Return a client of a service."""
+        return _Client(self, service, interface(kind, "srv"))
+
+    def action(self, name: str, kind: str, /) -> _Goals:
+        """Return a sender of goals to an action's server."""
+        return _Goals(self, name, interface(kind, "action"))
+
+    def serve(self, service: str, kind: str, answer: Callable[[Any], Any], /) -> None:
+        """Answer a service on the event loop, by the default response where ``answer`` fails."""
+        loaded = interface(kind, "srv")
+
+        def respond(request: Any, response: Any, answered: Any) -> None:
+            try:
+                response = filled(loaded.Response, answer(request))
+            finally:
+                answered.set_result(response)
+                self.node.executor.wake()
+
+        async def asked(request: Any, response: Any) -> Any:
+            answered = self.rclpy.task.Future()
+            self.hand(service, respond, request, response, answered)
+            return await answered
+
+        group = self.rclpy.callback_groups.ReentrantCallbackGroup()  # others are heard meanwhile
+        self.prepare(service, lambda: self.node.create_service(loaded, service, asked, callback_group=group))
+
+    def peers(self, role: Role, name: str, /) -> list[Peer]:
+        """Return who else has this role for a topic, a service or an action; nobody while the wire is not open."""
+        found: list[tuple[str, str, str, Quality | None]] = []
+        if (node := self.node) is None:
+            return []
+        if role in {"publisher", "subscription"}:
+            look = node.get_publishers_info_by_topic if role == "publisher" else node.get_subscriptions_info_by_topic
+            for at in look(name):
+                found += [(at.node_namespace, at.node_name, at.topic_type, _quality(at.qos_profile))]
+        else:
+            full = self.full(name, "send_goal") if role == "action" else node.resolve_service_name(name)
+            for other, space in node.get_node_names_and_namespaces():
+                with suppress(Exception):  # it has left meanwhile
+                    served = dict(node.get_service_names_and_types_by_node(other, space)).get(full, ())
+                    found += [(space, other, kind.removesuffix("_SendGoal"), None) for kind in served]
+        peers = [Peer(f"{space.rstrip('/')}/{other}", kind, quality) for space, other, kind, quality in found]
+        return [peer for peer in peers if peer.node != node.get_fully_qualified_name()]
+
+    async def open(self, runtime: Runtime) -> None:
+        """Make the node and all that was asked for, and begin to hear.
+
+        Raises:
+            WireError: If that fails, or takes too long.
+        """
+        self._runtime, self._loop = runtime, asyncio.get_running_loop()
+        self._closing, self._ended = self.rclpy.task.Future(), self._loop.create_future()
+        begun: asyncio.Future[None] = self._loop.create_future()
+        # A daemon, lest a callback that hangs keeps the process; `close` waits for its end.
+        self._thread = threading.Thread(target=self._live, args=(begun,), name="mdm:ros2", daemon=True)
+        self._thread.start()
+        try:
+            await asyncio.wait_for(begun, _PATIENCE)
+        except BaseException as error:
+            self._closing.set_result(None)
+            if isinstance(error, TimeoutError):
+                raise WireError(f"the node {self._name!r} has not begun within {_PATIENCE:g} s") from None
+            raise
+
+    async def close(self) -> None:
+        """Give the node back and wait for its thread; whoever waits for an answer gets a `WireError`."""
+        if self._ended is not None:
+            self.node = None
+            self._closing.set_result(None)
+            await self._ended
+            self._thread.join()
+
+    # -- For the handles -----------------------------------------------------------------------------------------
+
+    def prepare(self, name: str, create: Callable[[], object]) -> Callable[[], Any]:
+        """Have something made when the node begins; return a function that returns it while the wire is open."""
+        self._check(name)
+        made: list[Any] = []
+        self._makers.append(lambda: made.append(create()))
+
+        def get() -> Any:
+            if self.node is None:
+                raise WireError(f"{name} cannot be reached: the link to ROS 2 is not open")
+            return made[-1]  # of the last time that it was opened
+
+        return get
+
+    def listen(self, name: str, kind: Any, hear: Callable[[Any], object], quality: Quality, part: str = "") -> None:
+        """Subscribe to a topic, or to one that is part of an action."""
+
+        def heard(message: Any) -> None:
+            try:
+                hear(message)
+            except Exception as error:
+                self.report(name, "exception", describe(error))
+
+        def create() -> object:
+            events = self.rclpy.event_handler.SubscriptionEventCallbacks(**self.misfits(name, "a publisher offers"))
+            return self.node.create_subscription(
+                kind, self.full(name, part), heard, self.profile(quality), event_callbacks=events
+            )
+
+        self.prepare(name, create)
+
+    def full(self, name: str, part: str) -> str:
+        """Return the name of a part of an action, which rclpy would not remap."""
+        return f"{self.node.resolve_topic_name(name)}/_action/{part}" if part else name
+
+    def profile(self, quality: Quality) -> Any:
+        """Return a quality of service as rclpy has it."""
+        reliability = self.rclpy.qos.ReliabilityPolicy[quality.reliability.upper()]
+        durability = self.rclpy.qos.DurabilityPolicy[quality.durability.upper()]
+        return self.rclpy.qos.QoSProfile(depth=quality.depth, reliability=reliability, durability=durability)
+
+    def misfits(self, name: str, who: str) -> dict[str, Callable[[Any], None]]:
+        """Return the callback of rclpy that reports another side to which nothing passes."""
+
+        def misfit(event: Any) -> None:
+            policy = self.rclpy.qos.qos_policy_name_from_kind(event.last_policy_kind).lower()
+            self.report(name, "quality", f"{who} another {policy} than this side has, so that no message passes")
+
+        return {"incompatible_qos": misfit}
+
+    def hand(self, name: str, call: Callable[..., object], *arguments: Any) -> None:
+        """Call a function on the event loop, from any thread; its error is a fault. After the end nothing is called."""
+
+        def guarded() -> None:
+            try:
+                call(*arguments)
+            except Exception as error:
+                self.report(name, "exception", describe(error))
+
+        with suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(guarded)
+
+    def report(self, name: str, kind: str, detail: str) -> None:
+        """Publish a fault of a topic, service or action, from any thread; in a second the first of a kind."""
+        now = time.monotonic()
+        if now >= self._told.get((name, kind), now):
+            self._told[name, kind] = now + 1
+            with suppress(Error):  # another process's, after a fork
+                self._runtime.faults.publish(Fault(self._runtime.now(), f"ros2/{name.lstrip('/')}", kind, detail))
+
+    def expect(self) -> asyncio.Future[Any]:
+        """Return a future for an answer, which fails where the wire ends before."""
+        answer = self._loop.create_future()
+        self._waiting.add(answer)
+        answer.add_done_callback(self._waiting.discard)
+        return answer
+
+    # -- The node's thread ---------------------------------------------------------------------------------------
+
+    def _live(self, begun: asyncio.Future[None]) -> None:
+        """Make the node and spin it until the wire closes, then give all back."""
+        rclpy, undo = self.rclpy, ExitStack()
+        try:
+            undo.callback((context := rclpy.context.Context()).try_shutdown)
+            context.init(args=[], initialize_logging=False)  # signal handlers are of rclpy.init alone
+            rules = [part for old, new in self._remap.items() for part in ("-r", f"{old}:={new}")]
+            own = {"context": context, "namespace": self._namespace, "cli_args": ["--ros-args", *rules]}
+            off = dict.fromkeys(("use_global_arguments", "enable_rosout", "start_parameter_services"), False)
+            self.node = node = rclpy.node.Node(self._name, **own, **off)
+            undo.callback(node.destroy_node)
+            undo.callback((executor := rclpy.executors.SingleThreadedExecutor(context=context)).shutdown)
+            executor.add_node(node)
+            for create in self._makers:
+                create()
+            node.create_timer(_LOOK, self._look)
+            self.hand(self._name, _settle, begun, None)
+            while not self._closing.done():
+                try:
+                    executor.spin_until_future_complete(self._closing)
+                except rclpy.executors.ExternalShutdownException:
+                    self.report(self._name, "exception", "the program has shut rclpy down: nothing comes any more")
+                    break
+                except Exception as error:
+                    self.report(self._name, "exception", describe(error))
+                    time.sleep(0.01)  # where it comes again at once, the event loop has its time
+        except Exception as error:
+            self.hand(self._name, _settle, begun, WireError(f"the node {self._name!r} cannot begin: {error}"))
+        finally:
+            self.node = None
+            with suppress(Exception):  # of a node that is gone already
+                undo.close()
+            self.hand(self._name, self._end)
+
+    def _look(self) -> None:
+        """Report publishers of other types, of which Fast DDS says nothing."""
+        found = {(topic, peer) for topic in self._kinds for peer in self.peers("publisher", topic)}
+        for topic, peer in found - self._others:
+            if peer.kind != self._kinds[topic]:
+                self._others.add((topic, peer))
+                text = f"{peer.node} publishes {peer.kind}, and this side hears {self._kinds[topic]} alone"
+                self.report(topic, "quality", text)
+
+    def _end(self) -> None:
+        """Tell all who wait that the thread has ended."""
+        for answer in tuple(self._waiting):
+            _settle(answer, WireError("the link to ROS 2 has ended"))
+            answer.exception()  # which may be nobody's concern
+        assert self._ended is not None
+        _settle(self._ended, None)
+
+    def _check(self, name: str) -> None:
+        try:
+            full = self.rclpy.expand_topic_name.expand_topic_name(name, self._name, self._namespace)
+            self.rclpy.validate_full_topic_name.validate_full_topic_name(full)
+        except Exception as error:
+            raise WireError(str(error).partition(", at /")[0]) from None
+
+
+class _Publisher:
+    """Publishes on a topic."""
+
+    def __init__(self, wire: RclpyWire, topic: str, kind: Any, quality: Quality) -> None:
+        def create() -> object:
+            events = wire.rclpy.event_handler.PublisherEventCallbacks(**wire.misfits(topic, "a subscription wants"))
+            return wire.node.create_publisher(kind, topic, wire.profile(quality), event_callbacks=events)
+
+        self._wire, self._kind, self._made = wire, kind, wire.prepare(topic, create)
+
+    def __call__(self, message: Any, /) -> None:
+        self._made().publish(filled(self._kind, message))
+
+    @property
+    def matched(self) -> int:
+        return 0 if self._wire.node is None else self._made().get_subscription_count()
+
+
+class _Client:
+    """Calls a service, or one that is part of an action."""
+
+    def __init__(self, wire: RclpyWire, service: str, kind: Any, part: str = "") -> None:
+        self._wire, self._service, self._kind = wire, service, kind
+        self._made = wire.prepare(service, lambda: wire.node.create_client(kind, wire.full(service, part)))
+
+    @property
+    def ready(self) -> bool:
+        return self._wire.node is not None and self._made().service_is_ready()
+
+    def __call__(self, request: Any, /) -> asyncio.Future[Any]:
+        return self.ask(filled(self._kind.Request, request))
+
+    def ask(self, request: Any) -> asyncio.Future[Any]:
+        """Send a request that was checked."""
+        made, answer = self._made(), self._wire.expect()
+        asked = made.call_async(request)
+        answer.add_done_callback(lambda _: made.remove_pending_request(asked))
+        asked.add_done_callback(lambda asked: self._wire.hand(self._service, _settle, answer, asked.result()))
+        return answer
+
+
+class _Goal(NamedTuple):
+    """A goal that a server has answered."""
+
+    accepted: bool
+    end: Callable[[], Awaitable[tuple[int, Any]]]
+    cancel: Callable[[], Awaitable[int]]
+
+
+class _Goals:
+    """Sends goals to an action's server."""
+
+    def __init__(self, wire: RclpyWire, name: str, action: Any) -> None:
+        self._wire, self._name, self._kind, self._parts = wire, name, action.Goal, action.Impl
+        self._sends = _Client(wire, name, action.Impl.SendGoalService, "send_goal")
+        self._results = _Client(wire, name, action.Impl.GetResultService, "get_result")
+        self._cancels = _Client(wire, name, action.Impl.CancelGoalService, "cancel_goal")
+        self._heard: dict[bytes, tuple[Callable[[Any], object], Callable[[int], object]]] = {}
+        wire.listen(name, action.Impl.FeedbackMessage, self._feedback, _FEEDBACK, "feedback")
+        wire.listen(name, action.Impl.GoalStatusMessage, self._status, _STATUS, "status")
+
+    @property
+    def ready(self) -> bool:
+        return self._sends.ready and self._results.ready and self._cancels.ready
+
+    def send(
+        self, goal: Any, feedback: Callable[[Any], object], status: Callable[[int], object], /
+    ) -> Awaitable[_Goal]:
+        request = self._parts.SendGoalService.Request(goal=filled(self._kind, goal))
+        key = uuid4().bytes
+        request.goal_id.uuid = list(key)
+        self._heard[key] = feedback, status
+        return asyncio.ensure_future(self._answered(request.goal_id, self._sends.ask(request)))
+
+    async def _answered(self, identity: Any, answer: asyncio.Future[Any]) -> _Goal:
+        accepted, service = (await answer).accepted, self._parts.GetResultService
+        result = self._results.ask(service.Request(goal_id=identity)) if accepted else self._wire.expect()
+        result.add_done_callback(lambda _: self._heard.pop(bytes(identity.uuid), None))
+        if not accepted:
+            _settle(result, service.Response())
+
+        async def end() -> tuple[int, Any]:
+            ended = await asyncio.shield(result)
+            return ended.status, ended.result
+
+        async def cancel() -> int:
+            request = self._parts.CancelGoalService.Request()
+            request.goal_info.goal_id = identity
+            answered = await self._cancels.ask(request)
+            return answered.return_code or int(not answered.goals_canceling)  # rclpy's servers refuse by an empty list
+
+        return _Goal(accepted, end, cancel)
+
+    def _feedback(self, message: Any) -> None:
+        if heard := self._heard.get(bytes(message.goal_id.uuid)):
+            self._wire.hand(self._name, heard[0], message.feedback)
+
+    def _status(self, message: Any) -> None:
+        for each in message.status_list:
+            if heard := self._heard.get(bytes(each.goal_info.goal_id.uuid)):
+                self._wire.hand(self._name, heard[1], each.status)
+
+
+def _quality(profile: Any) -> Quality:
+    """Return a quality of service of rclpy; ROS' graph may not know its depth."""
+    reliability, durability = profile.reliability.name.lower(), profile.durability.name.lower()
+    durability = durability if reliability == "reliable" else "volatile"  # a message that is kept comes to nobody
+    return Quality(depth=max(profile.depth, 1), reliability=reliability, durability=durability)
+
+
+def _settle(future: asyncio.Future[Any], outcome: Any) -> None:
+    """Give a future its result, or its error, unless it has one."""
+    if not future.done():
+        (future.set_exception if isinstance(outcome, Exception) else future.set_result)(outcome)

@@ -78,8 +78,8 @@ class PublishTable(BindingSettings, frozen=True, kw_only=True):
         type: Its type, such as ``geometry_msgs/msg/Twist``.
         message: The message's fields, or the function ``module:name`` that returns them, as of a goal; else zeros.
         rate: How many times a second it is published; once by default.
-        until: With a rate, the predicate that ends it when true, or the seconds after which it ends; by default it goes
-            on until it is cancelled.
+        until: With a rate, the predicate that ends it when true, or the seconds after which it ends: it fails where
+            nobody subscribes to the topic then. By default it goes on until it is cancelled.
         last: With a rate, the fields of one more message, published when it ends or is cancelled; none by default.
         qos: The quality of service.
     """
@@ -202,6 +202,8 @@ class Actions:
                     publisher(made)
                     count += 1
                     await asyncio.sleep(begin + count * period - loop.time())
+                if not publisher.matched:
+                    raise _Error(f"nobody has heard it: there is no subscription of {name}")
             finally:
                 if end is not None:
                     publisher(end)

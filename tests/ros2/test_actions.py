@@ -271,6 +271,18 @@ def test_a_message_is_published_at_a_rate_until_a_predicate_is_true():
     run(lambda actions: actions.publish("/cmd_vel", TWIST, rate=10.0, until="IsStill"), scenario)
 
 
+@pytest.mark.parametrize(("subscribers", "end"), [(0, "failed"), (1, "succeeded")])
+def test_what_nobody_has_heard_until_its_end_has_failed(subscribers, end):
+    async def scenario(bench):
+        bench.wire.subscribers["/cmd_vel"] = subscribers
+        bench.act()
+        await asyncio.sleep(1)
+        assert len(bench.sent("/cmd_vel")) == 3
+        assert bench.ends() == [("Act", end)]
+
+    run(lambda actions: actions.publish("/cmd_vel", TWIST, rate=10.0, until=0.3), scenario)
+
+
 @pytest.mark.parametrize("last", [None, {"linear": {"x": -1.0}}])
 @pytest.mark.parametrize("cancelled", [True, False])
 def test_the_last_message_ends_what_is_published_at_a_rate(last, cancelled):

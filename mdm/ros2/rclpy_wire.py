@@ -373,8 +373,14 @@ class _Goals:
         request = self._parts.SendGoalService.Request(goal=filled(self._kind, goal))
         key = uuid4().bytes
         request.goal_id.uuid = list(key)
-        self._heard[key] = feedback, status
-        return asyncio.ensure_future(self._answered(request.goal_id, self._sends.ask(request)))
+        answer = self._sends.ask(request)
+
+        def told(code: int) -> None:  # as well where the answer was lost, as it is of a server that has just begun
+            _settle(answer, self._parts.SendGoalService.Response(accepted=True))
+            status(code)
+
+        self._heard[key] = feedback, told
+        return asyncio.ensure_future(self._answered(request.goal_id, answer))
 
     async def _answered(self, identity: Any, answer: asyncio.Future[Any]) -> _Goal:
         accepted, service = (await answer).accepted, self._parts.GetResultService

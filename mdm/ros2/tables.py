@@ -13,7 +13,7 @@ from mdm.actors import Binding
 from mdm.actors.options import BindingSettings
 from mdm.config import TableReader
 from mdm.config.functions import Lasting, nothing
-from mdm.errors import ConfigError
+from mdm.errors import ConfigError, Error
 from mdm.options import Options, Seconds
 from mdm.ros2.actions import CallTable, GoalTable, PublishTable
 from mdm.ros2.conditions import Condition
@@ -23,6 +23,7 @@ from mdm.ros2.navigator import GoalNavigator, NavigatorTable
 from mdm.ros2.rclpy_wire import RclpyWire
 from mdm.ros2.reports import SERVICES, Reports
 from mdm.ros2.wire import Quality
+from mdm.runtime.supervision import describe
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -141,7 +142,10 @@ class Ros2Reader(TableReader):
         make: Any = self.wire if table.wire is None else functions.find(table.wire, "ros2.wire")
         if make is None or not functions.imported or (self._reading.virtual and table.wire is None):
             return
-        wire = make(node=table.node, namespace=namespace, remap=table.remap)
+        try:
+            wire = make(node=table.node, namespace=namespace, remap=table.remap)
+        except Exception as error:
+            raise error if isinstance(error, Error) else ConfigError(f"no wire is made: {describe(error)}") from error
         services = table.services if isinstance(table.services, list) else SERVICES if table.services else ()
         named = f"{namespace}/{table.node}".strip("/")
         told = Reports(wire, named, diagnostics=table.diagnostics, decisions=table.decisions, services=services)
@@ -163,7 +167,7 @@ class Ros2Reader(TableReader):
             self._reading.predicates.sensor(name, max_age=entry.max_age)
         else:
             self._topic(entry).predicate(name, when, entry.max_age)
-        self._reading.predicates.declared.tellers[name] = f"{entry.topic} ({entry.when})"
+        self._reading.predicates.declared.tellers[name] = f"{entry.topic}: {entry.when}"
 
     def event(self, name: str, written: dict[str, Any], key: str) -> None:
         """Declare an event that a topic raises."""
@@ -175,7 +179,7 @@ class Ros2Reader(TableReader):
             self._reading.predicates.event(name)
         else:
             self._topic(entry).event(name, when)
-        self._reading.predicates.declared.tellers[name] = f"{entry.topic} ({entry.when or 'each message'})"
+        self._reading.predicates.declared.tellers[name] = f"{entry.topic}: {entry.when or 'each message'}"
 
     def pose(self, written: dict[str, Any], places: Places, key: str) -> None:
         """Let a topic tell where the robot is."""

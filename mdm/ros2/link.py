@@ -78,13 +78,19 @@ class Link(Extension):
         for topic in self.topics.values():
             topic.open(runtime)
         await self.wire.open(runtime)
-        await self.actions.open(runtime)
-        if self._reports is not None:
-            self._reports.open(runtime)
+        try:
+            await self.actions.open(runtime)
+            if self._reports is not None:
+                self._reports.open(runtime)
+        except BaseException:
+            await self.wire.close()
+            raise
 
     async def close(self) -> None:
         """End the wire, behind the last report."""
-        if self._reports is not None:
-            self._reports.close()
-        await self.actions.close()
-        await self.wire.close()
+        try:
+            if self._reports is not None:
+                self._reports.close()
+            await self.actions.close()
+        finally:
+            await self.wire.close()

@@ -55,6 +55,13 @@ class GoalTable(BindingSettings, frozen=True, kw_only=True):
     group: str | None = None
     may_succeed: bool = True
 
+    @property
+    def note(self) -> str:
+        """The note of `mdm check`, see `Binding`."""
+        if self.silence is None:
+            return ""
+        return f"fails {self.silence:g} s after the last feedback or status: leave its silence out where none comes"
+
 
 class CallTable(BindingSettings, frozen=True, kw_only=True):
     """The call of a service in a file: the options of an action, see `BindingOptions`, and these.
@@ -139,7 +146,7 @@ class Actions:
         **options: Unpack[BindingOptions],
     ) -> Binding:
         """Return the action that has a server pursue a goal; see `GoalTable`."""
-        GoalTable(action=name, type=kind, silence=silence)
+        table = GoalTable(action=name, type=kind, silence=silence)
         server, make, hear = self.server(name, kind), self._maker(kind, goal), self._hearer(name, feedback)
         options.setdefault("may_succeed", True)
         group = options.get("group")
@@ -154,7 +161,9 @@ class Actions:
 
             return _named(pursue, name)
 
-        return _Goal(within, options)
+        bound = _Goal(within, options)
+        bound.note = table.note
+        return bound
 
     def call(self, name: str, kind: str, *, request: Made = None, **options: Unpack[BindingOptions]) -> Binding:
         """Return the action that calls a service; ``success = false`` in the response fails; see `CallTable`."""

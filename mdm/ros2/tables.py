@@ -208,7 +208,9 @@ class Ros2Reader(TableReader):
         if self._link is None:
             target: Any = partial(nothing) if role == "publish" and entry.rate is None else Lasting()
             target.__module__, target.__qualname__ = "mdm.ros2.actions", f"ros2({given[role]!r})"
-            return Binding(target, **entry.as_arguments(BindingSettings))
+            binding = Binding(target, **entry.as_arguments(BindingSettings))
+            binding.note = getattr(entry, "note", "")
+            return binding
         bound: Binding = getattr(self._link.actions, method)(given.pop(role), given.pop("type"), **given)
         return bound
 

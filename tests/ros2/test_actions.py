@@ -10,7 +10,7 @@ from action_lives import lives_of, robot, told
 from ros2.stand_in import Server, StandIn
 from sentences import refused
 
-from mdm import PredicateManager
+from mdm import PredicateManager, load_system
 from mdm.errors import ConfigError
 from mdm.messages import Fault, Progress
 from mdm.ros2.actions import Actions
@@ -377,3 +377,21 @@ def test_a_goal_as_the_safe_action_is_sent_also_where_the_end_of_another_was_not
         scenario,
         safe=lambda actions: actions.goal("/dock", DOCK, goal={"dock_id": "home"}),
     )
+
+
+# -- Notes -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("silence", [None, 2.0, 0.5])
+@pytest.mark.parametrize("written", [True, False])
+def test_a_check_says_that_a_server_without_feedback_would_fail(silence, written):
+    act = {"action": "/dock", "type": DOCK, **({} if silence is None else {"silence": silence})}
+    if written:
+        table = {"policy": [0, 1], "actions": {"Act": act, "Wait": {"call": "robot:wait"}}}
+        document = {"ros2": {}, "ensembles": {"robot": table}}
+        robots = load_system(document, callbacks=False).ensembles["robot"]
+    else:
+        robots = robot({"Act": Actions(StandIn()).goal("/dock", DOCK, silence=silence), "Wait": lambda: None})
+    said = [note for note in robots.notes() if "feedback" in note]
+    words = f"fails {silence or 0:g} s after the last feedback or status: leave its silence out where none comes"
+    assert said == ([] if silence is None else [f"ensemble 'robot': action 'Act' {words}"])

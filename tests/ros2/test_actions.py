@@ -14,6 +14,7 @@ from mdm import PredicateManager, load_system
 from mdm.errors import ConfigError
 from mdm.messages import Fault, Progress
 from mdm.ros2.actions import Actions
+from mdm.ros2.link import Link
 from mdm.ros2.wire import Quality, WireError
 from mdm.testing import probe, run_virtual
 
@@ -377,6 +378,42 @@ def test_a_goal_as_the_safe_action_is_sent_also_where_the_end_of_another_was_not
         scenario,
         safe=lambda actions: actions.goal("/dock", DOCK, goal={"dock_id": "home"}),
     )
+
+
+@pytest.mark.parametrize("state", ["sent", "accepted", "feeding", "cancelling", "silent"])
+def test_the_end_of_a_program_ends_the_goal_in_each_state_and_the_safe_action_has_the_last_word(state):
+    wire = StandIn()
+    predicates = known("IsStill")
+    link = Link(wire, predicates)
+    made = {
+        "Wait": lambda: None,
+        "Act": link.actions.goal("/dock", DOCK, silence=2.0),
+        "Safe": link.actions.publish("/cmd_vel", TWIST, rate=10.0, until=0.5),
+    }
+    robots = robot(made, predicates=predicates, safe_action="Safe")
+
+    async def main(runtime):
+        answers = 3600.0 if state == "sent" else 0.0
+        server = Server(wire, "/dock", answers=answers, feeds=None if state == "accepted" else 0.2, brakes=1.0)
+        await runtime.start(predicates)
+        await runtime.start(robots)
+        robots.publish_state(1)
+        await asyncio.sleep(0.5)
+        if state == "cancelling":
+            robots.publish_state(0)
+        elif state == "silent":
+            server.hold()
+        await asyncio.sleep(0.1)
+        return server, asyncio.get_running_loop().time()
+
+    server, end = run_virtual(main, log=False, extensions=[link])
+    times = [time - end for time, _ in wire.published["/cmd_vel"]]
+    assert len(times) == 5
+    assert times[0] == pytest.approx(
+        2.0 if state in {"sent", "silent"} else 0.9 if state == "cancelling" else 1.0, abs=0.01
+    )
+    assert server.sent[0].status == (None if state in {"sent", "silent"} else 5)
+    assert wire.closed
 
 
 # -- Notes -----------------------------------------------------------------------------------------------------------

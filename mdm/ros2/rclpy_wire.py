@@ -184,6 +184,7 @@ class RclpyWire:
         def heard(message: Any) -> None:
             try:
                 hear(message)
+                time.sleep(0)  # lets the event loop go on now: else it waits .15 ms for what rclpy does next
             except Exception as error:
                 self.report(name, "exception", describe(error))
 

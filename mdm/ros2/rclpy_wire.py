@@ -414,7 +414,8 @@ class _Goals:
 
 def _quality(profile: Any) -> Quality:
     """Return a quality of service of rclpy; ROS' graph may not know its depth."""
-    reliability, durability = profile.reliability.name.lower(), profile.durability.name.lower()
+    reliability: Any = profile.reliability.name.lower()
+    durability: Any = profile.durability.name.lower()
     durability = durability if reliability == "reliable" else "volatile"  # a message that is kept comes to nobody
     return Quality(depth=max(profile.depth, 1), reliability=reliability, durability=durability)
 

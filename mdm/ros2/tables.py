@@ -15,7 +15,7 @@ from mdm.config import TableReader
 from mdm.config.functions import Lasting, nothing
 from mdm.errors import ConfigError, Error
 from mdm.options import Options, Seconds
-from mdm.ros2.actions import CallTable, GoalTable, PublishTable
+from mdm.ros2.actions import Actions, CallTable, GoalTable, PublishTable
 from mdm.ros2.conditions import Condition
 from mdm.ros2.inputs import PoseKind
 from mdm.ros2.link import Link
@@ -205,14 +205,16 @@ class Ros2Reader(TableReader):
             given["feedback"] = self._feedback(given["feedback"], f"{key}.feedback")
         if len(self._reading.problems) > before:
             return None
-        if self._link is None:
-            target: Any = partial(nothing) if role == "publish" and entry.rate is None else Lasting()
-            target.__module__, target.__qualname__ = "mdm.ros2.actions", f"ros2({given[role]!r})"
-            binding = Binding(target, **entry.as_arguments(BindingSettings))
-            binding.note = getattr(entry, "note", "")
-            return binding
-        bound: Binding = getattr(self._link.actions, method)(given.pop(role), given.pop("type"), **given)
-        return bound
+        actions = Actions(_Unchecked(), self._reading.predicates) if self._link is None else self._link.actions
+        name = given.pop(role)
+        bound: Binding = getattr(actions, method)(name, given.pop("type"), **given)
+        if self._link is not None:
+            return bound
+        target: Any = partial(nothing) if role == "publish" and entry.rate is None else Lasting()
+        target.__module__, target.__qualname__ = "mdm.ros2.actions", f"ros2({name!r})"
+        stand_in = Binding(target, **entry.as_arguments(BindingSettings))
+        stand_in.note = bound.note
+        return stand_in
 
     def extension(self) -> Extension | None:
         """Return the link."""
@@ -249,3 +251,10 @@ class Ros2Reader(TableReader):
         self._reading.predicates.declared.check_input(given["predicate"], "predicate")
         when, sense = self._when(given["when"], f"{key}.when"), self._reading.predicates.sense
         return None if when is None else lambda message: sense(given["predicate"], when(message))
+
+
+class _Unchecked:
+    """Stands for a wire where options are checked, and types are not."""
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *_: None

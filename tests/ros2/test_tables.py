@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import subprocess
 import sys
 import tomllib
@@ -210,22 +211,14 @@ def test_hours_of_it(folder):
     assert (statistics.lost, statistics.interrupted) == (0, 0)
 
 
-NO_ROS = """
-import sys
-class Refusing:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] == "rclpy":
-            raise AssertionError("rclpy is imported")
-sys.meta_path.insert(0, Refusing())
-from mdm.cli import main
-raise SystemExit(main(sys.argv[1:]))
-"""
-
-
 def command(*arguments, folder):
-    """Run the command where importing rclpy is an error."""
-    program = [sys.executable, "-c", NO_ROS, *map(str, arguments)]
-    return subprocess.run(program, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
+    """Run the command where importing rclpy, though it is found, is an error."""
+    (folder / "rclpy.py").write_text("raise AssertionError('rclpy is imported')")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), *sys.path])}
+    program = [sys.executable, "-m", "mdm", *map(str, arguments)]
+    return subprocess.run(
+        program, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=120
+    )
 
 
 def test_a_run_is_recorded_and_repeated(folder):
@@ -366,6 +359,7 @@ def inline(value):
 
 
 BATTERY = {"topic": "/battery", "type": "sensor_msgs/msg/BatteryState", "when": "percentage < 0.2"}
+TWIST = "geometry_msgs/msg/Twist"
 WRONG = [
     {"ros2": 3},
     {"ros2": {"nod": "x"}},
@@ -402,6 +396,8 @@ WRONG = [
     {"ensembles__top__actions__Dock": {"action": "/dock", "type": "x", "feedback": {"when": "x"}}},
     {"ensembles__top__actions__Dock": {"service": "/dock", "type": "x", "silence": 3.0}},
     {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": "x", "rate": 0}},
+    {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": TWIST, "until": 3.0}},
+    {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": TWIST, "rate": 9.0, "until": "Lo"}},
 ]
 UNCHECKED = [
     {"ros2": {"wire": "robot_code:home"}},
@@ -411,7 +407,6 @@ UNCHECKED = [
     {"events__Bumped": {**BATTERY, "type": "std_msgs/msg/Bool", "when": "data"}},
     {"events__Bumped": {**BATTERY, "qos": {"depth": 3}}},
     {"ensembles__top__actions__Dock": {"action": "/dock", "type": "nav2_msgs/action/Dock"}},
-    {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": "geometry_msgs/msg/Twist", "until": 3.0}},
     {"ensembles__top__actions__Dock": {"service": "/x", "type": "std_srvs/srv/SetBool", "request": {"dat": True}}},
 ]
 

@@ -1,7 +1,7 @@
 """From a ROS node's message to mdm's decision to the message that its action publishes, against a bare echo by rclpy.
 
-A node sends a number and waits for the answer, of the one and the other by turns. Each run has processes of its own. It
-needs an interpreter that has rclpy, given by ``--ros`` or MDM_ROS_PYTHON.
+A node sends a number, waits for the answer, and sends the next one 2 ms later; to the one and the other by turns. Each
+run has processes of its own. It needs an interpreter that has rclpy, given by ``--ros`` or MDM_ROS_PYTHON.
 """
 
 from __future__ import annotations
@@ -60,6 +60,7 @@ for number in range(-2, blocks):
             if number >= 0:
                 seconds[name].append(time.perf_counter() - begin)
             answers[name] = None
+            time.sleep(0.002)
 print(json.dumps(seconds), flush=True)
 """
 

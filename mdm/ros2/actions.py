@@ -55,6 +55,13 @@ class GoalTable(BindingSettings, frozen=True, kw_only=True):
     group: str | None = None
     may_succeed: bool = True
 
+    @property
+    def note(self) -> str:
+        """The note of `mdm check`, see `Binding`."""
+        if self.silence is None:
+            return ""
+        return f"fails {self.silence:g} s after the last feedback or status: leave its silence out where none comes"
+
 
 class CallTable(BindingSettings, frozen=True, kw_only=True):
     """The call of a service in a file: the options of an action, see `BindingOptions`, and these.
@@ -78,8 +85,8 @@ class PublishTable(BindingSettings, frozen=True, kw_only=True):
         type: Its type, such as ``geometry_msgs/msg/Twist``.
         message: The message's fields, or the function ``module:name`` that returns them, as of a goal; else zeros.
         rate: How many times a second it is published; once by default.
-        until: With a rate, the predicate that ends it when true, or the seconds after which it ends; by default it goes
-            on until it is cancelled.
+        until: With a rate, the predicate that ends it when true, or the seconds after which it ends: it fails where
+            nobody subscribes to the topic then. By default it goes on until it is cancelled.
         last: With a rate, the fields of one more message, published when it ends or is cancelled; none by default.
         qos: The quality of service.
     """
@@ -139,7 +146,7 @@ class Actions:
         **options: Unpack[BindingOptions],
     ) -> Binding:
         """Return the action that has a server pursue a goal; see `GoalTable`."""
-        GoalTable(action=name, type=kind, silence=silence)
+        table = GoalTable(action=name, type=kind, silence=silence)
         server, make, hear = self.server(name, kind), self._maker(kind, goal), self._hearer(name, feedback)
         options.setdefault("may_succeed", True)
         group = options.get("group")
@@ -154,7 +161,9 @@ class Actions:
 
             return _named(pursue, name)
 
-        return _Goal(within, options)
+        bound = _Goal(within, options)
+        bound.note = table.note
+        return bound
 
     def call(self, name: str, kind: str, *, request: Made = None, **options: Unpack[BindingOptions]) -> Binding:
         """Return the action that calls a service; ``success = false`` in the response fails; see `CallTable`."""
@@ -202,6 +211,8 @@ class Actions:
                     publisher(made)
                     count += 1
                     await asyncio.sleep(begin + count * period - loop.time())
+                if not publisher.matched:
+                    raise _Error(f"nobody has heard it: there is no subscription of {name}")
             finally:
                 if end is not None:
                     publisher(end)

@@ -37,15 +37,14 @@ class Condition:
     number between two thresholds before it was beyond either.
 
     Args:
-        text: The condition: a path of fields and indices (negative ones count from the end), alone or behind ``not``
-            for a boolean, or before a threshold, or before ``==`` or ``!=`` and a number, a text in quotes, ``true``
-            or ``false``.
+        text: A path of fields and indices (negative ones count from the end); alone or behind ``not`` of a boolean, or
+            before a threshold, or before ``==`` or ``!=`` and a number, a text in quotes, ``true`` or ``false``.
 
     Raises:
         FormatError: If it is none; with the column.
     """
 
-    __slots__ = ("_before", "_constant", "_equal", "_steps", "_text", "_threshold", "path")
+    __slots__ = ("_before", "_constant", "_equal", "_steps", "_text", "_threshold", "_wanted", "path")
 
     def __init__(self, text: str) -> None:
         match = _PATH.match(text)
@@ -74,6 +73,7 @@ class Condition:
             self._constant = truth == "true" if number is None else int(number) if whole else float(number)
             if truth is None and number is None:
                 self._constant = single or double or ""
+        self._wanted = "a number" if self._threshold is not None else _kind(self._constant)
 
     def __str__(self) -> str:
         """Return it as it is written."""
@@ -99,23 +99,14 @@ class Condition:
                 return None
         return value[0] if isinstance(value, bytes) and len(value) == 1 else value  # an octet
 
-    @property
-    def _wanted(self) -> str:
-        return "a number" if self._threshold is not None else _kind(self._constant)
-
     def begin(self) -> None:
         """Forget which threshold was passed."""
         self._before = None
 
     def check(self, kind: str, fields: Callable[[str], Mapping[str, str]]) -> None:
-        """Refuse a path that no message of a type has, and a field that is never of the constant's kind.
+        """Refuse, as a `ConfigError`, a path that no message of a type has, or a field of another kind.
 
-        Args:
-            kind: The type, such as ``sensor_msgs/msg/BatteryState``.
-            fields: Returns the type of each field of a type.
-
-        Raises:
-            ConfigError: If so.
+        ``fields`` returns the type of each field of a type, by name.
         """
         its, path = kind, ""
         for step in self._steps:
@@ -126,9 +117,8 @@ class Condition:
                     raise ConfigError(f"{kind}: {path} is {its}, and has no element {step}")
                 its, path = sequence.group(1) or sequence.group(2), f"{path}[{step}]"
                 continue
-            names = (
-                {} if sequence or "/" not in its else fields(its if its.count("/") > 1 else its.replace("/", "/msg/"))
-            )
+            full = its if its.count("/") > 1 else its.replace("/", "/msg/")
+            names = {} if sequence or "/" not in its else fields(full)
             if step not in names:
                 there = f"; there are {', '.join(names)}" if names else ""
                 what = f"{path} is {its}, which" if path else kind

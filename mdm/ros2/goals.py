@@ -79,17 +79,21 @@ class Pursuit:
             await asyncio.wait([self.over], timeout=left)
         return self.over.result()
 
-    async def release(self, secured: int) -> None:
-        """Leave the robot to a newer goal of the group, if its server ends this one for that; else have it end."""
-        if self.over.done():
-            return
+    async def release(self, secured: int) -> bool:
+        """Leave the robot to a newer goal of the group, if its server ends this one for that; else have it end.
+
+        Returns:
+            Whether its server has ended it for that.
+        """
         began, pursuits = self._loop.time(), self._server.open
-        newer = [other.over for other in pursuits[pursuits.index(self) + 1 :] if other.meets(self.group)]
+        first = pursuits.index(self) + 1 if self in pursuits else 0
+        newer = [other.over for other in pursuits[first:] if other.meets(self.group)]
         try:
-            if newer:
+            if newer and not self.over.done():
                 await asyncio.wait([self.over, *newer], timeout=_MOMENT, return_when=asyncio.FIRST_COMPLETED)
         finally:
             self.ask(secured, began)
+        return bool(newer) and self.over.done()
 
     def meets(self, group: object) -> bool:
         """Whether it is of a group."""
@@ -215,10 +219,9 @@ class Server:
         try:
             end = await pursuit.ended(silence)
         except asyncio.CancelledError:
-            await pursuit.release(secured())
+            replaced = await pursuit.release(secured())
             end = await pursuit.ended(silence)
-            replaced = pursuit.asked is None and end is not None and end.status == ABORTED
-            if replaced or (end is not None and end.status in {CANCELED, _REJECTED}):
+            if end is not None and end.status in {CANCELED, _REJECTED, *([ABORTED] if replaced else ())}:
                 raise
             asked = " was asked to cancel the goal, and"
         if end is None:

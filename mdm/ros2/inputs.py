@@ -43,13 +43,6 @@ class Topic:
     ``when`` is a condition, see `mdm.ros2.Condition`, or a function that gets a message, in the event loop, and returns
     True, False, or None for unknown. One that raises is a fault, and unknown.
 
-    Args:
-        wire: Carries it.
-        predicates: Where predicates and events are declared.
-        name: The topic.
-        kind: The type of its messages.
-        quality: Its quality of service.
-
     Attributes:
         heard: How many messages came.
         lost: How many were dropped before a function was asked whether they raise an event.
@@ -77,26 +70,22 @@ class Topic:
             FormatError: If it is none.
         """
         self._predicates.sensor(name, max_age=max_age)
-        self._values.append((name, self._when(when)))
-        self._predicates.declared.tellers[name] = f"{self.name} ({when})"
+        if (told := self._when(name, when)) is not None:
+            self._values.append((name, told))
 
     def event(self, name: str, when: str | When | None = None) -> None:
         """Declare an event that each message raises, or each for which ``when`` holds.
 
         A condition leaves no message out. Of messages that wait to be looked at by a function there are no more than
         the ``depth`` of the quality; a fault tells of others.
-
-        Raises:
-            ConfigError, FormatError: As `predicate`.
         """
         self._predicates.event(name)
-        told = None if when is None else self._when(when)
+        told = self._when(name, when)
         if told is None or isinstance(told, Condition):
             self._events.append((name, told))
         else:
             self._asked.append((name, told))
             self._waiting = deque(maxlen=self.quality.depth)
-        self._predicates.declared.tellers[name] = f"{self.name} ({when or 'each message'})"
 
     def pose(self, places: Places, covariance: float = 0.5) -> None:
         """Tell places where the robot is, in the frame of their map.
@@ -105,21 +94,20 @@ class Topic:
             places: Who is told, and unknown after their ``max_age``.
             covariance: The greatest variance at which a pose is taken, along the axis in which it is least certain, in
                 m²: the square of a standard deviation, here of 0.7 m.
-
-        Raises:
-            ConfigError: If the type is none of these.
         """
         if self.kind not in get_args(PoseKind):
             raise ConfigError(f"a pose is told by {', '.join(get_args(PoseKind))}, not by {self.kind}")
         self._places = places, covariance
 
-    def _when(self, given: str | When) -> When:
+    def _when(self, name: str, given: str | When | None) -> When | None:
         if isinstance(given, str):
             given = Condition(given)
         if isinstance(given, Condition):
             given.check(self.kind, self._fields)
-        else:
-            check_plain(given, f"the 'when' of {self.name}")
+        elif given is not None:
+            check_plain(given, f"the 'when' of {name!r}")
+        worded = getattr(given, "__qualname__", given or "each message")
+        self._predicates.declared.tellers[name] = f"{self.name}: {worded}"
         return given
 
     # -- Life ----------------------------------------------------------------------------------------------------

@@ -66,9 +66,7 @@ class Link(Extension):
         if topic is None:
             topic = self.topics[name] = Topic(self.wire, self._predicates, name, kind, quality or Quality())
         elif topic.kind != kind:
-            raise ConfigError(
-                f"the topic {name} has the type {topic.kind} before, and {kind} here: it has one", key="type"
-            )
+            raise ConfigError(f"the topic {name} has the type {topic.kind} before: it has one", key="type")
         elif quality not in {None, topic.quality}:
             raise ConfigError(f"the topic {name} has another qos before: give it once", key="qos")
         return topic
@@ -78,13 +76,19 @@ class Link(Extension):
         for topic in self.topics.values():
             topic.open(runtime)
         await self.wire.open(runtime)
-        await self.actions.open(runtime)
-        if self._reports is not None:
-            self._reports.open(runtime)
+        try:
+            await self.actions.open(runtime)
+            if self._reports is not None:
+                self._reports.open(runtime)
+        except BaseException:
+            await self.wire.close()
+            raise
 
     async def close(self) -> None:
         """End the wire, behind the last report."""
-        if self._reports is not None:
-            self._reports.close()
-        await self.actions.close()
-        await self.wire.close()
+        try:
+            if self._reports is not None:
+                self._reports.close()
+            await self.actions.close()
+        finally:
+            await self.wire.close()

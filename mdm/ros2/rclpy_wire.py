@@ -184,6 +184,7 @@ class RclpyWire:
         def heard(message: Any) -> None:
             try:
                 hear(message)
+                time.sleep(0)  # lets the event loop go on now: else it waits .15 ms for what rclpy does next
             except Exception as error:
                 self.report(name, "exception", describe(error))
 
@@ -373,8 +374,14 @@ class _Goals:
         request = self._parts.SendGoalService.Request(goal=filled(self._kind, goal))
         key = uuid4().bytes
         request.goal_id.uuid = list(key)
-        self._heard[key] = feedback, status
-        return asyncio.ensure_future(self._answered(request.goal_id, self._sends.ask(request)))
+        answer = self._sends.ask(request)
+
+        def told(code: int) -> None:  # as well where the answer was lost, as it is of a server that has just begun
+            _settle(answer, self._parts.SendGoalService.Response(accepted=True))
+            status(code)
+
+        self._heard[key] = feedback, told
+        return asyncio.ensure_future(self._answered(request.goal_id, answer))
 
     async def _answered(self, identity: Any, answer: asyncio.Future[Any]) -> _Goal:
         accepted, service = (await answer).accepted, self._parts.GetResultService
@@ -407,7 +414,8 @@ class _Goals:
 
 def _quality(profile: Any) -> Quality:
     """Return a quality of service of rclpy; ROS' graph may not know its depth."""
-    reliability, durability = profile.reliability.name.lower(), profile.durability.name.lower()
+    reliability: Any = profile.reliability.name.lower()
+    durability: Any = profile.durability.name.lower()
     durability = durability if reliability == "reliable" else "volatile"  # a message that is kept comes to nobody
     return Quality(depth=max(profile.depth, 1), reliability=reliability, durability=durability)
 

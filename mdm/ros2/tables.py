@@ -13,9 +13,9 @@ from mdm.actors import Binding
 from mdm.actors.options import BindingSettings
 from mdm.config import TableReader
 from mdm.config.functions import Lasting, nothing
-from mdm.errors import ConfigError
+from mdm.errors import ConfigError, Error
 from mdm.options import Options, Seconds
-from mdm.ros2.actions import CallTable, GoalTable, PublishTable
+from mdm.ros2.actions import Actions, CallTable, GoalTable, PublishTable
 from mdm.ros2.conditions import Condition
 from mdm.ros2.inputs import PoseKind
 from mdm.ros2.link import Link
@@ -23,6 +23,7 @@ from mdm.ros2.navigator import GoalNavigator, NavigatorTable
 from mdm.ros2.rclpy_wire import RclpyWire
 from mdm.ros2.reports import SERVICES, Reports
 from mdm.ros2.wire import Quality
+from mdm.runtime.supervision import describe
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -141,7 +142,10 @@ class Ros2Reader(TableReader):
         make: Any = self.wire if table.wire is None else functions.find(table.wire, "ros2.wire")
         if make is None or not functions.imported or (self._reading.virtual and table.wire is None):
             return
-        wire = make(node=table.node, namespace=namespace, remap=table.remap)
+        try:
+            wire = make(node=table.node, namespace=namespace, remap=table.remap)
+        except Exception as error:
+            raise error if isinstance(error, Error) else ConfigError(f"no wire is made: {describe(error)}") from error
         services = table.services if isinstance(table.services, list) else SERVICES if table.services else ()
         named = f"{namespace}/{table.node}".strip("/")
         told = Reports(wire, named, diagnostics=table.diagnostics, decisions=table.decisions, services=services)
@@ -163,7 +167,7 @@ class Ros2Reader(TableReader):
             self._reading.predicates.sensor(name, max_age=entry.max_age)
         else:
             self._topic(entry).predicate(name, when, entry.max_age)
-        self._reading.predicates.declared.tellers[name] = f"{entry.topic} ({entry.when})"
+        self._reading.predicates.declared.tellers[name] = f"{entry.topic}: {entry.when}"
 
     def event(self, name: str, written: dict[str, Any], key: str) -> None:
         """Declare an event that a topic raises."""
@@ -175,7 +179,7 @@ class Ros2Reader(TableReader):
             self._reading.predicates.event(name)
         else:
             self._topic(entry).event(name, when)
-        self._reading.predicates.declared.tellers[name] = f"{entry.topic} ({entry.when or 'each message'})"
+        self._reading.predicates.declared.tellers[name] = f"{entry.topic}: {entry.when or 'each message'}"
 
     def pose(self, written: dict[str, Any], places: Places, key: str) -> None:
         """Let a topic tell where the robot is."""
@@ -201,12 +205,16 @@ class Ros2Reader(TableReader):
             given["feedback"] = self._feedback(given["feedback"], f"{key}.feedback")
         if len(self._reading.problems) > before:
             return None
-        if self._link is None:
-            target: Any = partial(nothing) if role == "publish" and entry.rate is None else Lasting()
-            target.__module__, target.__qualname__ = "mdm.ros2.actions", f"ros2({given[role]!r})"
-            return Binding(target, **entry.as_arguments(BindingSettings))
-        bound: Binding = getattr(self._link.actions, method)(given.pop(role), given.pop("type"), **given)
-        return bound
+        actions = Actions(_Unchecked(), self._reading.predicates) if self._link is None else self._link.actions
+        name = given.pop(role)
+        bound: Binding = getattr(actions, method)(name, given.pop("type"), **given)
+        if self._link is not None:
+            return bound
+        target: Any = partial(nothing) if role == "publish" and entry.rate is None else Lasting()
+        target.__module__, target.__qualname__ = "mdm.ros2.actions", f"ros2({name!r})"
+        stand_in = Binding(target, **entry.as_arguments(BindingSettings))
+        stand_in.note = bound.note
+        return stand_in
 
     def extension(self) -> Extension | None:
         """Return the link."""
@@ -243,3 +251,10 @@ class Ros2Reader(TableReader):
         self._reading.predicates.declared.check_input(given["predicate"], "predicate")
         when, sense = self._when(given["when"], f"{key}.when"), self._reading.predicates.sense
         return None if when is None else lambda message: sense(given["predicate"], when(message))
+
+
+class _Unchecked:
+    """Stands for a wire where options are checked, and types are not."""
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *_: None

@@ -29,6 +29,7 @@ import sys
 import threading
 import time
 from importlib import import_module
+from operator import attrgetter
 
 import numpy as np
 import rclpy
@@ -53,7 +54,7 @@ def tell(**what):
 
 def kind(name):
     package, folder, last = name.split("/")
-    return getattr(import_module(f"{package}.{folder}"), last)
+    return attrgetter(last)(import_module(f"{package}.{folder}"))
 
 
 def plain(value):

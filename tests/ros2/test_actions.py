@@ -10,10 +10,11 @@ from action_lives import lives_of, robot, told
 from ros2.stand_in import Server, StandIn
 from sentences import refused
 
-from mdm import PredicateManager
+from mdm import PredicateManager, load_system
 from mdm.errors import ConfigError
 from mdm.messages import Fault, Progress
 from mdm.ros2.actions import Actions
+from mdm.ros2.link import Link
 from mdm.ros2.wire import Quality, WireError
 from mdm.testing import probe, run_virtual
 
@@ -271,6 +272,18 @@ def test_a_message_is_published_at_a_rate_until_a_predicate_is_true():
     run(lambda actions: actions.publish("/cmd_vel", TWIST, rate=10.0, until="IsStill"), scenario)
 
 
+@pytest.mark.parametrize(("subscribers", "end"), [(0, "failed"), (1, "succeeded")])
+def test_what_nobody_has_heard_until_its_end_has_failed(subscribers, end):
+    async def scenario(bench):
+        bench.wire.subscribers["/cmd_vel"] = subscribers
+        bench.act()
+        await asyncio.sleep(1)
+        assert len(bench.sent("/cmd_vel")) == 3
+        assert bench.ends() == [("Act", end)]
+
+    run(lambda actions: actions.publish("/cmd_vel", TWIST, rate=10.0, until=0.3), scenario)
+
+
 @pytest.mark.parametrize("last", [None, {"linear": {"x": -1.0}}])
 @pytest.mark.parametrize("cancelled", [True, False])
 def test_the_last_message_ends_what_is_published_at_a_rate(last, cancelled):
@@ -365,3 +378,57 @@ def test_a_goal_as_the_safe_action_is_sent_also_where_the_end_of_another_was_not
         scenario,
         safe=lambda actions: actions.goal("/dock", DOCK, goal={"dock_id": "home"}),
     )
+
+
+@pytest.mark.parametrize("state", ["sent", "accepted", "feeding", "cancelling", "silent"])
+def test_the_end_of_a_program_ends_the_goal_in_each_state_and_the_safe_action_has_the_last_word(state):
+    wire = StandIn()
+    predicates = known("IsStill")
+    link = Link(wire, predicates)
+    made = {
+        "Wait": lambda: None,
+        "Act": link.actions.goal("/dock", DOCK, silence=2.0),
+        "Safe": link.actions.publish("/cmd_vel", TWIST, rate=10.0, until=0.5),
+    }
+    robots = robot(made, predicates=predicates, safe_action="Safe")
+
+    async def main(runtime):
+        answers = 3600.0 if state == "sent" else 0.0
+        server = Server(wire, "/dock", answers=answers, feeds=None if state == "accepted" else 0.2, brakes=1.0)
+        await runtime.start(predicates)
+        await runtime.start(robots)
+        robots.publish_state(1)
+        await asyncio.sleep(0.5)
+        if state == "cancelling":
+            robots.publish_state(0)
+        elif state == "silent":
+            server.hold()
+        await asyncio.sleep(0.1)
+        return server, asyncio.get_running_loop().time()
+
+    server, end = run_virtual(main, log=False, extensions=[link])
+    times = [time - end for time, _ in wire.published["/cmd_vel"]]
+    assert len(times) == 5
+    assert times[0] == pytest.approx(
+        2.0 if state in {"sent", "silent"} else 0.9 if state == "cancelling" else 1.0, abs=0.01
+    )
+    assert server.sent[0].status == (None if state in {"sent", "silent"} else 5)
+    assert wire.closed
+
+
+# -- Notes -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("silence", [None, 2.0, 0.5])
+@pytest.mark.parametrize("written", [True, False])
+def test_a_check_says_that_a_server_without_feedback_would_fail(silence, written):
+    act = {"action": "/dock", "type": DOCK, **({} if silence is None else {"silence": silence})}
+    if written:
+        table = {"policy": [0, 1], "actions": {"Act": act, "Wait": {"call": "robot:wait"}}}
+        document = {"ros2": {}, "ensembles": {"robot": table}}
+        robots = load_system(document, callbacks=False).ensembles["robot"]
+    else:
+        robots = robot({"Act": Actions(StandIn()).goal("/dock", DOCK, silence=silence), "Wait": lambda: None})
+    said = [note for note in robots.notes() if "feedback" in note]
+    words = f"fails {silence or 0:g} s after the last feedback or status: leave its silence out where none comes"
+    assert said == ([] if silence is None else [f"ensemble 'robot': action 'Act' {words}"])

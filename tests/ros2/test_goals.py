@@ -665,6 +665,20 @@ def test_of_a_group_one_goal_drives_at_most_when_all_is_quiet(schedule, served, 
     bench(scenario, silence=silence, group="wheels", replaces=True, safe=False)
 
 
+@pytest.mark.parametrize(("ends", "status"), [(6, "failed"), (4, "succeeded"), (5, "preempted")])
+def test_a_goal_that_ends_by_itself_in_the_moment_of_its_cancellation_ends_so(ends, status):
+    async def scenario(bench):
+        bench.decide(DOCK)
+        await asyncio.sleep(1)
+        bench.goals[0].end(ends)
+        await asyncio.sleep(0)
+        bench.decide(OTHER)
+        await asyncio.sleep(0.1)
+        assert bench.told()[1] == ("Dock", status)
+
+    bench(scenario, safe=False)
+
+
 def hold_the_rules(schedule, served, silence, safe):
     async def scenario(bench):
         servers = [bench.server]

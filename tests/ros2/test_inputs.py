@@ -62,7 +62,7 @@ def test_the_newest_message_decides_and_grows_old():
     robot = Robot()
     robot.link.topic("/battery", BATTERY).predicate("Low", "percentage < 0.2 until > 0.3", max_age=5.0)
     assert robot.predicates.declared.definition("Low") == (
-        "set by /battery (percentage < 0.2 until > 0.3), unknown after 5 s"
+        "set by /battery: percentage < 0.2 until > 0.3, unknown after 5 s"
     )
 
     async def script(runtime):

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import signal
 
 import pytest
 from ros2.environment import programs
+
+from mdm.testing import replay
 
 pytestmark = pytest.mark.slow
 
@@ -56,6 +59,9 @@ async def watch(system):
 """
 
 
+RUN = ("-m", "mdm", "run", "robot.toml", "--record", "run.mcap")
+
+
 def test_a_battery_decides_and_a_silent_topic_makes_safe(ros, tmp_path):
     (tmp_path / "robot.toml").write_text(FILE)
     (tmp_path / "robot_code.py").write_text(CODE)
@@ -63,7 +69,7 @@ def test_a_battery_decides_and_a_silent_topic_makes_safe(ros, tmp_path):
 
     async def main():
         async with programs(ros, tmp_path) as here:
-            peer, robot = await asyncio.gather(here.peer(), here.start("-m", "mdm", "run", "robot.toml"))
+            peer, robot = await asyncio.gather(here.peer(), here.start(*RUN))
             for percentage, acts in ((0.9, "drive"), (0.1, "dock")):
                 peer.tell(**battery, message={"percentage": percentage})
                 assert (await robot.hear("acts"))["acts"] == acts
@@ -88,9 +94,13 @@ def test_a_battery_decides_and_a_silent_topic_makes_safe(ros, tmp_path):
             peer.tell(publish="/scan", type="sensor_msgs/msg/LaserScan", message={"ranges": [2.0, 0.4]}, rate=50)
             while not (await bump(peer, robot, bumper))["near"]:
                 await asyncio.sleep(0.1)
+            robot.signal(signal.SIGTERM)
+            await robot.rest()
 
     async def bump(peer, robot, bumper):
         peer.tell(**bumper, message={"data": True})
         return await robot.hear("bumps")
 
     asyncio.run(main())
+    # What came is in the record, by which it decides alike in an interpreter that has no rclpy.
+    assert replay(tmp_path / "run.mcap") >= 4

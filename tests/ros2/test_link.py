@@ -11,6 +11,7 @@ from ros2.stand_in import StandIn
 from sentences import refused
 
 import mdm
+from mdm.errors import Error
 from mdm.ros2 import Link, WireError
 from mdm.runtime import Actor
 from mdm.testing import run_virtual
@@ -68,6 +69,49 @@ def test_a_wire_that_cannot_open_ends_the_start():
     with refused(WireError):
         run_virtual(main, extensions=[link])
     assert notes == []
+
+
+class Failing:
+    """Reports that fail where they are told to."""
+
+    def __init__(self, where):
+        self.where = where
+
+    def open(self, runtime):
+        if self.where == "open":
+            raise OSError("no reports")
+
+    def close(self):
+        if self.where == "close":
+            raise OSError("no reports")
+
+
+@pytest.mark.parametrize("where", ["open", "close"])
+def test_the_wire_is_given_back_whatever_fails(where):
+    notes = []
+    link = Link(Noted(notes), mdm.PredicateManager(), Failing(where))
+
+    async def main(runtime):
+        notes.append("began")
+        runtime.observe(Faults(notes))
+
+    if where == "open":
+        with refused(Error):
+            run_virtual(main, extensions=[link])
+        assert notes == ["opened", "closed"]
+    else:
+        run_virtual(main, extensions=[link])
+        assert notes == ["opened", "began", "closed", "observer"]
+
+
+class Faults(mdm.Observer):
+    """Notes the kinds of faults."""
+
+    def __init__(self, notes):
+        self.notes = notes
+
+    def on_fault(self, fault):
+        self.notes.append(fault.kind)
 
 
 def test_a_link_serves_one_runtime_after_the_other():

@@ -243,6 +243,32 @@ def test_who_was_cancelled_still_gets_the_goal_and_its_end(ros, tmp_path):
 
 
 @slow
+def test_a_goal_whose_status_comes_was_accepted_though_the_answer_was_lost(ros, tmp_path):
+    async def main(here):
+        robot = await here.peer()
+        robot.tell(
+            serve="/count/_action/send_goal", type="test_msgs/action/Fibonacci.Impl.SendGoalService", silent=True
+        )
+        robot.tell(
+            serve="/count/_action/get_result", type="test_msgs/action/Fibonacci.Impl.GetResultService", silent=True
+        )
+        robot.tell(serve="/count/_action/cancel_goal", type="action_msgs/srv/CancelGoal", response={"return_code": 3})
+        async with wire(here, **FIBONACCI) as ours:
+            ours.tell(ready="/count")
+            await ours.hear("ready")
+            ours.tell(send="/count", goal={"order": 3}, number=1)
+            identity = (await robot.hear("request"))["fields"]["goal_id"]
+            goals = [{"goal_info": {"goal_id": identity}, "status": 2}]
+            status = {"type": "action_msgs/msg/GoalStatusArray", "message": {"status_list": goals}, "latched": True}
+            robot.tell(publish="/count/_action/status", **status)
+            assert await ours.hear("accepted") == {"accepted": True, "of": 1}
+            ours.tell(cancel=1)
+            assert await ours.hear("code") == {"code": 3, "of": 1}
+
+    run(ros, tmp_path, main)
+
+
+@slow
 def test_a_killed_server_answers_nothing_and_the_wire_closes(ros, tmp_path):
     async def main(here):
         robot = await here.peer()

@@ -235,7 +235,7 @@ def test_a_node_reads_how_the_robot_does_and_stops_it(ros, nav2, tmp_path):
 
             async def status(level):
                 def has(event):
-                    return event["message"]["status"] and event["message"]["status"][0]["level"] == [level]
+                    return event["message"]["status"] and event["message"]["status"][0]["level"] == level
 
                 told = await peer.hear("heard", where=lambda event: event["heard"] == "/diagnostics" and has(event))
                 return told["message"]["status"][0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import subprocess
 import sys
 import tomllib
@@ -12,6 +13,7 @@ import pytest
 from ros2.stand_in import Server, StandIn
 from rows_of_rooms import row_of_rooms
 from sentences import refused
+from team_file import write
 
 import mdm
 from mdm import ConfigError, load_system
@@ -22,6 +24,8 @@ from mdm.maps import save_graph
 from mdm.recording import Recorder
 from mdm.ros2 import Quality
 from mdm.ros2.tables import Ros2Reader
+from mdm.runtime import VirtualClock
+from mdm.team.transport.network import Network
 from mdm.testing import capture_decisions, probe, replay, run_virtual
 
 ROBOT = """
@@ -155,6 +159,37 @@ def test_topics_decide_and_actions_act(folder):
     assert wire.published["/diagnostics"]
 
 
+@pytest.mark.parametrize(("agent", "namespace"), [("a", "/ada"), ("b", "")])
+def test_each_agent_of_a_team_has_its_own_node(agent, namespace, tmp_path):
+    ros = '[ros2]\nnamespace = { a = "/ada" }\n'
+    lab = 'InLab = { topic = "lab", type = "std_msgs/msg/Bool", when = "data" }'
+    path = write(tmp_path, ("[team]", f"{ros}[team]"), ("InLab = {}", lab))
+    wire, network = StandIn(), Network(VirtualClock(), team="rooms")
+    system = load_system(path, agent=agent, transport=network.transport(agent), tables=reader_of(wire))
+    assert wire.named == ("mdm", namespace, {})
+    assert [*wire.subscribed] == ["lab"]
+    assert system.predicates.declared.definition("InLab") == "set by lab: data"
+
+
+def test_an_agent_that_the_team_has_not_is_refused(tmp_path):
+    path = write(tmp_path, ("[team]", '[ros2]\nnamespace = { c = "/ada" }\n[team]'))
+    with refused(ConfigError):
+        load_system(path, agent="a", callbacks=False)
+
+
+def test_a_topic_that_nobody_publishes_is_named_by_who_waits_for_it(folder):
+    system = load_system(folder / "robot.toml", tables=reader_of(Peers()))
+
+    async def main(runtime):
+        faults = probe(runtime.faults)
+        await runtime.start(system)
+        await asyncio.sleep(30)
+        return [fault.detail for fault in faults if fault.kind == "waiting"]
+
+    details = run_virtual(main)
+    assert details == ["cannot decide while Low (/battery: percentage < 0.2 until > 0.3) is unknown"]
+
+
 @pytest.mark.slow
 def test_hours_of_it(folder):
     wire = Peers()
@@ -176,22 +211,14 @@ def test_hours_of_it(folder):
     assert (statistics.lost, statistics.interrupted) == (0, 0)
 
 
-NO_ROS = """
-import sys
-class Refusing:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] == "rclpy":
-            raise AssertionError("rclpy is imported")
-sys.meta_path.insert(0, Refusing())
-from mdm.cli import main
-raise SystemExit(main(sys.argv[1:]))
-"""
-
-
 def command(*arguments, folder):
-    """Run the command where importing rclpy is an error."""
-    program = [sys.executable, "-c", NO_ROS, *map(str, arguments)]
-    return subprocess.run(program, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
+    """Run the command where importing rclpy, though it is found, is an error."""
+    (folder / "rclpy.py").write_text("raise AssertionError('rclpy is imported')")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), *sys.path])}
+    program = [sys.executable, "-m", "mdm", *map(str, arguments)]
+    return subprocess.run(
+        program, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=120
+    )
 
 
 def test_a_run_is_recorded_and_repeated(folder):
@@ -216,9 +243,9 @@ def test_a_file_is_described_alike_with_and_without_ros(folder):
     virtual = load_system(path, virtual=True)
     assert facts(linked) == facts(looked) == facts(virtual)
     assert facts(linked)["definitions"] == {
-        "Low": "set by /battery (percentage < 0.2 until > 0.3), unknown after 5 s",
+        "Low": "set by /battery: percentage < 0.2 until > 0.3, unknown after 5 s",
         "Charging": "set by code",
-        "Bumped": "raised by /bumper (data)",
+        "Bumped": "raised by /bumper: data",
     }
     assert (len(linked.extensions), looked.extensions, virtual.extensions) == (1, (), ())
 
@@ -332,6 +359,7 @@ def inline(value):
 
 
 BATTERY = {"topic": "/battery", "type": "sensor_msgs/msg/BatteryState", "when": "percentage < 0.2"}
+TWIST = "geometry_msgs/msg/Twist"
 WRONG = [
     {"ros2": 3},
     {"ros2": {"nod": "x"}},
@@ -368,15 +396,17 @@ WRONG = [
     {"ensembles__top__actions__Dock": {"action": "/dock", "type": "x", "feedback": {"when": "x"}}},
     {"ensembles__top__actions__Dock": {"service": "/dock", "type": "x", "silence": 3.0}},
     {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": "x", "rate": 0}},
+    {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": TWIST, "until": 3.0}},
+    {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": TWIST, "rate": 9.0, "until": "Lo"}},
 ]
 UNCHECKED = [
+    {"ros2": {"wire": "robot_code:home"}},
     {"predicates__Low": {**BATTERY, "type": "sensor_msgs/msg/Battery"}},
     {"predicates__Low": {**BATTERY, "when": "percentag < 0.2"}},
     {"predicates__Low": {**BATTERY, "when": "robot_code:later"}},
     {"events__Bumped": {**BATTERY, "type": "std_msgs/msg/Bool", "when": "data"}},
     {"events__Bumped": {**BATTERY, "qos": {"depth": 3}}},
     {"ensembles__top__actions__Dock": {"action": "/dock", "type": "nav2_msgs/action/Dock"}},
-    {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": "geometry_msgs/msg/Twist", "until": 3.0}},
     {"ensembles__top__actions__Dock": {"service": "/x", "type": "std_srvs/srv/SetBool", "request": {"dat": True}}},
 ]
 

@@ -257,7 +257,8 @@ class ActionLayer(Layer):
         """Replace each binding by its own within this layer's ensemble, see `Binding.within`; before the start."""
         own = {id(binding): binding.within(ensemble) for binding in self.bindings}
         for binding in self.bindings:
-            own[id(binding)].sequel, own[id(binding)].retries = binding.sequel, binding.retries
+            bound = own[id(binding)]
+            bound.sequel, bound.retries, bound.note = binding.sequel, binding.retries, binding.note
         self.bindings = tuple([own[id(binding)] for binding in self.bindings])
         counts = ensemble.liveness.counts
         self._briefs = tuple([_Brief(each) if each.brief and not counts else None for each in self.bindings])

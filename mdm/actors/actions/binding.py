@@ -37,6 +37,7 @@ class Binding:
     Attributes:
         plain: Whether it is a plain function.
         brief: Whether it is one that begins and ends alone, by a call.
+        note: A note that `mdm check` prints behind its name; empty for none.
         lasts: Whether it takes time, as far as can be told before it is called.
         sequel: What follows its end.
         retries: Whether a failure is followed by a decision, as of drives to a goal where ``then`` says nothing.
@@ -53,6 +54,7 @@ class Binding:
         "group",
         "lasts",
         "may_succeed",
+        "note",
         "on_repeat",
         "plain",
         "resume",
@@ -85,6 +87,7 @@ class Binding:
         self._asks_action = goes_on is not None and _takes_action(goes_on)
         self.group = settings.group
         self.may_succeed = settings.may_succeed
+        self.note = ""
         self.sequel: Sequel = settings
         self.retries = settings.then == "decide"
         self.ensemble: Ensemble | None = None

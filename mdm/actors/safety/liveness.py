@@ -91,7 +91,9 @@ class Waiting:
         self.names = self._wanted()
         if self._subscriptions and self.names and self.names != self._told:
             self._told = self.names
-            *most, last = self.names
+            manager = self._ensemble.predicates
+            tellers = {} if manager is None else manager.declared.tellers
+            *most, last = [f"{name} ({tellers[name]})" if name in tellers else name for name in self.names]
             names = f"{', '.join(most)} and {last} are" if most else f"{last} is"
             absence = self._ensemble.absence
             self._ensemble.report("waiting", f"cannot decide while {names} unknown{absence and f': {absence}'}")

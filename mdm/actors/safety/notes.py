@@ -46,6 +46,9 @@ def notes(ensemble: Ensemble) -> Iterator[str]:
             f"ensemble {ensemble.name!r} has a safe action, but nothing tells that {', '.join(sorted(silent))} "
             f"{'is' if len(silent) == 1 else 'are'} no longer sensed: give sensors a max_age"
         )
+    for name, binding in zip(ensemble.action.names, ensemble.action.bindings, strict=True):
+        if binding.note:
+            yield f"ensemble {ensemble.name!r}: action {name!r} {binding.note}"
     yield from _unsaid(ensemble)
     yield from circles(ensemble)
     if not ensemble.bound:  # else a decision above ends its action, too

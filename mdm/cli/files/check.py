@@ -153,7 +153,7 @@ def _examine_ensembles(file: str, *, imports: bool, live: bool) -> Findings:
 
         problems += [problem for part in look(file) for problem in part.problems]
     notes = [note for ensemble in system.ensembles.values() for note in ensemble.notes()]
-    return "ensembles", problems, [*notes, *oddities(file), *_stale_policies(file, system)]
+    return "ensembles", problems, [*notes, *oddities(file, imports=imports or live), *_stale_policies(file, system)]
 
 
 def _stale_policies(file: str, system: System) -> list[str]:
@@ -281,12 +281,12 @@ _INPUTS = 10
 """Inputs of two formulas up to which all their values are tried."""
 
 
-def oddities(file: str) -> Iterator[str]:
-    """Yield a sentence on each oddity of a file without problems."""
+def oddities(file: str, *, imports: bool) -> Iterator[str]:
+    """Yield a sentence on each oddity of a file without problems; ``imports`` says whether functions were imported."""
     document = tomllib.loads(Path(file).read_text(encoding="utf-8-sig"))
     ensembles = document["ensembles"]
     yield from _long_times(document, "")
-    yield from _of_ros(document.get("ros2"))
+    yield from _of_ros(document.get("ros2"), imports=imports)
     definitions: Definitions = {}
     for name, given in [*document.get("predicates", {}).items(), *document.get("events", {}).items()]:
         table = {"formula": given} if isinstance(given, str) else given
@@ -313,13 +313,15 @@ def oddities(file: str) -> Iterator[str]:
         yield from _bound_twice(name, ensembles)
 
 
-def _of_ros(table: dict[str, Any] | None) -> Iterator[str]:
+def _of_ros(table: dict[str, Any] | None, *, imports: bool) -> Iterator[str]:
     if table is None:
         return
     if table.get("services"):
         yield "ros2.services: anybody on the ROS domain may call them, unless SROS2 is set up"
     if importlib.util.find_spec("rclpy") is None:
         yield "types are unchecked: rclpy cannot be imported here"
+    elif not imports:
+        yield "types are unchecked: --import loads them"
 
 
 def _long_times(table: dict[str, Any], key: str) -> Iterator[str]:

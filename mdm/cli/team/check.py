@@ -62,7 +62,13 @@ def examine(file: str, agents: Sequence[str], *, imports: bool) -> Findings:
     return (
         f"team {team.name!r} of {len(agents)} agents ({', '.join(agents)}){valid}",
         problems,
-        [*notes, *([] if problems else oddities(file)), *_reaching(described), *_beside(Path(file), team), *soon],
+        [
+            *notes,
+            *([] if problems else oddities(file, imports=imports)),
+            *_reaching(described),
+            *_beside(Path(file), team),
+            *soon,
+        ],
     )
 
 

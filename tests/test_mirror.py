@@ -112,6 +112,7 @@ ACROSS = {
     "test_blocks.py": "the blocks of code on the pages",
     "test_house.py": "the pages for contributors",
     "test_sentences.py": "the golden files of sentences",
+    "test_words.py": "the words of pages and sentences",
     "test_values.py": "which values options are given in a complete run",
     "same/test_same.py": "programs beside the package: what two commits do",
     "test_mirror.py": "this",

@@ -23,13 +23,15 @@ from mdm.runtime.supervision import describe
 
 if TYPE_CHECKING:
     from mdm.actors import PredicateManager
-    from mdm.ros2.wire import Wire
+    from mdm.ros2.wire import Publisher, Wire
     from mdm.runtime import Actor, Runtime
 
 Made = Mapping[str, Any] | Callable[..., Any] | None
 """A message: its fields, or a plain function that returns them or the message; it may take the `Action` message."""
 
 _GRACE = 5.0
+_MEETING = 3.0
+"""Seconds for which a publisher and a subscription may take to meet."""
 
 
 class GoalTable(BindingSettings, frozen=True, kw_only=True):
@@ -85,8 +87,9 @@ class PublishTable(BindingSettings, frozen=True, kw_only=True):
         type: Its type, such as ``geometry_msgs/msg/Twist``.
         message: The message's fields, or the function ``module:name`` that returns them, as of a goal; else zeros.
         rate: How many times a second it is published; once by default.
-        until: With a rate, the predicate that ends it when true, or the seconds after which it ends: it fails where
-            nobody subscribes to the topic then. By default it goes on until it is cancelled.
+        until: With a rate, the predicate that ends it when true, or the seconds after which it ends. Where nobody
+            subscribes to the topic then, it waits 3 s for somebody, publishes once more, or fails. By default it goes
+            on until it is cancelled.
         last: With a rate, the fields of one more message, published when it ends or is cancelled; none by default.
         qos: The quality of service.
     """
@@ -212,7 +215,8 @@ class Actions:
                     count += 1
                     await asyncio.sleep(begin + count * period - loop.time())
                 if not publisher.matched:
-                    raise _Error(f"nobody has heard it: there is no subscription of {name}")
+                    await _meet(publisher, name)
+                    publisher(made)
             finally:
                 if end is not None:
                     publisher(end)
@@ -302,6 +306,15 @@ class _Goal(Binding):
     def within(self, ensemble: Ensemble) -> Binding:
         """Return the goal as an action of an ensemble."""
         return _Goal(self._of, self._options, ensemble)
+
+
+async def _meet(publisher: Publisher, name: str) -> None:
+    """Wait until somebody subscribes to a topic."""
+    for _ in range(100):
+        await asyncio.sleep(_MEETING / 100)
+        if publisher.matched:
+            return
+    raise _Error(f"nobody has heard it: there is no subscription of {name}")
 
 
 def _named(function: Callable[[Action], Any], name: str) -> Callable[[Action], Any]:

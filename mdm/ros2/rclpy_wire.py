@@ -265,6 +265,7 @@ class RclpyWire:
                 try:
                     executor.spin_until_future_complete(self._closing)
                 except rclpy.executors.ExternalShutdownException:
+                    self.node = None  # before it is told: nobody asks it from then on
                     self.report(self._name, "exception", "the program has shut rclpy down: nothing comes any more")
                     break
                 except Exception as error:

@@ -272,13 +272,15 @@ def test_a_message_is_published_at_a_rate_until_a_predicate_is_true():
     run(lambda actions: actions.publish("/cmd_vel", TWIST, rate=10.0, until="IsStill"), scenario)
 
 
-@pytest.mark.parametrize(("subscribers", "end"), [(0, "failed"), (1, "succeeded")])
-def test_what_nobody_has_heard_until_its_end_has_failed(subscribers, end):
+@pytest.mark.parametrize(("after", "sent", "end"), [(0.0, 3, "succeeded"), (1.05, 4, "succeeded"), (9.0, 3, "failed")])
+def test_what_nobody_has_heard_until_its_end_is_said_once_more_or_has_failed(after, sent, end):
     async def scenario(bench):
-        bench.wire.subscribers["/cmd_vel"] = subscribers
+        bench.wire.subscribers["/cmd_vel"] = int(not after)
         bench.act()
-        await asyncio.sleep(1)
-        assert len(bench.sent("/cmd_vel")) == 3
+        await asyncio.sleep(after)
+        bench.wire.subscribers["/cmd_vel"] = 1
+        await asyncio.sleep(9)
+        assert len(bench.sent("/cmd_vel")) == sent
         assert bench.ends() == [("Act", end)]
 
     run(lambda actions: actions.publish("/cmd_vel", TWIST, rate=10.0, until=0.3), scenario)

@@ -282,12 +282,15 @@ def test_a_real_node_reads_diagnostics_and_stops_the_robot(ros, tmp_path):
             peer = Watched(await here.peer())
             go = {"publish": "/go", "type": "std_msgs/msg/Bool", "rate": 20, "message": {"data": True}}
             peer.tell(echo="/diagnostics", type="diagnostic_msgs/msg/DiagnosticArray")
+            peer.tell(echo="/cmd_vel", type="geometry_msgs/msg/Twist")
             peer.tell(**go)
             watched = Watched(await here.system(SEEN))
 
             def level(wanted, since=0, word=""):
                 def is_so(event):
-                    return any(each["level"] == wanted and word in str(each) for each in event["message"]["status"])
+                    return event["heard"] == "/diagnostics" and any(
+                        each["level"] == wanted and word in str(each) for each in event["message"]["status"]
+                    )
 
                 return peer.says("heard", since=since, where=is_so)
 

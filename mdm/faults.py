@@ -259,7 +259,7 @@ KINDS: Final[dict[str, FaultKind]] = {
     # -- Teams: messages -----------------------------------------------------------------------------------------
     "unprotected": FaultKind(
         "The team's messages are not protected: whoever reaches the port can command the robot.",
-        "Use certificates, or a network of the robots alone: docs/teams.md says how.",
+        "Use certificates, or a network of the robots alone: docs/team-security.md says how.",
     ),
     "certificate": FaultKind(
         "An agent's certificate, or its authority's, ends within two days: nobody connects to it then.",

@@ -105,7 +105,7 @@ def test_the_errors_of_the_page_about_models_are_the_real_ones():
 
 def test_the_programs_of_the_page_about_communicating_teams_run():
     scope: dict[str, object] = {}
-    for block in blocks.texts("docs/teams.md", "python", "\n## Communicating\n"):
+    for block in blocks.texts("docs/communicating.md", "python"):
         exec(block.replace("episodes=1000", "episodes=10"), scope)
     assert scope["history"] is None or scope["history"].agent == 0
     assert scope["result"].episodes == 10

@@ -206,6 +206,8 @@ class Ros2Reader(TableReader):
             given["feedback"] = self._feedback(given["feedback"], f"{entry.type}_Feedback", f"{key}.feedback")
         if len(self._reading.problems) > before:
             return None
+        if key.endswith("safe_action") and given.get("rate") is not None and given["until"] is None:
+            raise ConfigError("a safe action has an end: give 'until', seconds or a predicate", key=f"{key}.until")
         actions = Actions(_Unchecked(), self._reading.predicates) if self._link is None else self._link.actions
         name = given.pop(role)
         bound: Binding = getattr(actions, method)(name, given.pop("type"), **given)

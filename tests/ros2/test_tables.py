@@ -398,6 +398,7 @@ WRONG = [
     {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": "x", "rate": 0}},
     {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": TWIST, "until": 3.0}},
     {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": TWIST, "rate": 9.0, "until": "Lo"}},
+    {"ensembles__top__safe_action": {"publish": "/cmd_vel", "type": TWIST, "rate": 9.0}},
 ]
 DOCK = {"action": "/dock", "type": "nav2_msgs/action/DockRobot"}
 UNCHECKED = [

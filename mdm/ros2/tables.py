@@ -248,7 +248,8 @@ class Ros2Reader(TableReader):
     def _feedback(self, given: dict[str, str] | str | None, kind: str, key: str) -> str | Callable[..., Any] | None:
         """Return who hears feedback: a function, a field by its name, or a predicate by a condition."""
         if isinstance(given, str) and _FUNCTION.fullmatch(given):
-            return self._function(given, key)
+            found: Callable[..., Any] | None = self._function(given, key)
+            return found
         if not isinstance(given, dict):
             if given is not None and self._link is not None and given not in (known := self._link.wire.fields(kind)):
                 raise ConfigError(f"{kind} has no {given!r}{similar(given, known)}", key=key)

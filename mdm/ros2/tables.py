@@ -14,6 +14,7 @@ from mdm.actors.options import BindingSettings
 from mdm.config import TableReader
 from mdm.config.functions import Lasting, nothing
 from mdm.errors import ConfigError, Error
+from mdm.logic import similar
 from mdm.options import Options, Seconds
 from mdm.ros2.actions import Actions, CallTable, GoalTable, PublishTable
 from mdm.ros2.conditions import Condition
@@ -202,9 +203,11 @@ class Ros2Reader(TableReader):
         given = msgspec.structs.asdict(entry)
         given[message] = self._function(given[message], f"{key}.{message}")
         if "feedback" in given:
-            given["feedback"] = self._feedback(given["feedback"], f"{key}.feedback")
+            given["feedback"] = self._feedback(given["feedback"], f"{entry.type}_Feedback", f"{key}.feedback")
         if len(self._reading.problems) > before:
             return None
+        if key.endswith("safe_action") and given.get("rate") is not None and given["until"] is None:
+            raise ConfigError("a safe action has an end: give 'until', seconds or a predicate", key=f"{key}.until")
         actions = Actions(_Unchecked(), self._reading.predicates) if self._link is None else self._link.actions
         name = given.pop(role)
         bound: Binding = getattr(actions, method)(name, given.pop("type"), **given)
@@ -242,14 +245,21 @@ class Ros2Reader(TableReader):
         named = _FUNCTION.fullmatch(text)
         return self._function(text, key) if named else self._reading.problems.attempt(key, Condition, text)
 
-    def _feedback(self, given: dict[str, str] | str | None, key: str) -> str | Callable[..., Any] | None:
+    def _feedback(self, given: dict[str, str] | str | None, kind: str, key: str) -> str | Callable[..., Any] | None:
         """Return who hears feedback: a function, a field by its name, or a predicate by a condition."""
+        if isinstance(given, str) and _FUNCTION.fullmatch(given):
+            found: Callable[..., Any] | None = self._function(given, key)
+            return found
         if not isinstance(given, dict):
-            return self._function(given, key) if given and _FUNCTION.fullmatch(given) else given
+            if given is not None and self._link is not None and given not in (known := self._link.wire.fields(kind)):
+                raise ConfigError(f"{kind} has no {given!r}{similar(given, known)}", key=key)
+            return given
         if given.keys() != {"predicate", "when"}:
             raise ConfigError("feedback has the keys 'predicate' and 'when'", key=key)
         self._reading.predicates.declared.check_input(given["predicate"], "predicate")
         when, sense = self._when(given["when"], f"{key}.when"), self._reading.predicates.sense
+        if isinstance(when, Condition) and self._link is not None:
+            when.check(kind, self._link.wire.fields)
         return None if when is None else lambda message: sense(given["predicate"], when(message))
 
 

@@ -67,6 +67,7 @@ TYPES = {
         "status": "sequence<diagnostic_msgs/DiagnosticStatus>",
     },
     "nav2_msgs/action/DockRobot": {"dock_id": "string", "max_staging_time": "float"},
+    "nav2_msgs/action/DockRobot_Feedback": {"count": "int32"},
     "nav2_msgs/action/NavigateToPose": {"pose": "geometry_msgs/PoseStamped", "behavior_tree": "string"},
     "test_msgs/action/Fibonacci": {"order": "int32"},
 }

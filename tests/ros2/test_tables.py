@@ -398,7 +398,9 @@ WRONG = [
     {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": "x", "rate": 0}},
     {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": TWIST, "until": 3.0}},
     {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": TWIST, "rate": 9.0, "until": "Lo"}},
+    {"ensembles__top__safe_action": {"publish": "/cmd_vel", "type": TWIST, "rate": 9.0}},
 ]
+DOCK = {"action": "/dock", "type": "nav2_msgs/action/DockRobot"}
 UNCHECKED = [
     {"ros2": {"wire": "robot_code:home"}},
     {"predicates__Low": {**BATTERY, "type": "sensor_msgs/msg/Battery"}},
@@ -408,6 +410,8 @@ UNCHECKED = [
     {"events__Bumped": {**BATTERY, "qos": {"depth": 3}}},
     {"ensembles__top__actions__Dock": {"action": "/dock", "type": "nav2_msgs/action/Dock"}},
     {"ensembles__top__actions__Dock": {"service": "/x", "type": "std_srvs/srv/SetBool", "request": {"dat": True}}},
+    {"ensembles__top__actions__Dock": {**DOCK, "feedback": "cont"}},
+    {"ensembles__top__actions__Dock": {**DOCK, "feedback": {"predicate": "Charging", "when": "cont > 1"}}},
 ]
 
 

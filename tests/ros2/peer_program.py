@@ -274,12 +274,14 @@ class Peer:
         tell(nodes=node.get_node_names(), topics=dict(node.get_topic_names_and_types()))
 
     def matched(self, matched, type="test_msgs/msg/Empty"):  # noqa: A002
-        """Print that a topic's publisher or an echo has its counterpart, once it has."""
+        """Print that a topic's publisher, an echo or an action's server has its counterpart, once it has."""
 
         def look():
             if (
                 self.publishers[matched].get_subscription_count()
                 if matched in self.publishers
+                else self.node.count_clients(matched)
+                if matched.endswith("/_action/send_goal")
                 else self.node.count_publishers(matched)
             ):
                 tell(matched=matched)

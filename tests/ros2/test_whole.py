@@ -201,6 +201,8 @@ def test_a_goal_ends_in_each_way_that_a_server_has(ros, nav2, tmp_path):
             docker = Watched(await here.system(ACTION))
             sensor.tell(matched="/dock")
             await sensor.says("matched")
+            robot.tell(matched="/dock_robot/_action/send_goal")
+            await robot.says("matched")
 
             def want(dock):
                 sensor.tell(publish="/dock", type="std_msgs/msg/Bool", message={"data": dock}, rate=20)

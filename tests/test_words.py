@@ -17,7 +17,9 @@ PLAINER = {
 """What is not written, as a pattern, and what to write in its place."""
 
 PAGES = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "tests").rglob("sentences.txt")]
-PAGES = [page.relative_to(ROOT).as_posix() for page in PAGES if "_build" not in page.parts]
+MADE = {page.name for page in PAGES if page.parent.name == "reference"} - {"index.md"}
+"""Pages that are made from the code where the site is built, and else are not there."""
+PAGES = [page.relative_to(ROOT).as_posix() for page in PAGES if "_build" not in page.parts and page.name not in MADE]
 
 
 def found(text):

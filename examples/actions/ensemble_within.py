@@ -21,7 +21,7 @@ async def decide(runtime: mdm.Runtime, ensemble: mdm.Ensemble, until: str) -> bo
 
     Args:
         runtime: Runs the ensemble's predicate manager, too, which was started before and stays.
-        ensemble: Runs within this call alone, and starts anew with each.
+        ensemble: Runs within this call alone, and starts again with each.
         until: A predicate of its manager.
 
     Returns:

@@ -77,7 +77,7 @@ class Topic:
         """Declare an event that each message raises, or each for which ``when`` holds.
 
         A condition leaves no message out. Of messages that wait to be looked at by a function there are no more than
-        the ``depth`` of the quality; a fault tells of others.
+        the ``depth`` of the quality; a fault counts the others.
         """
         self._predicates.event(name)
         told = self._when(name, when)

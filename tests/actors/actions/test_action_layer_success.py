@@ -127,7 +127,7 @@ steps = st.lists(st.tuples(st.integers(0, 2), st.sampled_from([0.0, 0.05, 0.3, 1
 ends = st.lists(st.tuples(st.sampled_from([0.0, 0.1, 1.0, 5.0]), st.sampled_from(["returns", "raises", "cancelled"])))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=12)
 @given(steps, st.tuples(ends, ends, ends), st.booleans(), st.booleans())
 def test_each_life_ends_as_its_task_says_and_is_replayed_so(tmp_path_factory, steps, ends, may_succeed, safe):
     """Nothing is decided but on the states that are told, whatever the tasks say; and a replay has the same lives."""
@@ -164,3 +164,12 @@ def test_each_life_ends_as_its_task_says_and_is_replayed_so(tmp_path_factory, st
     assert replay(path, made([Task([]) for _ in NAMES])) == decisions
     recorded = [each.message for each in Record(path).messages(["lives"])]
     assert [(life.action, life.status) for life in recorded][: len(lives)] == lives
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=100)
+@given(steps, st.tuples(ends, ends, ends), st.booleans(), st.booleans())
+def test_many_more_lives_end_as_their_tasks_say(tmp_path_factory, steps, ends, may_succeed, safe):
+    test_each_life_ends_as_its_task_says_and_is_replayed_so.hypothesis.inner_test(
+        tmp_path_factory, steps, ends, may_succeed, safe
+    )

@@ -454,3 +454,44 @@ def test_without_rclpy_one_sentence_says_how_it_is_had(folder, monkeypatch):
         load_system(folder / "robot.toml")
     assert len(caught.value.problems) == 1
     look_over(folder / "robot.toml")
+
+
+@pytest.mark.parametrize("times", [1, 2])
+@pytest.mark.parametrize(
+    "written",
+    [
+        {"action": "/dock_robot", "type": "nav2_msgs/action/DockRobot"},
+        {"service": "/brake", "type": "std_srvs/srv/SetBool"},
+        {"publish": "/cmd_vel", "type": TWIST},
+    ],
+    ids=["goal", "call", "message"],
+)
+def test_the_options_of_an_action_are_those_of_its_binding(times, written, folder):
+    own = {"timeout": 10.0 * times, "grace": 2.0 * times, "pause": 0.25 * times, "attempts": 2 * times}
+    own["then"] = "decide"
+    more = {"rate": 5.0 * times, "until": 2.0 * times} if "publish" in written else {}
+    document = changed(ensembles__top__actions__Dock={**written, **own, **more})
+    system = load_system(document, folder=folder, tables=reader_of(Peers()))
+    action = system.ensembles["top"].action
+    binding = action.bindings[action.names.index("Dock")]
+    sequel = binding.sequel
+    assert (binding.timeout, binding.grace) == (own["timeout"], own["grace"])
+    assert (sequel.pause, sequel.attempts, sequel.then) == (own["pause"], own["attempts"], "decide")
+
+
+@pytest.mark.parametrize("silence", [0.5, 2.0])
+def test_a_drive_of_a_silent_navigator_fails(silence, folder):
+    wire = StandIn()
+    Server(wire, "/navigate_to_pose", takes=None)
+    (folder / "places.toml").write_text(PLACES.replace("silence = 3.0", f"silence = {silence}"))
+    system = load_system(folder / "places.toml", tables=reader_of(wire))
+
+    async def main(runtime):
+        faults = probe(runtime.faults)
+        await runtime.start(system)
+        pose = {"position": {"x": 2.0, "y": 2.0}, "orientation": {"w": 1.0}}
+        wire.send("/amcl_pose", pose={"pose": pose, "covariance": [0.1, *[0.0] * 6, 0.1, *[0.0] * 28]})
+        await asyncio.sleep(silence + 0.5)
+        assert f"told nothing for {silence:g} s" in next(each.detail for each in faults if each.kind == "action")
+
+    run_virtual(main)

@@ -86,7 +86,7 @@ class StandIn:
         services: By service, a function (or async function) from request to response: the test's; absent: no server.
         served: By service, its type and our function; `ask` calls it.
         servers: By action, its `Server`; absent: no server.
-        graph: By role and name, the `mdm.ros2.wire.Peer`s that the graph tells of.
+        graph: By role and name, the `mdm.ros2.wire.Peer`s in the graph.
         opened, closed: Whether it was.
     """
 

@@ -477,17 +477,19 @@ def test_without_signals_the_program_s_stay_as_they_are():
 
 
 def test_a_signal_ends_every_open_runtime(monkeypatch, caplog):
-    stopped = []
+    opened, stopped = [], []
 
     async def one(name):
         async with Runtime(log=None) as runtime:
             try:
+                opened.append(name)
+                if len(opened) == 2:
+                    os.kill(os.getpid(), signal.SIGTERM)
                 await runtime.wait()
             finally:
                 stopped.append(name)
 
     async def main():
-        asyncio.get_running_loop().call_later(0.05, os.kill, os.getpid(), signal.SIGTERM)
         await asyncio.gather(one("first"), one("second"))
 
     monkeypatch.setattr(signals, "_LINGER", 0.0)

@@ -128,6 +128,12 @@ def test_every_verb_is_in_the_page_on_the_command():
         assert f"mdm {verb} " in page
 
 
+@pytest.mark.parametrize(("page", "most"), [("README.md", 700), ("docs/teams.md", 4_500), ("docs/safety.md", 2_500)])
+def test_a_page_has_at_most_so_many_words_outside_code(page, most):
+    text = re.sub(r"^```.*?^```$|<!--.*?-->", "", read(page), flags=re.MULTILINE | re.DOTALL)
+    assert sum(re.search(r"\w", word) is not None for word in text.split()) <= most
+
+
 def test_every_page_is_in_the_index():
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8").split()
     assert [page.stem for page in (ROOT / "docs").glob("*.md") if page.stem not in {"index", *index}] == []

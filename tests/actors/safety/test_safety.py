@@ -370,7 +370,6 @@ def test_the_end_of_an_ensemble_below_takes_what_the_page_says():
         pass
 
     below = Ensemble("robot", policy=[0], actions={"Go": act}, safe_action=act)
-    assert "by default\n5 + 2 \N{MULTIPLICATION SIGN} (10 + 5) = 35 s" in (ROOT / "docs" / "safety.md").read_text(
-        encoding="utf-8"
-    )
+    page = " ".join((ROOT / "docs" / "safety.md").read_text(encoding="utf-8").split())
+    assert "by default 5 + 2 \N{MULTIPLICATION SIGN} (10 + 5) = 35 s" in page
     assert below.patience == 35 + 0.5  # half a second for what the loop takes

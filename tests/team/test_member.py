@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 from sentences import refused
 from team_robots import Robot, history, over_beliefs, over_states, started
 from teams import team as random_team
@@ -428,6 +428,12 @@ def test_copies_are_the_same_again_whatever_has_happened(events, fixed, seed):
 
 
 MOVES = st.sampled_from(["crash", "leave", "return", "partition", "heal", "move", "move", "release"])
+APART = [
+    *(("crash", "a", 0.05), ("return", "a", 0.05), ("heal", "a", 0.3), ("partition", "a", 0.05)),
+    *(("crash", "b", 0.05), ("partition", "a", 0.05), ("return", "b", 0.05), ("heal", "a", 0.05)),
+    ("partition", "a", 0.9),
+]
+"""Robot b begins again alone, and is safe since it knows nothing of a's room; then it takes a's copy, which does."""
 
 
 @settings(max_examples=15, deadline=None)
@@ -437,6 +443,7 @@ MOVES = st.sampled_from(["crash", "leave", "return", "partition", "heal", "move"
     st.sampled_from(["continue", "hold", "safe_action"]),
     st.integers(0, 100),
 )
+@example(APART, False, "safe_action", 0)
 def test_two_robots_do_what_is_right_for_where_they_are_once_they_see_each_other(events, fixed, reaction, seed):
     async def main(runtime):
         network = Network(runtime.clock, team="rooms", lease=0.5, seed=seed, loss=0.1, delay=(0.001, 0.02))

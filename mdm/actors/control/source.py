@@ -387,6 +387,10 @@ class JointProcess:
         if over and control.running and control.blind and control.guard is not None:
             control.guard.blind(time)
         elif over:
+            if control.state is not None:  # known by a snapshot, too, in place of the steps that it stands for
+                self._taking = True
+                control.reopen(frozenset({"unknown_input"}), time)
+                self._taking = False
             self.repeat(time)
 
     # -- Snapshots -----------------------------------------------------------------------------------------------

@@ -15,3 +15,5 @@ myst_heading_anchors = 3
 html_theme = "furo"
 html_title = "mdm"
 exclude_patterns = ["_build"]
+html_static_path = ["_static"]
+html_css_files = ["pages.css"]

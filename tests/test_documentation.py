@@ -36,7 +36,8 @@ def test_the_page_on_installing_names_every_extra():
 
 
 def test_the_configuration_page_s_file_is_complete(tmp_path, monkeypatch, capsys):
-    (tmp_path / "robot.toml").write_text(blocks.texts("docs/configuration.md", "toml")[0])
+    whole = blocks.texts("docs/configuration.md", "toml", "\n## A file with most of it\n")[0]
+    (tmp_path / "robot.toml").write_text(whole)
     (tmp_path / "robot.py").write_text(
         "async def read_sensors(system): pass\nasync def assist(): pass\ndef stop(): pass\ndef go_on(): pass\n"
         "def cut_motors(): pass\n"

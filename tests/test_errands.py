@@ -208,7 +208,7 @@ def test_the_example_prints_what_the_page_says(library):
 
 
 def test_the_page_quotes_the_examples():
-    errand_as_tree, boards, program, deciding = blocks.texts("docs/actions.md", "python")
+    _, errand_as_tree, boards, program, deciding = blocks.texts("docs/actions.md", "python")
     assert errand_as_tree in (FOLDER / "py_trees_action.py").read_text(encoding="utf-8")
     assert deciding in (FOLDER / "ensemble_within.py").read_text(encoding="utf-8")
     scope = {}

@@ -172,6 +172,15 @@ class Declarations:
         told = f" to a number: {self.thresholds[name]}" if name in self.thresholds else ""
         return f"{'raised' if kind == 'event' else 'set'} by {self.tellers.get(name, 'code')}{told}{aged}"
 
+    def written(self, name: str) -> dict[str, str | float]:
+        """Return a declaration as a table of a file has it, times in seconds."""
+        formulas = self._formulas[name]
+        keys = ("set", "reset") if len(formulas) == 2 else ("formula",)
+        table: dict[str, str | float] = dict(zip(keys, map(str, formulas), strict=False))
+        table |= {"when": str(self.thresholds[name])} if name in self.thresholds else {}
+        times = {"held_for": self.held_for, "max_age": self.max_age}
+        return table | {key: ages[name] / 1e9 for key, ages in times.items() if name in ages}
+
     def inputs_of(self, name: str) -> set[str]:
         """Return the names of all sensors and events that a predicate or event depends on, itself included."""
         found: set[str] = set()

@@ -14,11 +14,13 @@ VERBS = {
     "check": Verb(
         "Check a file: an ensemble's TOML file, a model or a policy. All problems are listed at once, those of one "
         "kind by the first few and their number; notes list what is allowed but odd: states that cannot be reached or "
-        "left, observations that never occur, actions that change nothing. Functions that a TOML file names are looked "
-        "for in the source of their modules, which are not run, unless --import is given.",
+        "left, observations that never occur, actions that change nothing; of a TOML file, with line and column, "
+        "unlikely times and rates, values that hold together, sensors and actions without a use. Functions that a "
+        "TOML file names are looked for in the source of their modules, which are not run, unless --import is given. "
+        "FILE.py:FUNCTION runs that function, and checks the ensembles or the System that it returns.",
         "mdm check examples/patrol/patrol.toml",
         (
-            Argument("file FILE", "a TOML file, a model or a policy"),
+            Argument("file FILE", "a TOML file, a model, a policy, or FILE.py:FUNCTION"),
             Argument("--model M", "the model that a policy is for, to check it against"),
             DURATIONS,
             Argument("--normalize", "take distributions that do not sum to 1 for notes, not problems"),

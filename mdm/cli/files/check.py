@@ -2,48 +2,44 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 import sys
 import tomllib
 import warnings
-from itertools import combinations, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mdm.cli.files.info import is_policy, kind_of
+from mdm.cli.files.oddities import oddities
 from mdm.cli.policies.inputs import load_durations_for
 from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError
 from mdm.errors import ConfigError, Error, FormatError, ModelError
 from mdm.formats import load_model, load_policy
 from mdm.formats.source import suffixes
-from mdm.logic import P, parse
 from mdm.models.diagnosis import diagnose
 from mdm.models.durations import in_time
 from mdm.models.dynamics import Dynamics
 from mdm.models.units import check_steps
 from mdm.models.validation import Problem, collect_problems
 from mdm.policies import DeterministicPolicy, QTable
-from mdm.texts import texts_in
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from mdm.config import System
-    from mdm.logic import Formula
     from mdm.models import MDP, Durations
     from mdm.models.matrices import Vector
-
-    Definitions = dict[str, tuple[Formula, ...]]
 
 _TOLD = 5
 _PLACES = 5
 _VARYING = re.compile(r"'[^']*'|\d[\d.e+-]*|; did you mean .*")
 """The parts that differ between problems of one kind: names, numbers, places, suggestions."""
+_PROGRAM = re.compile(r"\.py(:[^/]*)?$")
+"""The end of the name of a Python file, with that of a function in it."""
 _PLACE = re.compile(r"\S*?:(\d+)(?::\d+)?: ")
 
 Findings = tuple[str | None, list[str], list[str]]
@@ -52,7 +48,8 @@ Findings = tuple[str | None, list[str], list[str]]
 
 def run(arguments: argparse.Namespace) -> int:
     """Check the file; return the exit status."""
-    return report(arguments.file, lambda: _examine(arguments), json=arguments.json)
+    examined = _examine_program if _PROGRAM.search(arguments.file) else _examine
+    return report(arguments.file, lambda: examined(arguments), json=arguments.json)
 
 
 def report(file: str, examine: Callable[[], Findings], *, json: bool, command: str = "mdm check") -> int:
@@ -97,6 +94,15 @@ def grouped(problems: list[str]) -> list[str]:
         places = f", at lines {', '.join(rest[:_PLACES])}{', …' if len(rest) > _PLACES else ''}" if rest else ""
         lines += [*alike[: _TOLD - 2], f"and {len(alike) - _TOLD + 2} more like the last{places}"]
     return lines
+
+
+def _examine_program(arguments: argparse.Namespace) -> Findings:
+    """Return the findings on the ensembles that a function of a Python file returns."""
+    if any(getattr(arguments, name) for name in ("model", "durations", "normalize", "imports", "live")):
+        raise UsageError("a function of a Python file is checked without other options than --json")
+    from mdm.cli.files.program import examine  # noqa: PLC0415 - a model needs no actors
+
+    return examine(arguments.file)
 
 
 def _examine(arguments: argparse.Namespace) -> Findings:
@@ -152,8 +158,8 @@ def _examine_ensembles(file: str, *, imports: bool, live: bool) -> Findings:
         from mdm.ros2.doctor import examine as look  # noqa: PLC0415 - rclpy is the user's own
 
         problems += [problem for part in look(file) for problem in part.problems]
-    notes = [note for ensemble in system.ensembles.values() for note in ensemble.notes()]
-    return "ensembles", problems, [*notes, *oddities(file, imports=imports or live), *_stale_policies(file, system)]
+    notes = oddities(file, system.ensembles.values(), imports=imports or live)
+    return "ensembles", problems, [*notes, *_stale_policies(file, system)]
 
 
 def _stale_policies(file: str, system: System) -> list[str]:
@@ -272,101 +278,3 @@ def _of_actions(model: MDP, policy: DeterministicPolicy, values: Vector, most: f
         f"in {model.state_space.names[state]!r} that model has {better!r} worth {lost[state]:.4g} more than "
         f"{model.action_space.names[chosen]!r}"
     )
-
-
-_LONG = {"period": 60, "deadline": 60, "max_age": 300, "grace": 300, "lease": 300, "held_for": 3600, "pause": 3600}
-_LONG |= {"safe_timeout": 3600, "timeout": 10_000}
-"""Seconds from which a time is more likely to be in milliseconds."""
-_INPUTS = 10
-"""Inputs of two formulas up to which all their values are tried."""
-
-
-def oddities(file: str, *, imports: bool) -> Iterator[str]:
-    """Yield a sentence on each oddity of a file without problems; ``imports`` says whether functions were imported."""
-    document = tomllib.loads(Path(file).read_text(encoding="utf-8-sig"))
-    ensembles = document["ensembles"]
-    yield from _long_times(document, "")
-    yield from _of_ros(document.get("ros2"), imports=imports)
-    definitions: Definitions = {}
-    for name, given in [*document.get("predicates", {}).items(), *document.get("events", {}).items()]:
-        table = {"formula": given} if isinstance(given, str) else given
-        definitions[name] = tuple(parse(table[key]) for key in ("formula", "set", "reset") if key in table)
-    named = {"predicates and events": definitions, "ensembles": ensembles}
-    named |= {f"actions of {name!r}": table["actions"] for name, table in ensembles.items()}
-    for what, names in named.items():
-        spelt: dict[str, str] = {}
-        for name in names:
-            if (other := spelt.setdefault(name.casefold(), name)) != name:
-                yield f"{what}: {other!r} and {name!r} differ by capital letters alone"
-    used = {name for formulas in definitions.values() for formula in formulas for name in formula.names}
-    used |= {*texts_in([table.get(kind) for table in ensembles.values() for kind in ("states", "observations")])}
-    used |= {name.rpartition("/")[2] for name in used}
-    if unused := [name for name, formulas in definitions.items() if not formulas and name not in used]:
-        yield f"nothing in this file uses {', '.join(map(repr, unused))}: what code tells there leads to no decision"
-    for name, table in ensembles.items():
-        for factor, given in table.get("states", {}).items():
-            predicates = given.get("predicates", given) if isinstance(given, dict) else given
-            for pair in combinations(predicates.values() if isinstance(predicates, dict) else predicates, 2):
-                if any(map(definitions.get, pair)) and (where := _together(*pair, definitions)) is not None:
-                    both = f"{pair[0]!r} and {pair[1]!r} of the state factor {factor!r} are both true where {where}"
-                    yield f"ensemble {name!r}: {both}"
-        yield from _bound_twice(name, ensembles)
-
-
-def _of_ros(table: dict[str, Any] | None, *, imports: bool) -> Iterator[str]:
-    if table is None:
-        return
-    if table.get("services"):
-        yield "ros2.services: anybody on the ROS domain may call them, unless SROS2 is set up"
-    if importlib.util.find_spec("rclpy") is None:
-        yield "types are unchecked: rclpy cannot be imported here"
-    elif not imports:
-        yield "types are unchecked: --import loads them"
-
-
-def _long_times(table: dict[str, Any], key: str) -> Iterator[str]:
-    for name, value in table.items():
-        if isinstance(value, dict):
-            yield from _long_times(value, f"{key}{name}.")
-        elif name in _LONG and isinstance(value, int | float) and value >= _LONG[name]:
-            told = f"{value:g} are seconds, {value / 60:.3g} min: {value / 1000:g} would be as many milliseconds"
-            yield f"{key}{name} = {told}"
-
-
-def _together(one: str, other: str, definitions: Definitions) -> str | None:
-    """Return where two predicates are both true: one follows from the other, or a common input makes them so."""
-    first, second = (_of_inputs(P(name), definitions) for name in (one, other))
-    shared, inputs = first.names & second.names, sorted(first.names | second.names)
-    if not shared or len(inputs) > _INPUTS:
-        return None
-    rows = [dict(zip(inputs, values, strict=True)) for values in product((False, True), repeat=len(inputs))]
-    held = [(row, first.evaluate(row), second.evaluate(row)) for row in rows]
-    found = [row for row, a, b in held if a and b]
-    if any(a and not b for _, a, b in held) and any(b and not a for _, a, b in held):
-        found = [row for row in found if not any(row[name] for name in inputs if name not in shared)]
-    if not found:
-        return None
-    true = [name for name in inputs if found[0][name]]
-    return f"{' and '.join(true)} {'is' if len(true) == 1 else 'are'}" if true else f"none of {', '.join(inputs)} is"
-
-
-def _of_inputs(formula: Formula, definitions: Definitions) -> Formula:
-    """Return a formula of inputs and latches alone."""
-    if isinstance(formula, P):
-        made = definitions.get(formula.name, ())
-        return _of_inputs(made[0], definitions) if len(made) == 1 else formula
-    return type(formula)(*(_of_inputs(part, definitions) for part in formula.parts)) if formula.parts else formula
-
-
-def _bound_twice(name: str, ensembles: dict[str, Any]) -> Iterator[str]:
-    """Yield ensembles that two actions start, while another one is started by none, and so decides by itself."""
-    below: dict[str, list[str]] = {}
-    for action, given in ensembles[name]["actions"].items():
-        if isinstance(given, dict) and isinstance(given.get("ensemble"), str):
-            below.setdefault(given["ensemble"], []).append(action)
-    started = {text for table in ensembles.values() for text in texts_in(table["actions"])}
-    free = " or ".join(repr(other) for other in ensembles if other != name and other not in started)
-    rest = f"; no action starts {free}, which decides by itself" if free else ""
-    for child, bound in below.items():
-        if len(bound) > 1:
-            yield f"ensemble {name!r}: the actions {' and '.join(bound)} start the same ensemble {child!r}{rest}"

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mdm.cli.files.check import oddities, report
+from mdm.cli.files.check import report
+from mdm.cli.files.oddities import oddities
 from mdm.cli.robots.ensembles import load_ensembles
 from mdm.cli.team.file import systems_of, team_agents_of
 from mdm.config import load_team, load_team_file
@@ -41,9 +42,9 @@ def examine(file: str, agents: Sequence[str], *, imports: bool) -> Findings:
     """Return the content of a team's file in words, its problems, and notes on oddities."""
     models: dict[Path, MDP] = {}  # the same at all agents
     systems, problems = systems_of(agents, lambda agent: load_ensembles(file, agent, imports=imports, models=models))
-    notes = dict.fromkeys(
-        note for system in systems.values() for ensemble in system.ensembles.values() for note in ensemble.notes()
-    )
+    ensembles = [ensemble for system in systems.values() for ensemble in system.ensembles.values()]
+    own = [note for ensemble in ensembles for note in ensemble.notes()]
+    notes = [*dict.fromkeys(own if problems else oddities(file, ensembles, imports=imports))]
     try:
         import_zenoh()
     except Error as error:
@@ -51,7 +52,7 @@ def examine(file: str, agents: Sequence[str], *, imports: bool) -> Findings:
     try:
         described = load_team_file(file)
     except ConfigError:  # which each agent has told
-        return None, problems, [*notes]
+        return None, problems, notes
     if described is None:
         raise AssertionError
     team = described.team
@@ -64,7 +65,6 @@ def examine(file: str, agents: Sequence[str], *, imports: bool) -> Findings:
         problems,
         [
             *notes,
-            *([] if problems else oddities(file, imports=imports)),
             *_reaching(described),
             *_beside(Path(file), team),
             *soon,

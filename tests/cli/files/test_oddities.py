@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from places import EXAMPLES
 
@@ -36,7 +38,8 @@ def notes(mdm, path, *, factor='["A", "B"]', predicates="", go='"builtins:print"
     status, output, errors = mdm("check", path)
     assert (status, errors) == (0, "")
     assert output[-1] == f"{path}: ensembles, no problems found"
-    return [line.removeprefix(f"{path}: note: ") for line in output[:-1]]
+    matches = [re.fullmatch(rf"{re.escape(str(path))}:\d+:\d+: note: (.*)", line) for line in output[:-1]]
+    return [match[1] for match in matches]
 
 
 @pytest.fixture
@@ -62,7 +65,10 @@ def test_sensors_that_nothing_uses_and_names_that_differ_by_case(mdm, path):
     found = notes(mdm, path, predicates="Never = {}\na = {}\nNor = {}")
     assert found == [
         "predicates and events: 'A' and 'a' differ by capital letters alone",
-        "nothing in this file uses 'Never', 'a', 'Nor': what code tells there leads to no decision",
+        *(
+            f"nothing in this file uses {name!r}: what code tells there leads to no decision"
+            for name in ("Never", "a", "Nor")
+        ),
     ]
     text = path.read_text(encoding="utf-8").replace("Stop =", "go =")
     assert "actions of 'robot': 'Go' and 'go' differ by capital letters alone" in notes(mdm, path, text=text)
@@ -103,3 +109,65 @@ def test_a_team_s_file_is_looked_at_once(mdm, tmp_path):
     path.write_text(path.read_text().replace("[predicates]", "[predicates]\nNever = {}", 1))
     assert "Never" in path.read_text()
     assert str(mdm("check", path)[1]).count("nothing in this file uses 'Never'") == 1
+
+
+def test_ensembles_that_can_be_built_are_noted_on_beside_the_problems_of_a_team_s_file(mdm, tmp_path):
+    for file in (EXAMPLES / "team").iterdir():
+        if file.is_file():
+            (tmp_path / file.name).write_bytes(file.read_bytes())
+    path = tmp_path / "carriers.toml"
+    path.write_text(path.read_text().replace('"carriers:d.unload"', '"carrierz:d.unload"'))
+    status, output, errors = mdm("team", "check", path)
+    assert status == 1
+    assert "carrierz" in errors
+    (note,) = [line for line in output if "note: ensemble 'unloading' has a safe action" in line]
+    assert "IsLoaded is no longer sensed" in note
+
+
+def test_each_note_has_its_line_and_column_also_as_json(facts, path):
+    text = FILE.format(
+        factor='["A", "B"]', predicates="D = { max_age = 500 }", go='"builtins:print"', rest='"builtins:print"'
+    )
+    path.write_text(text, encoding="utf-8")
+    found = facts("check", path)["notes"]
+    line = text.split("\n").index("D = { max_age = 500 }") + 1
+    assert f"{path}:{line}:1: nothing in this file uses 'D': what code tells there leads to no decision" in found
+    assert any(note.startswith(f"{path}:{line}:7: predicates.D.max_age = 500 are seconds") for note in found)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "odd"),
+    [
+        *(("drive", 2000, "are decisions a second"), ("drive", 0.02, "is a decision each 50 s"), ("drive", 10.0, None)),
+        *(("deadline", 0.0005, "are seconds, 0.5 ms"), ("deadline", 0.05, None)),
+        *(("safe_timeout", 5000, "are seconds, 83.3 min"), ("safe_timeout", 600, None)),
+    ],
+)
+def test_units_that_are_unlikely(mdm, path, key, value, odd):
+    text = FILE.format(factor='["A", "B"]', predicates="", go='"builtins:print"', rest='"builtins:print"')
+    found = notes(mdm, path, text=text.replace("policy = [0, 1]", f"policy = [0, 1]\n{key} = {value}"))
+    told = [note for note in found if note.startswith(f"ensembles.robot.{key} = {value:g} {odd or ''}")]
+    assert len(told) == (odd is not None)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "told"),
+    [
+        ("< 0.3", "> 0.2", ["'D' and 'E' both hold at 0.25"]),
+        ("< 0.2", "> 0.3", ["none of 'D', 'E' holds at 0.2"]),
+        ("< 0.2", ">= 0.2", []),
+        ("< 0.2 until > 0.3", "> 0.3 until < 0.2", []),
+        ("< 0.2 until > 0.3", ">= 0.2", ["'D' and 'E' both hold at 0.2"]),
+    ],
+)
+def test_thresholds_that_overlap_or_leave_a_gap(mdm, path, one, other, told):
+    found = notes(mdm, path, predicates=f"D = {{ when = '{one}' }}\nE = {{ when = '{other}' }}", factor='["D", "E"]')
+    end = " of the state factor 's', if all are told the same number"
+    assert [note for note in found if note.endswith(end)] == [f"ensemble 'robot': {each}{end}" for each in told]
+
+
+def test_actions_that_the_policy_never_chooses(mdm, path):
+    text = FILE.format(factor='["A", "B"]', predicates="", go='"builtins:print"', rest='"builtins:print"')
+    assert not notes(mdm, path, text=text)
+    (told,) = notes(mdm, path, text=text.replace("policy = [0, 1]", "policy = [0, 0]"))
+    assert told == "ensemble 'robot': the policy never chooses the action 'Stop'"

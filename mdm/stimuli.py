@@ -201,10 +201,11 @@ class GoesOn(_Stimulus, frozen=True, gc=False):
 
 
 class Over(_Stimulus, frozen=True, gc=False):
-    """The task that the decision of an epoch found live was over, and its end on the way."""
+    """The task of a life, 0 in older records, was over when an epoch's decision met it, and its end on the way."""
 
     ensemble: str
     epoch: int
+    life: int = 0
 
 
 class Late(_Stimulus, frozen=True, gc=False):

@@ -210,7 +210,7 @@ class Player(Choices, Observer):
         self._at_once: dict[str, tuple[int, int]] = {}
         self._kept: dict[tuple[str, int], tuple[dict[str, bool | None], dict[str, int]]] = {}
         self._goes_on: dict[tuple[str, int, int], bool] = {}
-        self._overs = {(over.ensemble, over.epoch, over.time) for over in stimuli if isinstance(over, Over)}
+        self._overs = {(it.ensemble, it.epoch, it.time, it.life) for it in stimuli if isinstance(it, Over)}
         self._delays = Delays()
         self._behind: dict[tuple[str, int, int], int] = {}
         # Decisions that came late, each with its place among the stimuli: an episode that begins within a turn has
@@ -373,9 +373,9 @@ class Player(Choices, Observer):
         """Return the answer of the action's function."""
         return self._goes_on.get((ensemble, epoch, time), False)
 
-    def over(self, ensemble: str, epoch: int, time: int, over: bool) -> bool:
-        """Return whether the task was over."""
-        return (ensemble, epoch, time) in self._overs
+    def over(self, ensemble: str, epoch: int, time: int, life: int, over: bool) -> bool:
+        """Return whether the task was over; where a record does not say of which life, any task."""
+        return any((ensemble, epoch, time, noted) in self._overs for noted in (life, 0))
 
     # -- Decisions ---------------------------------------------------------------------------------------------------
 

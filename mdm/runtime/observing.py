@@ -125,8 +125,8 @@ class Choices:
         """Return whether a running action that is chosen again goes on."""
         return ask()
 
-    def over(self, ensemble: str, epoch: int, time: int, over: bool) -> bool:
-        """Return whether the task that a decision meets is over, and its end on the way."""
+    def over(self, ensemble: str, epoch: int, time: int, life: int, over: bool) -> bool:
+        """Return whether the task of a life that a decision meets is over, and its end on the way."""
         return over
 
     def controls(self, output: Deciding) -> None:

@@ -249,7 +249,7 @@ def test_the_world_answers_where_no_run_is_repeated():
         assert choices.kept("robot", {"Near": True}, {"Near": 3}, 4) == ({"Near": True}, {"Near": 3})
         assert choices.counts_from("robot", 4, 5) == 5
         assert choices.latency("robot", 1, 2, 3) == 3
-        assert [choices.over("robot", 1, 2, over) for over in (True, False)] == [True, False]
+        assert [choices.over("robot", 1, 2, 3, over) for over in (True, False)] == [True, False]
         await choices.comes("robot", "start")
         assert not choices.repeats
 

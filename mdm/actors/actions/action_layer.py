@@ -386,7 +386,7 @@ class ActionLayer(Layer):
         if brief is None or lives.current is not None or self._told.heard or self._others:
             life = _Run(self.names[index], self.bindings[index], action)
             living = lives.met_by(life)
-            own = living is not None and living.work is not None and self._is_last(living.work, action)
+            own = living is not None and living.work is not None and self._is_last(living, living.work, action)
             self._obey(lives.choose(life, lambda: self._continues(life), own=own))
             return
         # Hot path: a plain function, while nothing lives and nobody listens to lives, needs no record of its own.
@@ -462,17 +462,17 @@ class ActionLayer(Layer):
         if not lives.open or lives.waits:
             self._settle()
 
-    def _is_last(self, work: Work, action: Action) -> bool:
+    def _is_last(self, life: _Run, work: Work, action: Action) -> bool:
         """Whether a task has perhaps taken its last step when an action is chosen: in that step, or behind it."""
         if work.is_calling:
             return self.runtime.clock.firing < 0  # a timer that was due before is not its doing
-        return self._is_over(work, action)
+        return self._is_over(life, work, action)
 
-    def _is_over(self, work: Work, action: Action) -> bool:
+    def _is_over(self, life: _Run, work: Work, action: Action) -> bool:
         """Whether a task is over when an action is chosen, and its end on the way."""
-        over = self._choices.over(self._path, action.epoch, action.time, work.done)
+        over = self._choices.over(self._path, action.epoch, action.time, life.number, work.done)
         if over:
-            self._observers.tell(Over, action.time, self._path, action.epoch)
+            self._observers.tell(Over, action.time, self._path, action.epoch, life.number)
         return over
 
     def _continues(self, life: _Run) -> bool:
@@ -590,7 +590,7 @@ class ActionLayer(Layer):
     def _beside_left(self, life: _Run) -> _Run | None:
         """Return the abandoned life of the same action, if any; report the others that this one begins beside."""
         for left in (*self.lives.left,):
-            if left.work is not None and self._is_over(left.work, life.action):
+            if left.work is not None and self._is_over(left, left.work, life.action):
                 self._forget(left)
         itself = self.lives.itself(life)
         if itself is None and self.lives.left:

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 from action_lives import lives_of, told
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from mdm import Ensemble, P, PredicateManager, bind
 from mdm.policies import DeterministicPolicy
@@ -123,12 +123,16 @@ def test_one_that_was_replaced_by_its_group_is_preempted_whatever_it_says():
     assert tasks[0].said == ["returns"]
 
 
-steps = st.lists(st.tuples(st.integers(0, 2), st.sampled_from([0.01, 0.05, 0.3, 1.0, 3.0])), min_size=1, max_size=12)
+pauses = st.sampled_from([0.0, 0.01, 0.05, 0.3, 1.0, 3.0])
+steps = st.lists(st.tuples(st.integers(0, 2), pauses), min_size=1, max_size=12)
 ends = st.lists(st.tuples(st.sampled_from([0.0, 0.1, 1.0, 5.0]), st.sampled_from(["returns", "raises", "cancelled"])))
+BESIDE = [(1, 0.0), (0, 3.0), (1, 0.0), (0, 0.0), (1, 0.0)]
+"""The last decision finds the task of A over, and that of B, which was abandoned, not."""
 
 
 @settings(deadline=None, max_examples=12)
 @given(steps, st.tuples(ends, ends, ends), st.booleans(), st.booleans())
+@example(BESIDE, ([], [(5.0, "returns")], []), True, False)
 def test_each_life_ends_as_its_task_says_and_is_replayed_so(tmp_path_factory, steps, ends, may_succeed, safe):
     """Nothing is decided but on the states that are told, whatever the tasks say; and a replay has the same lives."""
     path = tmp_path_factory.mktemp("run") / "run.mcap"

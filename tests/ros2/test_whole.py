@@ -216,11 +216,22 @@ def test_a_goal_ends_in_each_way_that_a_server_has(ros, nav2, tmp_path):
 
             async def goal(what, *, name="accepted"):
                 """Send one; return how its life ends after something was done."""
-                since, goals = len(docker.said), len(robot.said)
-                want(False)
-                await docker.until(lambda: docker.last("decision") and docker.last("decision")["decision"] == "0")
-                want(True)
-                await robot.says(name, since=goals)
+                while True:
+                    since, goals = len(docker.said), len(robot.said)
+                    want(False)
+                    await docker.until(lambda: docker.last("decision") and docker.last("decision")["decision"] == "0")
+                    want(True)
+                    heard, refused = (
+                        asyncio.create_task(robot.says(name, since=goals)),
+                        asyncio.create_task(told(since, "failed")),
+                    )
+                    await asyncio.wait([heard, refused], return_when=asyncio.FIRST_COMPLETED)
+                    if heard.done():
+                        await heard
+                        refused.cancel()
+                        break
+                    heard.cancel()  # the end of the one before was said by its server, and not yet heard
+                    assert "whose end was not heard" in (await refused)["detail"]
                 what()
                 return await told(since, *ends)
 

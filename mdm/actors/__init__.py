@@ -3,7 +3,7 @@
 from mdm.actors.abstraction.factors import ObservationFactor, StateFactor
 from mdm.actors.abstraction.layers import ObservationLayer, StateLayer
 from mdm.actors.actions.action_layer import ActionLayer, ActionStatistics
-from mdm.actors.actions.binding import Binding, bind
+from mdm.actors.actions.binding import AbandonedError, Binding, bind
 from mdm.actors.actions.subprocesses import run_subprocess
 from mdm.actors.control.control_layer import ControlLayer, ControlStatistics
 from mdm.actors.control.planner import Planner, PlannerStatistics
@@ -13,6 +13,7 @@ from mdm.actors.predicates.predicate_manager import PredicateManager
 from mdm.actors.predicates.sources import EventSource, Sensor
 
 __all__ = [
+    "AbandonedError",
     "ActionLayer",
     "ActionStatistics",
     "Binding",

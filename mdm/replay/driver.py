@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from mdm import messages
+from mdm.actors import AbandonedError
 from mdm.messages import Tick
 from mdm.replay.exchange import PartedError
 from mdm.replay.input import give
@@ -187,7 +188,7 @@ class Driver:
         work.interrupted = ended.interrupted
         error: BaseException | None = None
         if ended.error is not None:
-            error = AsRecordedError(ended.error)
+            error = (AbandonedError if ended.error.startswith("AbandonedError:") else AsRecordedError)(ended.error)
         elif ended.cancelled:
             error = asyncio.CancelledError()
         stand_in.end(error)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from mdm.actors import AbandonedError
 from mdm.errors import Error
 from mdm.ros2.wire import ABORTED, CANCELED, SUCCEEDED, UNKNOWN
 from mdm.runtime.supervision import describe
@@ -227,7 +228,8 @@ class Server:
         if end is None:
             pursuit.group = None  # no other is sent beside it
             pursuit.ask(secured(), asyncio.get_running_loop().time())
-            raise Error(f"the server of {self.name}{asked} told nothing for {silence:g} s: it may be held, or gone")
+            failure = AbandonedError if asked else Error  # the safe action runs first
+            raise failure(f"the server of {self.name}{asked} told nothing for {silence:g} s: it may be held, or gone")
         if end.status != SUCCEEDED:
             raise Error(f"the server of {self.name}{asked} {end}")
 

@@ -13,6 +13,7 @@ from records import Writing, with_gap
 from sentences import refused
 
 import mdm
+from mdm.actors import AbandonedError
 from mdm.errors import Error
 from mdm.messages import Decision, SensorUpdate
 from mdm.recording import Record
@@ -76,6 +77,32 @@ def test_a_run_in_virtual_time_is_repeated(tmp_path):
     assert result.exact
     assert result.lost == 0
     assert result.recorded == result.replayed == len(decisions) > 20
+
+
+@pytest.mark.parametrize("error", [Error, AbandonedError])
+def test_an_action_that_may_go_on_is_abandoned_in_a_replay_as_well(tmp_path, error):
+    async def go():
+        try:
+            await asyncio.sleep(60)
+        except asyncio.CancelledError:
+            await asyncio.sleep(0.5)
+            raise error("the base does not answer") from None
+
+    def robot():
+        return mdm.Ensemble("robot", policy=[0, 1], actions={0: lambda: None, 1: go}, safe_action=lambda: None)
+
+    async def main(runtime):
+        ensemble, decisions = robot(), []
+        runtime.decisions.subscribe(decisions.append)
+        await runtime.start(ensemble)
+        for state in (1, 0, 1):
+            ensemble.publish_state(state)
+            await asyncio.sleep(1)
+        return [decision.cause for decision in decisions]
+
+    causes = run_virtual(main, record=tmp_path / "run.mcap")
+    assert ("release" in causes) is (error is AbandonedError)
+    assert replay(tmp_path / "run.mcap", robot()).same
 
 
 @pytest.mark.parametrize("count", [1, 2, 7])

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from mdm.actors.actions.binding import Binding, Callback, bindings_of, returns_nothing, safe_binding
+from mdm.actors.actions.binding import AbandonedError, Binding, Callback, bindings_of, returns_nothing, safe_binding
 from mdm.actors.actions.lives import Life, Lives, Order, Part
 from mdm.actors.layer import Layer
 from mdm.actors.options import SAFE_TIMEOUT, SafetySettings
@@ -601,7 +601,8 @@ class ActionLayer(Layer):
     def _work_ended(self, life: _Run, work: Work) -> None:
         self._observers.ended(self._path, life.number, work, self.runtime.now())
         if work.error is not None:
-            self._finish(life, "failed", describe(work.error))
+            status: ActionStatus = "abandoned" if isinstance(work.error, AbandonedError) else "failed"
+            self._finish(life, status, describe(work.error))
         elif work.interrupted and (work.cancelled or not life.binding.may_succeed):  # even where it has returned
             self._finish(life, life.ending or "preempted")
         elif work.cancelled:

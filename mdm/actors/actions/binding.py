@@ -11,7 +11,7 @@ from types import CodeType, FunctionType, MethodType
 from typing import TYPE_CHECKING, Any, Unpack
 
 from mdm.actors.options import BindingOptions, BindingSettings
-from mdm.errors import ConfigError
+from mdm.errors import ConfigError, Error
 from mdm.logic import similar
 from mdm.runtime.handler import kind_of
 
@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from mdm.messages import Action
 
 Callback = Callable[..., Awaitable[object] | object]
+
+
+class AbandonedError(Error):
+    """Raised by an action that ends while its device may go on: it counts as abandoned."""
 
 
 class Binding:

@@ -13,6 +13,8 @@ from hypothesis import given, settings, strategies as st
 from rows_of_rooms import row_of_rooms
 
 from mdm import Ensemble, PredicateManager, StateFactor, bind
+from mdm.actors import AbandonedError
+from mdm.errors import Error
 from mdm.maps import Navigation, Places
 from mdm.models import POMDP
 from mdm.policies import AlphaVectors, DeterministicPolicy
@@ -251,6 +253,40 @@ def test_an_abandoned_action_is_not_begun_beside_itself(reaction, concurrent):
         assert (go.running, told(lives)[-2:]) == (0, [("Go", "running"), ("Go", "succeeded")])
         assert details == [fault.detail for fault in faults][: len(details)]
         assert "still runs" not in "".join(fault.detail for fault in faults[len(details) :])
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    ("error", "began"),
+    [(Error, ["Go", "Turn"]), (AbandonedError, ["Go", "safe action", "Turn"])],
+)
+def test_an_action_whose_device_may_go_on_counts_as_abandoned(error, began):
+    async def go():
+        try:
+            await asyncio.sleep(60)
+        except asyncio.CancelledError:
+            await asyncio.sleep(0.5)
+            raise error("the base does not answer") from None
+
+    async def main(runtime):
+        robot = Ensemble(
+            "robot",
+            policy=DeterministicPolicy([0, 1]),
+            actions={"Go": go, "Turn": lambda: None},
+            safe_action=lambda: None,
+        )
+        await runtime.start(robot)
+        lives, faults = lives_of(runtime), probe(runtime.faults)
+        robot.publish_state(0)
+        await asyncio.sleep(1)
+        robot.publish_state(1)
+        await asyncio.sleep(1)
+        status = "failed" if error is Error else "abandoned"
+        assert [action for action, status in told(lives) if status == "running"] == began
+        assert ("Go", status) in told(lives)
+        assert faults[0].detail.startswith(f"action 'Go' {status}: {error.__name__}: the base does not answer")
+        assert (robot.mode, runtime.abandoned) == ("deciding", [])
 
     run_virtual(main)
 

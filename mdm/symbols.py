@@ -64,7 +64,7 @@ class Symbols:
             return
         if plans is None:
             raise ConfigError(
-                "the policy decides for the whole team: a single agent can run its part of a controller per agent only",
+                "the policy decides for the whole team: one agent needs a policy with a controller for each",
                 key="local",
             )
         if not hasattr(policy, "num_agents"):
@@ -88,7 +88,7 @@ class Symbols:
         if isinstance(state, str):
             raise ModelError(f"without a model states have no names: give the index of {state!r}")
         if isinstance(state, bool) or not isinstance(state, SupportsIndex):
-            raise ModelError(f"{state!r} is no state: give its index")
+            raise ModelError(f"{state!r} is not a state: give its index")
         index = operator.index(state)
         if count is not None and not 0 <= index < count:
             raise ModelError(f"there is no state {index}; the policy is for {count} states, which count from 0")

@@ -74,8 +74,8 @@ def test_an_agent_has_the_symbols_of_its_part():
     [
         (PLANS, 2, "there is no agent 2; the model has 2"),
         (PLANS, "nobody", "there is no agent 'nobody'; the agents are"),
-        (VECTORS, 0, "a controller per agent"),
-        (DeterministicPolicy([0]), 0, "a controller per agent"),
+        (VECTORS, 0, "a controller for each"),
+        (DeterministicPolicy([0]), 0, "a controller for each"),
     ],
 )
 def test_what_is_no_agent_s_part_is_refused(policy, agent, words):

@@ -248,7 +248,7 @@ class Ensemble(Layer):
             yield from self.observation.shared_events()
         if self.safety.on_lost_teammate is not None and not self.shared:
             yield ConfigError(
-                f"on_lost_teammate is for ensembles of a team, but {self.name!r} is of none",
+                f"on_lost_teammate is for ensembles of a team, and {self.name!r} belongs to none",
                 key=f"ensembles.{self.name}.on_lost_teammate",
             )
 
@@ -463,7 +463,7 @@ class Ensemble(Layer):
             Error: If it is of a team, which decides together.
         """
         if self.shared:
-            raise Error(f"ensemble {self.name!r} is of a team, which decides on what all agents tell: set a predicate")
+            raise Error(f"ensemble {self.name!r} is part of a team, which decides on what all tell: set a predicate")
         self.channel("control", Control).publish(Control(self.runtime.now(), "decide_again"))
 
     def follow(self, team: Team, owned: Collection[str], *, acts: bool = True) -> JointProcess:

@@ -190,7 +190,7 @@ def load_system(
         Error: If a folder is given for a file, which has its own.
     """
     if not isinstance(path, Mapping) and folder is not None:
-        raise Error(f"a folder is for a document: the paths in {path} are relative to its own")
+        raise Error(f"leave folder out: the paths in {path} are relative to the folder of that file")
     given = path if isinstance(path, Mapping) else Path(path)
     builder = _Builder(given, folder=folder, callbacks=callbacks, models=models, tables=tables, virtual=virtual)
     return builder.system(agent, transport=transport, decisions=decisions)
@@ -558,4 +558,4 @@ def _refuse_mixture(table: PredicateTable, keys: Iterable[str]) -> None:
         raise ConfigError("a predicate that is not a sensor needs a 'formula', or 'set' and 'reset'")
     for key in keys:
         if key not in _KEYS[kind]:
-            raise ConfigError(f"{key!r} means nothing for a {kind}; its keys are {', '.join(_KEYS[kind])}")
+            raise ConfigError(f"a {kind} has no key {key!r}; its keys are {', '.join(_KEYS[kind])}")

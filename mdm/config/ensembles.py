@@ -181,7 +181,7 @@ class Ensembles:
             if len(self._problems) > before:
                 self._invalid.add(name)
         if not document.get("ensembles"):
-            self._problems.add("there is no ensemble: a table such as [ensembles.robot] is missing", "ensembles")
+            self._problems.add("the file has no ensemble: add a table such as [ensembles.robot]", "ensembles")
 
     def _ensemble(self, name: str, above: tuple[str, ...]) -> Ensemble | None:
         """Build an ensemble after its children; None if it has problems, which are reported once."""
@@ -375,7 +375,7 @@ class Ensembles:
             for field in given:
                 if field not in _OF_SAFE_ACTION:
                     keys = ", ".join(_OF_SAFE_ACTION)
-                    raise ConfigError(f"{field!r} means nothing for a safe action; its keys are {keys}")
+                    raise ConfigError(f"a safe action has no key {field!r}; its keys are {keys}")
         return self._binding(name, given, key, ()) or nothing
 
     def _search(
@@ -479,7 +479,7 @@ class Ensembles:
         if entry.call is None:
             raise ConfigError("'navigate' is for a function ('call'), which takes an argument of that name")
         if self._located and self._navigation is None:
-            raise ConfigError("'navigate' needs what drives there: give a table [places] with a navigator")
+            raise ConfigError("'navigate' needs a navigator: give a table [places] with one")
         if self._navigation is not None and type(target) not in {Lasting, Unseen} and target is not nothing:
             return self._navigation.task(target, **options)
         binding = Binding(target, **options)  # in place of one that is not called
@@ -497,7 +497,7 @@ class Ensembles:
         if not self._located:
             return Binding(nothing, **options)
         if self._navigation is None:
-            raise ConfigError(f"a {what} needs what drives there: give a table [places] with a navigator")
+            raise ConfigError(f"a {what} needs a navigator to drive there: give a table [places] with one")
         if entry.place is not None:
             return self._navigation.go_to(entry.place, **options)
         return self._navigation.way(str(entry.way), **options)

@@ -100,7 +100,7 @@ class Readers:
         self._given = given
         self._open: dict[str, tuple[Mapping[str, frozenset[str]], TableReader]] = {}
         for name in given.keys() & known:
-            reading.problems.add(f"the table {name!r} is read already: give the extension's another name", name)
+            reading.problems.add(f"mdm reads the table {name!r} itself: give that of the extension another name", name)
         for name in [name for name in document if name not in known]:
             with reading.problems.collecting(name):
                 if name not in self._registered:
@@ -122,9 +122,9 @@ class Readers:
             kind = resolve_name(kind) if isinstance(kind, str) else kind
         except (Exception, SystemExit) as error:
             text = f"{type(error).__name__}: {error}"
-            raise ConfigError(f"what reads the table [{name}] cannot be imported: {text}") from None
+            raise ConfigError(f"the reader of the table [{name}] cannot be imported: {text}") from None
         if not (isinstance(kind, type) and issubclass(kind, TableReader)):
-            raise ConfigError(f"what reads the table [{name}] is a class of mdm.config.TableReader, not {kind!r}")
+            raise ConfigError(f"the reader of the table [{name}] has to be a subclass of TableReader, not {kind!r}")
         return kind
 
     def of(self, table: str, written: object, fields: Collection[str] = ()) -> TableReader | None:

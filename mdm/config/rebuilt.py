@@ -108,7 +108,7 @@ def recorded_simulation(record: Record, folder: str | Path, given: str | Path | 
     files = {name: file for name in ("file", "model", "policy") if (file := getattr(told, name)) is not None}
     for file in files.values():
         if Path(file).name != file:
-            raise Error(f"{record.path}: its head says that {file!r} was simulated, which is no name of a file")
+            raise Error(f"{record.path}: its head says that {file!r} was simulated, which is not a plain file name")
     placed = {name: str(here / file) for name, file in files.items()}
     return simulated(**msgspec.structs.replace(told, **placed).options(), seed=told.seed)
 

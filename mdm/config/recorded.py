@@ -124,11 +124,11 @@ def load_recorded(
     name = record.head.get("configuration")
     if name is None:
         raise ConfigError(
-            f"{record.path}: the record has no configuration, for its run was no TOML file's: give the file of the "
+            f"{record.path}: the record has no configuration, since its run had no TOML file: give the file of the "
             f"same system with --config, or call mdm.testing.replay with the actors"
         )
     if PurePosixPath(name).name != name:
-        raise Error(f"{record.path}: its configuration has the name {name!r}, which is no name of a file")
+        raise Error(f"{record.path}: its configuration has the name {name!r}, which is not a plain file name")
     here = lay_out(record, folder)
     if not any(attached.name == _FOLDER + name for attached in record.attachments):
         raise ConfigError(

@@ -221,7 +221,7 @@ def _policy(table: CommunicationTable, functions: Functions, problems: Problems,
     del settings["policy"]
     for name in settings:
         if name not in arguments:
-            raise ConfigError(f"{name!r} means nothing for the communication policy {table.policy!r}")
+            raise ConfigError(f"the communication policy {table.policy!r} has no key {name!r}")
     for name, argument in arguments.items():
         if argument.default is argument.empty and name not in settings:
             raise ConfigError(f"the communication policy {table.policy!r} needs {name!r}")

@@ -63,7 +63,7 @@ class Step(msgspec.Struct, frozen=True, gc=False):
     def case(self, last: int = KEPT) -> Case:
         """Return it with its inputs, for the functions of `mdm.explanation`; arguments as of `explain`."""
         if self.past is None:
-            raise ModelError("no controller has made this step, so that nothing is known of why")
+            raise ModelError("only a step that a controller has made can be explained")
         return self.past.case(self, last)
 
     def __eq__(self, other: object) -> bool:

@@ -181,7 +181,7 @@ def joined(several: Sequence[Chains]) -> Chains:
         if (each.kind, each.hidden) != (first.kind, first.hidden):
             raise ModelError(
                 f"{first.ensemble!r} has decided on {_manner(first)} in one run and on {_manner(each)} in another: "
-                f"count them apart"
+                f"count these runs separately"
             )
     return Chains(
         first.ensemble,

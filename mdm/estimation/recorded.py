@@ -216,7 +216,7 @@ def check_names(records: Iterable[Record], ensemble: str, model: MDP) -> None:
             or _difference("observation", names.observations, model.observation_space)
         )
         if difference is not None:
-            raise ModelError(f"the model is not that of {ensemble!r} in {record.path}: {difference}")
+            raise ModelError(f"the model differs from that of {ensemble!r} in {record.path}: {difference}")
 
 
 def _difference(kind: str, names: Sequence[str], space: Space | None) -> str | None:
@@ -246,11 +246,11 @@ def _joint_decisions(agents: Mapping[str, Sequence[_Told]], ensemble: str, model
     missing = [agent for agent in team if agent not in by_agent]
     if missing:
         raise ModelError(
-            f"{ensemble!r} decides in a communicating team, whose agents are silent because of what they saw: without "
-            f"the records of {', '.join(missing)} that would count as chance: give those of {', '.join(team)} together"
+            f"{ensemble!r} decides in a communicating team, whose agents are silent because of what they saw, not by "
+            f"chance: give the records of {', '.join(team)} together (missing: {', '.join(missing)})"
         )
     if model is None:
-        raise ModelError(f"{ensemble!r} decides in a communicating team: which actions are whose is told by its model")
+        raise ModelError(f"{ensemble!r} decides in a communicating team: its model has to say whose each action is")
     own = [dict(_own(*by_agent[agent], place, model)) for place, agent in enumerate(team)]
     previous: tuple[int, ...] = ()
     for number, tick in enumerate(sorted(set.intersection(*map(set, own)))):
@@ -282,7 +282,7 @@ def _own(
     gaps = [later - earlier for earlier, later in pairwise(times)]
     period = median(gaps) if gaps else 1
     if len(set(times)) < len(times):
-        raise ModelError(f"two records of {path!r} are of the same time: count the runs of a communicating team apart")
+        raise ModelError(f"two records of {path!r} overlap: count the runs of a communicating team separately")
     for told, decision in decisions:
         names = names_of(told.record).get(path, Names())
         seen = decision.observation

@@ -120,7 +120,7 @@ def _mixed(policy: MixedAlphaVectors, belief: Vector) -> Vector | None:
     masses = belief[policy.states].sum(axis=1)
     (open_,) = np.nonzero(masses)
     if len(open_) > 1:
-        raise ModelError("the belief leaves open what is observed, so that the policy votes: only values are told")
+        raise ModelError("the policy votes, since the belief leaves open what is observed: only values are given")
     x = int(open_[0])
     vectors, places = policy.sets[x], policy.states[x]
     assert vectors is not None
@@ -291,8 +291,8 @@ def _placed(part: Vector, places: Vector, size: int) -> Vector:
 def _check_size(shape: tuple[int, ...]) -> None:
     if shape[0] * shape[1] > _LARGEST:
         raise ModelError(
-            f"the nearest belief that decides otherwise is not computed for {shape[0]} vectors over {shape[1]} states: "
-            f"they are more than {_LARGEST:,} numbers"
+            f"the policy has {shape[0]} vectors over {shape[1]} states: the nearest belief that decides otherwise is "
+            f"computed for at most {_LARGEST:,} numbers"
         )
 
 

@@ -87,7 +87,7 @@ class Rerun:
 
     def __init__(self, case: Case) -> None:
         if not case.tracked:
-            raise ModelError("the belief is that of a tracker of your own, which is not run once more")
+            raise ModelError("a tracker of your own keeps the belief: it is not run again with other observations")
         if case.before is None:
             raise ModelError("what was observed before is not known here")
         self._case = case

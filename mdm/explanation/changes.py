@@ -96,11 +96,11 @@ def state_changes(case: Case) -> tuple[list[StateChange], int]:
         ModelError: If the policy searches, or there are too many states; a sentence says so.
     """
     if getattr(case.policy, "deliberates", False):
-        raise ModelError("a search for each other state would take too long, so none is told that decides otherwise")
+        raise ModelError("the policy searches, and a search for every other state would take too long")
     space = case.states or Space.single("state", case.policy.num_states, prefix="")  # type: ignore[attr-defined]
     state = state_of(case.at)
     if state is None:
-        raise ModelError("what it was decided on is no state alone, so that no other one is told")
+        raise ModelError("the decision was made on more than a state: no other state is looked for")
     here = space.unravel(state)
     others = {place: _but(len(space.factors[place]), value) for place, value in enumerate(here)}
     seen = 0
@@ -182,7 +182,7 @@ def observation_changes(case: Case) -> tuple[list[ObservationChange], int]:
         for change in _changes(others, count):
             walks += 1
             if walks > _MOST_WALKS:
-                raise ModelError("changes of the last observations are too many to look at")
+                raise ModelError("the last observations have too many changes to try them all")
             action = int(case.policy.action(rerun.at(_applied(space, case.updates, change))))
             if action != case.action:
                 found.append((change, action))

@@ -55,9 +55,9 @@ def expected_next(case: Case, belief: Vector, most: int = 3) -> tuple[tuple[Chan
     """
     model = case.model
     if model is None:
-        raise ModelError("without a model nothing is known of what comes next")
+        raise ModelError("there is no model: what comes next is unknown")
     if len(belief) != len(model.state_space) or not 0 <= case.action < len(model.action_space):
-        raise ModelError("the model is the team's, and the decision one agent's, so that nothing is told of what comes")
+        raise ModelError("the model is the whole team's, and one agent decided: what comes next is unknown")
     (states,) = np.nonzero(belief)
     here = Support(states, belief[states])
     after = _next_states(model, here, case.action)

@@ -122,7 +122,7 @@ class TeamEnvironment(ParallelEnv):
     def step(self, actions: dict[str, Any]) -> tuple[Any, ...]:
         """Take an action of each agent; return by agent observations, rewards, terminated, truncated and infos."""
         if not self.agents:
-            raise ConfigError("no episode goes on: call reset() before step()")
+            raise ConfigError("the episode has ended: call reset() before step()")
         if missing := [agent for agent in self.agents if agent not in actions]:
             raise ConfigError(f"each agent acts at each step, but {missing[0]!r} has no action")
         seen, *outcome, _ = self._joint.step([actions[agent] for agent in self.agents])

@@ -86,7 +86,7 @@ def _merged(found: Any, state_of: Mapping[Any, Any], where: str) -> dict[Any, tu
             total = before + float(chance)
             merged[after] = total, mean + (float(reward) - mean) * (float(chance) / total if total else 0.0)
     except (KeyError, TypeError, ValueError):
-        raise ModelError(f"{where} is no list of (probability, known state, reward, terminated): {found!r}") from None
+        raise ModelError(f"{where} is not [(probability, known state, reward, terminated), …]: {found!r}") from None
     return merged
 
 

@@ -72,7 +72,7 @@ def parse_threshold(text: str) -> Threshold:
     _refuse_rest(text, at, "the end")
     column = beyond + len(text[beyond:]) - len(text[beyond:].lstrip()) + 1
     if until[0] == sign[0]:
-        raise FormatError(f"what begins at {sign} ends at {_OPPOSITE[sign][0]}, not at {until}", column=column)
+        raise FormatError(f"what begins with {sign} ends with {_OPPOSITE[sign][0]}, not with {until}", column=column)
     gap = end - bound if sign[0] == "<" else bound - end
     if gap < 0 or (gap == 0 and len(sign) == len(until) == 2):
         raise FormatError(

@@ -126,7 +126,7 @@ class Navigation:
         if isinstance(places, Places):
             self._places = places
             if prefix:
-                raise ConfigError("the prefix is that of the places: give it to them alone", key="prefix")
+                raise ConfigError("navigation takes the prefix of its places: give it to them alone", key="prefix")
             self.predicates, prefix = places.predicates, places.prefix
         else:
             self.predicates = places
@@ -148,9 +148,7 @@ class Navigation:
         for place, room in self._rooms.items():
             if declared.knows(room) != "predicate":
                 hint = similar(room, declared.names)
-                raise ConfigError(
-                    f"there is no predicate {room!r}, which would say who is at the place {place!r}{hint}"
-                )
+                raise ConfigError(f"the place {place!r} needs a predicate {room!r}, which is not declared{hint}")
 
     # -- What users call -----------------------------------------------------------------------------------------
 
@@ -246,7 +244,7 @@ class Navigation:
         """
         name = getattr(function, "__qualname__", repr(function))
         if not callable(function) or "navigate" not in inspect.signature(function).parameters:
-            raise ConfigError(f"{name} is to drive, and takes no argument 'navigate'")
+            raise ConfigError(f"{name} needs an argument 'navigate' to drive by")
         driving: Any = partial(function, navigate=self.navigate)
         driving.__name__ = driving.__qualname__ = name
         driving.__module__ = function.__module__

@@ -56,7 +56,7 @@ class PlaceBelief(Actor):
     ) -> None:
         super().__init__(name, supervision=supervision)
         if isinstance(floor, Floors):
-            raise ConfigError("a PlaceBelief is of one floor: particles do not say on which they are")
+            raise ConfigError("a PlaceBelief takes one floor: particles do not say on which floor they are")
         labels = floor.labels if isinstance(floor, Map) else floor
         model = ensemble.controller.model
         if ensemble.controller.takes == "state" or model is None:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     Available: TypeAlias = npt.ArrayLike | Callable[[str, str], bool]
     Mask: TypeAlias = npt.NDArray[np.bool_]
 
-HINT = "an action that is not available in a state is said by available= of mdm.models.MDP and POMDP, and kept in .npz"
+HINT = "declare actions that are not available in a state by available= of mdm.models.MDP and POMDP, and write .npz"
 """The way out of a reward of -inf, for the end of an error."""
 
 
@@ -101,7 +101,7 @@ def check_known(model: POMDP) -> None:
     if (mask := model.available) is None:
         return
     if model.waits:
-        raise ModelError("where not all actions are available, each step has to be observed: no events may be missed")
+        raise ModelError("a model with actions that are not available has to observe each step, and misses no event")
     kinds = np.unique(mask, axis=0, return_inverse=True)[1].ravel()
     reached: list[tuple[str, Any]] = [("at the start", model.initial_belief)]
     for action, name in enumerate(model.action_space.names):
@@ -114,6 +114,6 @@ def check_known(model: POMDP) -> None:
         if len(other):
             one, two = (repr(model.state_space.names[state]) for state in (states[0], other[0]))
             raise ModelError(
-                f"{when} the agent does not know which actions are available: those of {one} are others than those of "
-                f"{two}. Let observations, or the initial belief, tell these apart"
+                f"{when} the agent does not know which actions are available: {one} and {two} have different ones. "
+                f"Let observations, or the initial belief, tell these states apart"
             )

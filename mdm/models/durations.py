@@ -74,7 +74,7 @@ class Durations:
         if self.means.ndim > 2 or any(each.ndim > 2 for each in given.values()):
             raise ModelError("durations are S x A numbers, A numbers, or one")
         if not self.means.size or not all(each.size for each in given.values()):
-            raise ModelError("there are none: durations are S x A numbers, A numbers, or one")
+            raise ModelError("no durations were given: give S x A numbers, A numbers, or one")
         for name, each in given.items():
             try:
                 np.broadcast_shapes(self.means.shape, each.shape)
@@ -131,8 +131,8 @@ class Durations:
         units = 1.0 if by_steps else ratio(model.discount_of, self.of)
         if units is None:
             raise ModelError(
-                f"the model's discount is of {in_words(model.discount_of)}, the durations count {self.of}s, and how "
-                f"long a step takes is not said: say what the discount is of (--discount-of second, or the seconds "
+                f"the model's discount is of {in_words(model.discount_of)}, the durations count {self.of}s, and mdm "
+                f"has to know how long a step takes: say what the discount is of (--discount-of second, or the seconds "
                 f"of a step; model.with_discount(…, of=…))"
             )
         return -math.log(model.discount) / units

@@ -88,7 +88,7 @@ class _Symbols:
         except (KeyError, TypeError):
             close = difflib.get_close_matches(repr(value), list(map(repr, self.values[:_COMPARED])), n=3)
             hint = f"; did you mean {' or '.join(close)}?" if close else ""
-            raise ModelError(f"{where}: {value!r} is no {self.kind}{hint}") from None
+            raise ModelError(f"{where}: {value!r} is not one of the {self.kind}s{hint}") from None
 
 
 def pairs(given: Odds, kind: str, where: str) -> list[tuple[Any, float]]:
@@ -107,7 +107,7 @@ def pairs(given: Odds, kind: str, where: str) -> list[tuple[Any, float]]:
         found = [(given, 1.0)]
     for value, chance in found:
         if not is_number(chance):
-            raise ModelError(f"{where}: the probability of {value!r} is no number: {chance!r}")
+            raise ModelError(f"{where}: the probability of {value!r} is not a number: {chance!r}")
     return found
 
 
@@ -166,7 +166,7 @@ class _Functions:
         self._found: dict[tuple[Hashable, int], Odds] = {}
         self.actions = _Symbols("action", "agent", actions)
         if states is None and initial is None:
-            raise ModelError("initial is required where no states are given: they are those that it leads to")
+            raise ModelError("give initial where states is None: the states are those that can be reached from it")
         self.states = _Symbols("state", "state", self._reachable(initial) if states is None else states)
         self.size = len(self.states.values)
         self.initial = None if initial is None else np.zeros(self.size)
@@ -243,7 +243,7 @@ class _Functions:
         given = reward(self.states.values[state], self.actions.values[action], *after)
         if not (is_number(given) or isinstance(given, bool | np.bool_)):
             where = self._where("the reward", self.states.values[state], self.actions.values[action])
-            raise ModelError(f"{where} is no number: {given!r}")
+            raise ModelError(f"{where} is not a number: {given!r}")
         return float(given)
 
     def observations(self, symbols: _Symbols, observation: Callable[..., Odds]) -> tuple[list[Any], bool]:

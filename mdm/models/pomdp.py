@@ -288,7 +288,7 @@ class POMDP(MDP):
         if index is not None and len(self.observation_space) == 1:
             name = self.observation_space.names[0]
             raise ModelError(
-                f"the model's only observation {name!r} cannot be its false negative: no event is detected"
+                f"the model's only observation {name!r} cannot be its false negative: no event would ever be detected"
             )
         other = self._with_resolvents(None if self._tells_all else index, {})
         check_known(other)

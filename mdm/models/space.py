@@ -115,7 +115,7 @@ class Factor:
         if symbol.__class__ is int and -1 < symbol < len(self.names):
             return symbol
         if isinstance(symbol, bool) or not isinstance(symbol, str | SupportsIndex):
-            raise ModelError(f"{symbol!r} is no symbol of {self.name!r}: give a name or an index")
+            raise ModelError(f"{symbol!r} is not a symbol of {self.name!r}: give a name or an index")
         if isinstance(symbol, str):
             found = self.names.find(symbol) if isinstance(self.names, _Counted) else self._index.get(symbol)
             if found is not None:
@@ -285,7 +285,7 @@ class Space:
             self.unravel(index)
             return index
         elif not isinstance(symbol, Sequence):
-            raise ModelError(f"{symbol!r} is no symbol: give a name, an index, or one of these for each component")
+            raise ModelError(f"{symbol!r} is not a symbol: give a name, an index, or one of these for each component")
         words: Sequence[str | int] = self._words(symbol) if isinstance(symbol, str) else symbol
         if len(words) != len(self.factors):
             agents = ", ".join(factor.name for factor in self.factors)

@@ -59,6 +59,6 @@ def check_steps(model: MDP) -> None:
     """
     if model.discount_of == "second" and model.discount < 1:
         raise ModelError(
-            "the model's discount is of a second, and how long its actions take is not said: give durations, or the "
-            "seconds of a step (--discount-of S; model.with_discount(…, of=S))"
+            "the model discounts by the second: say how long actions take by durations, or by the seconds of a step "
+            "(--discount-of S; model.with_discount(…, of=S))"
         )

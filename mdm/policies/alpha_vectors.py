@@ -205,7 +205,7 @@ class AlphaVectors(_Vectors):
     def _refuse(self, belief: npt.NDArray[np.float64] | Support) -> NoReturn:
         if isinstance(belief, Support):
             raise ModelError(
-                f"the policy is for beliefs over {self.num_states} states: a state of the belief is none of them"
+                f"the policy is for beliefs over {self.num_states} states, and this belief has a state beyond them"
             ) from None
         shape = np.shape(belief)
         raise ModelError(f"the policy is for beliefs of {self.num_states} numbers, not of shape {shape}") from None
@@ -484,7 +484,7 @@ class MixedAlphaVectors(_Vectors):
             states, weights = belief
             if len(states) and not (states.min() >= 0 and states.max() < self.num_states):
                 raise ModelError(
-                    f"the policy is for beliefs over {self.num_states} states: a state of the belief is none of them"
+                    f"the policy is for beliefs over {self.num_states} states, and this belief has a state beyond them"
                 )
         else:
             if np.shape(belief) != (self.num_states,):

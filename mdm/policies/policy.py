@@ -150,7 +150,7 @@ class Kind:
         Raises:
             ModelError: If the policy has no values, which is the default.
         """
-        raise ModelError(f"a {type(self).__name__} has no values, so none for {x!r}: evaluate it on its model")
+        raise ModelError(f"a {type(self).__name__} has no value for {x!r}: evaluate it on its model")
 
     def scores(self, x: Any, /) -> Scores | None:
         """Return what it compares to choose, for its information's ``current``; None if it compares nothing."""

@@ -49,8 +49,8 @@ class _Table(StatePolicy):
         """
         if self.state_space is None:
             raise ModelError(
-                f"the policy is for {self.num_states} states by index, and knows no names such as {state!r}: solve the "
-                f"model, or load the policy with it"
+                f"the policy knows its {self.num_states} states by index alone, not by names such as {state!r}: solve "
+                f"the model, or load the policy with it"
             )
         return self.state_space.index(state)
 

@@ -169,7 +169,7 @@ class Part:
                 self.size = os.fstat(file.fileno()).st_size
                 start = file.read(len(MAGIC))
                 if start != MAGIC:
-                    what = "is empty" if not start else "is no MCAP file, and so no record"
+                    what = "is empty" if not start else "is not an MCAP file, so it cannot be a record"
                     raise FormatError(f"the file {what}", file=path)
                 try:
                     self._scan(file)

@@ -74,7 +74,7 @@ def claim(path: str, *, keep: bool = False) -> int:
             raise Claimed("another program records to this file: give each a file of its own") from None
         start = os.read(descriptor, len(MAGIC))
         if start and start != MAGIC[: len(start)]:
-            raise Claimed("this file is no record, and would be overwritten: name another one")
+            raise Claimed("this file is not a record, and would be overwritten: name another one")
         if start and keep:
             raise Kept("this file is a record")
         os.ftruncate(descriptor, 0)

@@ -100,7 +100,7 @@ class Record:
             if before.record != file.record:
                 raise FormatError(f"this file is of another record than {before.path}", file=file.path)
             if file.number != before.number + 1:
-                raise FormatError("the files of a record are given in their order, without a gap", file=file.path)
+                raise FormatError("give the files of a record in their order, without a gap", file=file.path)
         self._decoding = Decoding(types or {})
         self.path = paths[0]
         self.paths = [file.path for file in self._files]
@@ -249,11 +249,11 @@ def _checked(file: Part) -> Part:
         if file.holes:
             raise FormatError(f"the head of the record is damaged ({file.holes[0].reason})", file=file.path)
         if not file.library.startswith("mdm/") and file.library:
-            raise FormatError(f"this file is of another program ({file.library}) and no record of mdm", file=file.path)
+            raise FormatError(f"this file of another program ({file.library}) is not a record of mdm", file=file.path)
         raise FormatError("the file ends before the head of the record: nothing of the run is in it", file=file.path)
     version = head.get("format", "")
     if not version.isascii() or not version.isdecimal():
-        raise FormatError(f"the record's format is no number: {version!r}", file=file.path)
+        raise FormatError(f"the record's format is not a number: {version!r}", file=file.path)
     if int(version) > FORMAT:
         raise FormatError(
             f"the record has format {version}, of a newer mdm ({head.get('mdm', 'unknown')}): this one reads formats "

@@ -80,7 +80,7 @@ def names_of(record: Record) -> dict[str, Names]:
             try:
                 kept = {key: decoder.decode(facts[key]) for key, decoder in _DECODERS.items() if key in facts}
             except msgspec.MsgspecError as error:
-                raise FormatError(f"the names of {metadata} are no list of names: {error}", file=record.path) from None
+                raise FormatError(f"the names of {metadata} are not a list: {error}", file=record.path) from None
             found[metadata.removeprefix(_ENSEMBLE)] = Names(**kept)
     return found
 

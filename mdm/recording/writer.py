@@ -144,7 +144,7 @@ class RecordWriter:
         except OSError as error:
             raise FormatError(f"the record cannot be written: {error.strerror}", file=self.path) from None
         except ValueError:
-            raise Error(f"{str(self.path)!r} is no name of a file: the record cannot be written") from None
+            raise Error(f"{str(self.path)!r} cannot name a file: give the record another name") from None
         try:
             self._start(str(self.path.absolute()), descriptor)
         except OSError as error:

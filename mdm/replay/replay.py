@@ -270,7 +270,7 @@ class _Again:
         """
         if unticked := self._player.unticked():
             raise Error(
-                f"{self._record.path}: {unticked}: what it would have decided at other times cannot be told; "
+                f"{self._record.path}: {unticked}: its decisions at other times cannot be known; "
                 f"give it the rate of the run"
             )
 
@@ -295,7 +295,7 @@ class _Again:
 
 def _no_beginning(record: Record) -> Error:
     if record.gap is not None and record.gap.since is None:
-        return Error(f"{record.path}: the first messages of the record are lost: what came behind cannot be replayed")
+        return Error(f"{record.path}: the first messages of the record are lost: without them nothing can be replayed")
     return Error(f"{record.path}: the record has no beginning: nothing in it says when an actor started")
 
 

@@ -259,7 +259,7 @@ class Actions:
             return lambda _: message
         asked = Binding(given)
         if not asked.plain:
-            raise ConfigError(f"what returns a message is a plain function, and {given!r} is none")
+            raise ConfigError(f"a message is returned by a plain function, not by {given!r}")
 
         def make(action: Action) -> Any:
             made = given(action) if asked.takes_action else given()

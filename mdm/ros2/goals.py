@@ -238,7 +238,7 @@ class Server:
             if old.meets(group) or (old.lost and (secures or secured() > old.secured)):
                 continue
             if old.asked is None:
-                raise Error(f"another action has the server of {self.name} pursue a goal: let it end, or use a group")
+                raise Error(f"another action's goal at {self.name} is still open: let it end, or give both one group")
             raise Error(
                 f"the server of {self.name} may go on with an older goal, whose end was not heard: no new one is sent "
                 f"until it is, or the safe action has run"

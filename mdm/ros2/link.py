@@ -66,9 +66,9 @@ class Link(Extension):
         if topic is None:
             topic = self.topics[name] = Topic(self.wire, self._predicates, name, kind, quality or Quality())
         elif topic.kind != kind:
-            raise ConfigError(f"the topic {name} has the type {topic.kind} before: it has one", key="type")
+            raise ConfigError(f"the topic {name} has the type {topic.kind} already: give it one type", key="type")
         elif quality not in {None, topic.quality}:
-            raise ConfigError(f"the topic {name} has another qos before: give it once", key="qos")
+            raise ConfigError(f"the topic {name} has another qos already: give it once", key="qos")
         return topic
 
     async def open(self, runtime: Runtime) -> None:

@@ -146,7 +146,7 @@ class Ros2Reader(TableReader):
         try:
             wire = make(node=table.node, namespace=namespace, remap=table.remap)
         except Exception as error:
-            raise error if isinstance(error, Error) else ConfigError(f"no wire is made: {describe(error)}") from error
+            raise error if isinstance(error, Error) else ConfigError(f"there is no wire: {describe(error)}") from error
         services = table.services if isinstance(table.services, list) else SERVICES if table.services else ()
         named = f"{namespace}/{table.node}".strip("/")
         told = Reports(wire, named, diagnostics=table.diagnostics, decisions=table.decisions, services=services)

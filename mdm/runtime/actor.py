@@ -783,4 +783,4 @@ def _demand_actor(child: object) -> None:
 
 
 def _hidden(kind: type[Actor], name: str) -> str:
-    return f"{kind.__qualname__}.{name} would hide what every actor has of its own under that name: call it otherwise"
+    return f"{kind.__qualname__}.{name} would hide the attribute that every actor has under that name: choose another"

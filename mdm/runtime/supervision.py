@@ -136,7 +136,7 @@ def text_of(error: BaseException) -> str:
     try:
         text = encodable(str(error))
     except BaseException as another:
-        return f"its text cannot be had, for that raises {type(another).__name__}"
+        return f"its text cannot be read: that raises {type(another).__name__}"
     if not isinstance(error, BaseExceptionGroup):
         return text
     inner = _inner(error)

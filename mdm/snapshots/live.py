@@ -490,7 +490,7 @@ class LiveRun(Observer):
         if found is None:
             raise Error(f"there is no ensemble {ensemble!r}")
         if command not in {"start", "stop", "reset", "release"}:
-            raise Error(f"there is no command {command!r}: start, stop, reset, release")
+            raise Error(f"there is no command {command!r}; there are start, stop, reset, release")
         getattr(found, command)()
 
     def sense(self, predicate: str, value: bool | None) -> None:

@@ -377,7 +377,7 @@ class RecordedRun:
             "odd": [[told.time for _, told in self._spells if told.status == "odd"]],
         }.get(kind)
         if times is None:
-            raise Error(f"there is no step to a {kind}: decision, change, fault, mode, odd")
+            raise Error(f"there is no step to a {kind!r}; there are decision, change, fault, mode, odd")
         found = []
         for each in times:
             place = bisect_left(each, time) - 1 if back else bisect_right(each, time)

@@ -69,7 +69,7 @@ def for_ever(reward: float, discount: float) -> float:
     with np.errstate(over="ignore"):
         value = float(np.float64(reward) / (1 - discount))
     if not np.abs(value) < np.finfo(np.float64).max / 1e3:
-        raise ModelError(f"a reward of {reward:g} in every step is too much for numbers: scale the rewards down")
+        raise ModelError(f"a reward of {reward:g} in every step is too large to add up: scale the rewards down")
     return value
 
 

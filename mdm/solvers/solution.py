@@ -242,7 +242,7 @@ class Limits:
         """
         if lower != lower or upper != upper:  # noqa: PLR0124 - NaN
             raise ModelError(
-                "the value of the initial belief is no number: the model's rewards or numbers are too large"
+                "the value of the initial belief is not a number: the model's rewards or numbers are too large"
             )
         report = Progress(self.seconds, lower, upper, iterations, size, _held())
         last = self._history[-1] if self._history else None

@@ -183,7 +183,7 @@ def dear(model: MDP, solver: str, options: dict[str, Any]) -> MDP:
             key="solver",
         )
     if model.discount == 1:
-        raise ConfigError("where not all actions of a POMDP are available, its discount is below 1", key="discount")
+        raise ConfigError("a POMDP in which some actions are not available needs a discount below 1", key="discount")
     least, most = (float(end) / (1 - model.discount) for end in (model.rewards.min(), model.rewards.max()))
     price = least - model.discount * most - max(most - least, 1.0)
     made = copy.copy(model)

@@ -169,7 +169,7 @@ class Recollection:
         seen: int | None = None
         if observation is not None:
             if self.agent is None:
-                raise ModelError("what nobody observes has no observations of its own: tell whose it is with hear()")
+                raise ModelError("this recollection belongs to no agent: say whose the observation is with hear()")
             seen = self._observations.factors[self.agent].index(observation)
         self.step += 1
         if seen is not None and self.agent is not None:
@@ -475,12 +475,12 @@ class Knowledge:
     ) -> None:
         if not callable(getattr(communication, "share", None)):
             raise ConfigError(
-                f"a communication policy has a method share, which {communication!r} has not: use mdm.team.Always() or "
-                f"another of them",
+                f"a communication policy needs a method share, which {communication!r} lacks: use mdm.team.Always() or "
+                f"another of mdm.team",
                 key="communication",
             )
         if controller.has_own_tracker:
-            raise ConfigError("two beliefs are kept, which cannot share a tracker: give none", key="tracker")
+            raise ConfigError("the agent keeps two beliefs, which cannot share a tracker: leave it out", key="tracker")
         self.own = Recollection(controller, agent, window=window)
         assert self.own.agent is not None
         self.agent: int = self.own.agent

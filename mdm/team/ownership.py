@@ -82,8 +82,8 @@ class Ownership:
         if self.takes == "state":
             if ensemble.state is None:
                 raise ConfigError(
-                    f"ensemble {ensemble.name!r} decides on states, of which each agent of the team tells its own "
-                    "factors: declare them",
+                    f"ensemble {ensemble.name!r} decides on states: declare its state factors, of which each agent "
+                    "tells its own",
                     key=key,
                 )
             declared = ensemble.state.factors
@@ -210,7 +210,7 @@ def matched(team: Team, ensemble: str, names: Sequence[str], placement: Placemen
         other = next(name for name in names if name not in known)
         raise ConfigError(
             f"the model of ensemble {ensemble!r} has an agent {known[0]!r}, as team {team.name!r} has, and {other!r}, "
-            f"which the team has not ({', '.join(team.names)}): say in its placement who acts for each",
+            f"which the team does not have ({', '.join(team.names)}): say in its placement who acts for each",
             key=f"{key}.placement",
         )
     if len(names) == len(team.names):

@@ -111,7 +111,7 @@ def read(path: Path, team: str, agent: str, ensembles: Iterable[str]) -> dict[st
     try:
         head = msgspec.json.decode(data, type=_Head)
         if (head.team, head.agent) != (team, agent):
-            raise Error(f"it is that of agent {head.agent!r} of team {head.team!r}")
+            raise Error(f"it belongs to agent {head.agent!r} of team {head.team!r}")
         if head.version > _VERSION:
             raise Error("a newer version of the program has written it")
         file = msgspec.json.decode(data, type=_File)
@@ -120,7 +120,7 @@ def read(path: Path, team: str, agent: str, ensembles: Iterable[str]) -> dict[st
     if file.digest != file.sealed().digest:
         raise Error("it is damaged: its content is not what was written")
     if strangers := file.ensembles.keys() - set(ensembles):
-        raise Error(f"it remembers ensemble {min(strangers)!r}, which this agent has not")
+        raise Error(f"it remembers ensemble {min(strangers)!r}, which this agent does not have")
     return file.ensembles
 
 

@@ -215,8 +215,8 @@ class Team:
             )
         elif given is not None and not callable(getattr(given, "share", None)):
             raise ConfigError(
-                f"a communication policy has a method share, which {given!r} has not: use mdm.team.Always() or another "
-                "of them",
+                f"a communication policy needs a method share, which {given!r} lacks: use mdm.team.Always() or another "
+                "of mdm.team",
                 key="team.communication",
             )
         return Always() if given is None else given

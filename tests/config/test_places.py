@@ -225,7 +225,7 @@ def test_a_file_is_checked_without_its_code(tmp_path, look):
             "ensembles.robot.actions.Right",
             "'call' means nothing beside",
         ),
-        ('navigator = "wheels:Wheels"\n', "", "ensembles.robot.actions.Right", "a way needs what drives there"),
+        ('navigator = "wheels:Wheels"\n', "", "ensembles.robot.actions.Right", "a way needs a navigator to drive there"),
         ("[predicates]", "[predicates]\nInHall = {}", "predicates.InHall", "'InHall' is declared twice"),
         ("[ensembles.robot]", "[ensembles.places]", "ensembles.places", "cannot be called 'places' beside a map"),
     ],
@@ -284,7 +284,7 @@ def test_in_a_team_s_file_each_agent_may_have_a_navigator_of_its_own(tmp_path):
     ("old", "new", "key", "words"),
     [
         ("b = ", "bob = ", "places.navigator", "has no agent 'bob'"),
-        (', b = "wheels:Broken"', "", "ensembles.joint.actions.go", "a place needs what drives there"),
+        (', b = "wheels:Broken"', "", "ensembles.joint.actions.go", "a place needs a navigator to drive there"),
     ],
 )
 def test_navigators_of_no_agent_or_not_of_this_one_are_refused(tmp_path, old, new, key, words):
@@ -455,7 +455,7 @@ def test_a_building_has_the_places_of_all_its_floors(tmp_path):
         ('navigator = "wheels', 'reach = 1.0\nnavigator = "wheels', "names the files of its floors: leave reach out"),
         ('"building.toml"', '"no.toml"', "no.toml: there is no such file"),
         ('"building.toml"', '""', "the path of a file was expected, not ''"),
-        ("navigator", "prefix", "a place needs what drives there"),
+        ("navigator", "prefix", "a place needs a navigator to drive there"),
         ("", "", "the navigator has no async method 'ride'"),
     ],
 )
@@ -500,14 +500,14 @@ def test_a_function_drives_by_its_argument_navigate(tmp_path):
 @pytest.mark.parametrize(
     ("fetch", "text", "words"),
     [
-        ('{ call = "arm:dance", navigate = true }', FILE, "dance is to drive, and takes no argument 'navigate'"),
+        ('{ call = "arm:dance", navigate = true }', FILE, "dance needs an argument 'navigate' to drive by"),
         ('{ way = "Right", navigate = true }', FILE, "'navigate' means nothing beside a way"),
         (
             '{ call = "arm:fetch", navigate = true }',
             FILE.replace('navigator = "wheels:Wheels"\n', "").replace(
                 '{ place = "Hall", timeout = 60.0 }', '"arm:dance"'
             ),
-            "'navigate' needs what drives there",
+            "'navigate' needs a navigator",
         ),
     ],
 )

@@ -50,7 +50,7 @@ def test_what_communication_is_worth_is_held_against_the_threshold_of_the_file(t
     [
         ("alway", "did you mean 'always'"),
         ("budget", "the communication policy 'budget' needs 'messages_per_second'"),
-        ({"policy": "never", "threshold": 1.0}, "'threshold' means nothing for the communication policy 'never'"),
+        ({"policy": "never", "threshold": 1.0}, "the communication policy 'never' has no key 'threshold'"),
         ({"policy": "value_of_communication", "threshold": -1.0}, "threshold"),
         ({"polic": "never"}, "did you mean 'policy'"),
         (7, "was expected, not 7"),

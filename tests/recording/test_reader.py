@@ -472,7 +472,7 @@ def test_the_records_of_a_folder_are_those_of_its_runs(tmp_path):
     found = records_of(tmp_path)
     assert {name: record.counts["decisions"] for name, record in found.items()} == {"a.mcap": 1, "b.mcap": 100}
     (tmp_path / "c.mcap").write_text("a letter")
-    with pytest.raises(Error, match="is no MCAP file, and so no record"):
+    with pytest.raises(Error, match="is not an MCAP file, so it cannot be a record"):
         records_of(tmp_path)
 
 

@@ -72,7 +72,7 @@ def test_plans_and_stages():
     told = [decision(0, 0, 1, state=0), decision(1, 1, 0, state=0)]
     step = retraced(mdm.Controller(staged), told, 1)
     assert (step.at.state, step.at.stage) == (0, 1)
-    assert step.explain().cannot == ("without a model nothing is known of what comes next",)
+    assert step.explain().cannot == ("there is no model: what comes next is unknown",)
 
 
 def test_no_decision_of_the_policy():

@@ -236,7 +236,7 @@ def test_an_error_whose_text_cannot_be_had_is_a_failure_as_any_other():
         assert (child.failing, parent.failing, runtime.ending) == (True, True, True)
         await asyncio.sleep(3600)
 
-    told = "its text cannot be had, for that raises IndexError"
+    told = "its text cannot be read: that raises IndexError"
     with refused(ActorFailure):
         run_virtual(main)
     assert faults[0].detail == f"Mute: {told}"

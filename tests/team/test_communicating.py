@@ -390,7 +390,7 @@ def test_garbage_is_counted():
     [
         ({"period": None}, "give a period"),
         ({"quorum": "majority"}, "a quorum is for replicated teams"),
-        ({"communication": "always"}, "has a method share"),
+        ({"communication": "always"}, "needs a method share"),
         ({"mode": "replicated", "communication": Always()}, "is for communicating teams"),
     ],
 )

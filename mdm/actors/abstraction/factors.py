@@ -215,7 +215,7 @@ class ObservationFactor(Factor):
         what = self.label
         given, self.symbols = _named(events, what, "event")
         if self.symbols and idle is not None and type(idle) is not type(self.symbols[0]):
-            raise ConfigError(f"the idle symbol {idle!r} of {what} is given as the others are", key=name)
+            raise ConfigError(f"give the idle symbol {idle!r} of {what} by name or index, as the others", key=name)
         self.events: tuple[str | None, ...] = given
         if self.symbols is not None and idle is not None and idle not in self.symbols:
             self.symbols, self.events = (*self.symbols, idle), (*given, None)
@@ -223,7 +223,7 @@ class ObservationFactor(Factor):
             raise ConfigError(f"{what} needs at least two events, not {events!r}", key=name)
         known: tuple[str | int, ...] = given if self.symbols is None else self.symbols
         if idle is not None and idle not in known:
-            raise ConfigError(f"the idle symbol {idle!r} of {what} is none of {', '.join(given)}", key=name)
+            raise ConfigError(f"the idle symbol {idle!r} of {what} is not one of {', '.join(given)}", key=name)
         if idle is not None and hold:
             raise ConfigError(f"{what} can take its idle symbol or hold the last one, not both", key=name)
         if self.symbols is not None and (order := _index_order(self.symbols, self.size, what)) is not None:

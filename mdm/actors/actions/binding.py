@@ -80,7 +80,7 @@ class Binding:
         if goes_on is not None and settings.on_repeat != "restart":
             raise ConfigError("goes_on is for an action that starts again: give on_repeat='restart'", key="goes_on")
         if settings.group is not None and settings.concurrent:
-            raise ConfigError("a concurrent action replaces none, and so is of no group", key="group")
+            raise ConfigError("a concurrent action replaces no other: leave its group out", key="group")
         self.target = target
         self.timeout = settings.timeout
         self.grace = settings.grace
@@ -244,14 +244,14 @@ def safe_binding(
     if isinstance(safe_action, str):
         if safe_action not in names:
             raise ConfigError(
-                f"the safe action {safe_action!r} is none of the actions {', '.join(names)}", key="safe_action"
+                f"there is no action {safe_action!r} for safe_action; there are {', '.join(names)}", key="safe_action"
             )
         binding = bindings[names.index(safe_action)]
     else:
         binding = safe_action if isinstance(safe_action, Binding) else bind(safe_action)
     if binding.ensemble is not None:
         raise ConfigError(
-            f"the safe action is a function: ensemble {binding.ensemble.name!r} would have to decide in a safe mode",
+            f"the safe action has to be a function: ensemble {binding.ensemble.name!r} cannot decide in a safe mode",
             key="safe_action",
         )
     return binding

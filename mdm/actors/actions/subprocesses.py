@@ -73,7 +73,7 @@ def _begin(
     if not command:
         raise Error("a subprocess needs a program to run: its name is the first argument")
     if not hasattr(os, "killpg"):
-        raise Error("subprocesses of actions need process groups, which this operating system has not")
+        raise Error("subprocesses of actions need process groups, which this operating system lacks")
     try:
         return subprocess.Popen(  # noqa: S603 - the caller chooses the command
             command, stdin=subprocess.DEVNULL, cwd=cwd, env=env, start_new_session=True

@@ -214,7 +214,7 @@ class PredicateManager(Actor):
         self, name: str, kind: Kind, part: Callable[[Network], None], *formulas: Formula, sensed: bool = False
     ) -> None:
         if self.life != "created" and self.declared.names.get(name) is None:
-            raise Error(f"{name!r} came too late: declare predicates and events before {self.path!r} is started")
+            raise Error(f"{name!r} is declared too late: declare predicates and events before {self.path!r} starts")
         self.declared.add(name, kind, part, *formulas, sensed=sensed)
 
     def network(self) -> Network:

@@ -119,7 +119,7 @@ def read(path: Path, opened: BinaryIO | None = None) -> tuple[bytes, dict[str, n
         with path.open("rb") if opened is None else nullcontext(opened) as file, zipfile.ZipFile(file) as archive:
             members = archive.infolist()
             if any(member.compress_type or member.flag_bits & 1 for member in members):
-                raise FormatError("the archive is compressed or encrypted: archives of mdm's are neither", file=path)
+                raise FormatError("the archive is compressed or encrypted, so mdm did not write it", file=path)
             data = memoryview(mmap.mmap(file.fileno(), 0, access=access))
             contents = {member.filename: _content(data, member) for member in members}
             if len(contents) < len(members):
@@ -132,9 +132,9 @@ def read(path: Path, opened: BinaryIO | None = None) -> tuple[bytes, dict[str, n
         raise FormatError("this is a folder, not a file", file=path) from None
     except _DAMAGE as error:
         message = " ".join(str(error).split())[:80]
-        raise FormatError(f"the archive is damaged or not one of numpy's: {message}", file=path) from None
+        raise FormatError(f"the archive is damaged, or not of numpy's kind: {message}", file=path) from None
     if "header" not in found:
-        raise FormatError("this is not an archive of mdm's: it has no header", file=path)
+        raise FormatError("mdm did not write this archive: it has no header", file=path)
     return found.pop("header").tobytes(), found
 
 

@@ -72,7 +72,7 @@ def read_route_graph(source: Source) -> Graph:
     try:
         features = msgspec.json.decode(source.text, type=_Collection).features
     except msgspec.MsgspecError as error:
-        source.fail(f"this is no route graph in GeoJSON: {error}")
+        source.fail(f"this is not a route graph in GeoJSON: {error}")
     except RecursionError:
         source.fail("values are nested too deep")
     gathered = Gathered()

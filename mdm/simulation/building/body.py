@@ -162,7 +162,7 @@ class Guest(Body):
         """
         told = whereabouts
         if not all(map(math.isfinite, (told.x, told.y, told.yaw, told.remaining, *told.velocity))):
-            raise Error(f"guest {self.name!r} cannot be where it is told to be, which is not finite: {told}")
+            raise Error(f"the whereabouts of guest {self.name!r} are not finite: {told}")
         self._told, self._seconds = told, 0.0
 
     def steer(self, seconds: float, bodies: Sequence[Body] = ()) -> None:

@@ -88,7 +88,7 @@ class Building(Actor):
         grid: Grid | None = getattr(floor, "grid", None)
         if grid is None:
             raise MapError(
-                "a building needs a map with a grid: where there is no wall, all is; of several floors make a Tower"
+                "a building needs a map with a grid, which says where walls are; for several floors make a Tower"
             )
         core, simulator = _navground()
         self.floor = floor
@@ -118,7 +118,7 @@ class Building(Actor):
         known: list[Visits] = []
         for each in visits:
             if any(each.kind == other.kind for other in known):
-                raise ConfigError(f"two visits are of the kind {each.kind!r}", key="visits")
+                raise ConfigError(f"the kind {each.kind!r} of visits is given twice", key="visits")
             for place in self._places_of(each):
                 self.floor.graph.node(place)
                 if not len(self._room_in(place)):

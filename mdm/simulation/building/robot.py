@@ -157,7 +157,7 @@ class Robot(Body):
         """
         distances = self._distances_to(pose)
         if self._drive is not None:
-            self.fail(f"was sent to {pose.x:g}, {pose.y:g} before it had come")
+            self.fail(f"was sent to {pose.x:g}, {pose.y:g} before it had arrived")
         self._drive = drive = _Drive(pose, self._paths, distances, float(distances[self.cell]))
         self._aside = None
         try:

@@ -73,7 +73,7 @@ class Tower(Actor):
         super().__init__(name)
         unknown = [floor for floor in visits or {} if floor not in floors.maps]
         if unknown:
-            raise ConfigError(f"visits come to {unknown[0]!r}, and there are {', '.join(floors.maps)}", key="visits")
+            raise ConfigError(f"there is no floor {unknown[0]!r}; there are {', '.join(floors.maps)}", key="visits")
         self.floors = floors
         seeds = np.random.SeedSequence(seed).generate_state(len(floors.maps)).tolist()
         self.buildings = {

@@ -215,8 +215,8 @@ def first_policy(dynamics: Dynamics) -> npt.NDArray[np.intp]:
         names = dynamics.model.state_space.names
         also = f", nor from {_listed([repr(names[state]) for state in others])}" if others else ""
         raise ModelError(
-            f"the discount is 1, but from state {names[first]!r} no policy comes to where nothing more is earned or "
-            f"paid{also}: {remedy(dynamics.model)}"
+            f"the discount is 1, but no policy comes to rest, where nothing more is earned or paid, from state "
+            f"{names[first]!r}{also}: {remedy(dynamics.model)}"
         )
     towards = (columns == following[states]) & ~rest[states]
     policy[~rest] = dynamics.num_actions

@@ -242,7 +242,7 @@ class TreeSearch(Kind):
                     f"{self.num_states} and {self.num_actions}"
                 )
         if getattr(fallback, "deliberates", False):
-            raise ModelError("the fallback of a tree search is to decide at once: give it a policy of another kind")
+            raise ModelError("the fallback of a tree search decides at once: give it a policy that does not search")
         if fallback is not None and fallback.input != self.input:
             raise ModelError(f"the fallback chooses by {fallback.input}, but the search by {self.input}")
         self.false_negative = model.false_negative

@@ -121,7 +121,7 @@ def sarsop(model: POMDP, *, limits: Limits | None = None, whole: bool = False) -
         ModelError: If the discount is 1.
     """
     if model.discount >= 1:
-        raise ModelError(f"SARSOP needs a discount below 1, for bounds without end never meet: {remedy(model)}")
+        raise ModelError(f"SARSOP needs a discount below 1, or its bounds never meet: {remedy(model)}")
     _check_compiler()
     with Limits() if limits is None else limits as run:
         model = model.revealed()

@@ -108,7 +108,7 @@ class Agreement:
         log_size: int = 256,
     ) -> None:
         if agent not in agents:
-            raise ConfigError(f"{agent!r} is none of the team's agents {', '.join(agents)}")
+            raise ConfigError(f"the team has no agent {agent!r}; its agents are {', '.join(agents)}")
         self.agent, self.agents, self.incarnation = agent, tuple(agents), incarnation
         self.replica = replica
         self.mode, self.event_driven = mode, event_driven

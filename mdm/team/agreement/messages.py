@@ -202,7 +202,7 @@ def decode(body: bytes) -> Message:
     try:
         return _decoder.decode(body)
     except UNREADABLE as error:
-        raise Error(f"this is no message of an agreement: {error}") from None
+        raise Error(f"this is not a message of an agreement: {error}") from None
 
 
 def is_possible(message: Message, agents: Container[str], now: int) -> bool:

@@ -72,9 +72,9 @@ class Wire:
         try:
             message = self._decode(body)
         except (*UNREADABLE, TypeError, ArithmeticError, LookupError) as error:
-            raise Error(f"this is no {self.type.__name__} message: {error}") from None
+            raise Error(f"this is not a message of type {self.type.__name__}: {error}") from None
         if message.__class__ is not self.type:
-            raise Error(f"this is no {self.type.__name__} message")
+            raise Error(f"this is not a message of type {self.type.__name__}")
         return message
 
 
@@ -109,7 +109,7 @@ def typed(names: Iterable[str] | Mapping[str, type[Any]], key: str) -> dict[str,
         known = CHANNELS.get(str(name).rsplit("/", 1)[-1])
         if kind is None and known is None:
             raise ConfigError(
-                f"{name!r} is none of an ensemble's own channels ({', '.join(CHANNELS)}): give its type, as a mapping",
+                f"{name!r} is not an ensemble's own channel ({', '.join(CHANNELS)}): give its type, as a mapping",
                 key=key,
             )
         found[str(name)] = known if kind is None else kind  # type: ignore[assignment]

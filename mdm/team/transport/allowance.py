@@ -53,7 +53,7 @@ class Allowance:
 
     @messages.setter
     def messages(self, rate: float | None) -> None:
-        self._messages = self._changed(self._messages, rate, "the messages of an allowance")
+        self._messages = self._changed(self._messages, rate, "the rate of messages of an allowance")
 
     @property
     def bytes(self) -> float | None:
@@ -62,12 +62,12 @@ class Allowance:
 
     @bytes.setter  # noqa: A003
     def bytes(self, rate: float | None) -> None:
-        self._bytes = self._changed(self._bytes, rate, "the bytes of an allowance")
+        self._bytes = self._changed(self._bytes, rate, "the rate of bytes of an allowance")
 
     def _changed(self, bucket: TokenBucket | None, rate: float | None, what: str) -> TokenBucket | None:
         if rate is None:
             return None
-        _check(rate, f"{what} a second")
+        _check(rate, what)
         burst = max(round(rate * self._burst), 1)
         if bucket is None:
             return TokenBucket(rate, burst)

@@ -105,7 +105,7 @@ class Network:
         """
         transport = self._open.pop(agent, None)
         if transport is None:
-            raise Error(f"no agent {agent!r} is open: {', '.join(self._open) or 'none is'}")
+            raise Error(f"agent {agent!r} is not open; open are {', '.join(self._open) or 'none'}")
         transport.state = "closed"
         self._changed(self._lease)
 

@@ -155,7 +155,7 @@ def encryption(host: object, access: object) -> Encryption:
     if access is None:
         if name not in LOOPBACK:
             raise Error(
-                f"a page leaves this machine with TLS alone: for host {host!r} give its certificate, by Page(access=) "
+                f"a page for other machines needs TLS: for host {host!r} give its certificate, by Page(access=) "
                 "or --page-access FOLDER/NAME, or leave the host out and look through a tunnel (ssh -L)"
             )
         return Encryption(name)

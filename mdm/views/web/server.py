@@ -347,7 +347,7 @@ class Page(Extension):
             Error: If the port is in use, the host none of this machine, or the runtime's time virtual.
         """
         if isinstance(runtime.clock, VirtualClock):
-            raise Error("a page needs real time: a run in virtual time is recorded, and shown by mdm page FILE.mcap")
+            raise Error("a page needs real time: record a run in virtual time, and show it by mdm page FILE.mcap")
         live = LiveRun(runtime, title=self._title, control=self._control)
         server = self._served(live)
         await server.open()

@@ -13,7 +13,7 @@ from mdm import ConfigError, ObservationFactor
     [
         (lambda: ObservationFactor("f", ["A"]), "at least two events"),
         (lambda: ObservationFactor("f", ["A", "A"]), "twice"),
-        (lambda: ObservationFactor("f", ["A", "B"], idle="C"), "'C' of observation factor 'f' is none of A, B"),
+        (lambda: ObservationFactor("f", ["A", "B"], idle="C"), "'C' of observation factor 'f' is not one of A, B"),
         (lambda: ObservationFactor("f", ["A", "B"], idle="A", hold=True), "not both"),
     ],
 )

@@ -373,7 +373,7 @@ def test_missing_components_are_summed_over():
         ({"deadline": "x"}, "deadline: a number of seconds above 0 and at most 1,000,000,000 was expected, not 'x'"),
         ({"on_no_observation": 5}, "on_no_observation: a text was expected, not 5"),
         ({"on_no_observation": None}, "on_no_observation: a text was expected, not None"),
-        ({"safe_action": "Stop"}, "'Stop' is none of the actions"),
+        ({"safe_action": "Stop"}, "there is no action 'Stop' for safe_action; there are "),
     ],
 )
 def test_wrong_options_are_refused_with_the_key(options, message):

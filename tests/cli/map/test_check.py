@@ -207,7 +207,7 @@ GEOJSON = {
         (bomb(), "stands for more than 1,000,000 values"),
         (GRAPH.replace("0.0 3.0 0", "nan 3.0 0"), "graph:3:9: x, y and yaw were expected"),
         (GRAPH.replace("0.0 3.0 0", "0.0 3.0 inf"), "graph:3:9: x, y and yaw were expected"),
-        (json.dumps(GEOJSON).replace("3.0", "NaN"), "no route graph in GeoJSON"),
+        (json.dumps(GEOJSON).replace("3.0", "NaN"), "this is not a route graph in GeoJSON"),
     ],
 )
 def test_bad_graphs_give_a_sentence(mdm, floor, tmp_path, graph, words):

@@ -78,7 +78,7 @@ def test_what_cannot_be_converted_is_refused(mdm, timed, verb):
     assert "the model's discount is of a step, the durations count seconds" in errors
     status, _, errors = mdm(verb, folder / "model.npz", *policies)
     assert status == 1
-    assert "how long its actions take is not said: give durations" in errors
+    assert "say how long actions take by durations" in errors
     assert mdm(verb, folder / "model.npz", *policies, "--discount-of", "2")[0] == 0
 
 

@@ -31,9 +31,9 @@ VERBS = [
 ]
 
 CAUSES = {
-    "text": "is no MCAP file, and so no record",
+    "text": "is not an MCAP file, so it cannot be a record",
     "empty": "the file is empty",
-    "foreign": "this file is of another program (rosbag2) and no record of mdm",
+    "foreign": "this file of another program (rosbag2) is not a record of mdm",
     "newer": "the record has format 2, of a newer mdm (0.9.0): this one reads formats up to 1",
     "headless": "the file ends before the head of the record: nothing of the run is in it",
     "missing": "there is no such file",
@@ -172,7 +172,7 @@ MAKERS = ["run tiger.toml --virtual --epochs 3 --record", "simulate tiger.toml -
         ("nowhere/run.mcap", "the record cannot be written: its folder does not exist"),
         ("tiger.vf/run.mcap", "the record cannot be written: its folder does not exist"),
         (".", "this is a folder, not a file"),
-        ("tiger.vf", "this file is no record, and would be overwritten: name another one"),
+        ("tiger.vf", "this file is not a record, and would be overwritten: name another one"),
         ("/proc/run.mcap", "the record cannot be written: "),
     ],
 )

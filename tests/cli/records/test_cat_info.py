@@ -124,7 +124,7 @@ def test_more_is_told_where_there_is_more(mdm, tmp_path):
     [
         (None, "there is no such file"),
         (b"", "is empty"),
-        (b"discount: 0.9", "no MCAP file"),
+        (b"discount: 0.9", "is not an MCAP file"),
         (b"\x89MCAP0\r\n", "head"),
     ],
 )

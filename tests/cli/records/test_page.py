@@ -191,7 +191,7 @@ def test_bad_input_is_a_sentence(record, tmp_path):
     assert told(record, "--port", "70000")[0] == 2
     assert told(record, "--access", tmp_path)[0] == 2
     for options, words in (
-        (["--host", "0.0.0.0"], "a page leaves this machine with TLS alone"),
+        (["--host", "0.0.0.0"], "a page for other machines needs TLS"),
         (["--access", tmp_path / "nobody"], "cannot read"),
     ):
         status, text = told(record, *options)

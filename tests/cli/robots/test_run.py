@@ -265,7 +265,7 @@ def test_options_of_a_page_and_of_quiet_that_contradict_others_are_refused(mdm, 
     assert status == 1
     assert "a page needs real time" in errors
     for options, words in (
-        (["--page-host", "0.0.0.0"], "a page leaves this machine with TLS alone"),
+        (["--page-host", "0.0.0.0"], "a page for other machines needs TLS"),
         (["--page-host", ""], "a page's host is a name or an address"),
         (["--page-access", tmp_path / "nobody"], "cannot read"),
     ):

@@ -224,7 +224,7 @@ def test_a_team_without_certificates_keeps_its_page_to_itself(mdm, team):
     pytest.importorskip("websockets", reason="the extra mdm[page]")
     status, _, errors = mdm("team", "up", team, "--page", "--page-host", "0.0.0.0")
     assert status == 1
-    assert "a page leaves this machine with TLS alone" in errors
+    assert "a page for other machines needs TLS" in errors
     assert errors.count("\n") == 1
 
 

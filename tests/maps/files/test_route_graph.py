@@ -111,7 +111,7 @@ def test_nodes_of_one_zone_are_one_place(tmp_path):
         ([*NODES, point(3, 0, 0, frame="odom")], "different frames: map, odom"),
         ([*NODES, point(3, "a", 0)], "features[2], id 3: the coordinates x and y were expected, not ['a', 0]"),
         ([*NODES, point(3, None, 0)], "the coordinates x and y were expected"),
-        ([*NODES, point(3, float("nan"), 0)], "no route graph in GeoJSON"),
+        ([*NODES, point(3, float("nan"), 0)], "this is not a route graph in GeoJSON"),
         ([*NODES, point(3, 10**400, 0)], "features[2], id 3: the coordinates x and y were expected, not [1000000"),
         ([*NODES, point(3, 1e300, 0)], "features[2], id 3: '3' lies at 1e+300, 0: metres were expected"),
         ([*NODES, point(3, True, 0)], "features[2], id 3: the coordinates x and y were expected, not [True, 0]"),

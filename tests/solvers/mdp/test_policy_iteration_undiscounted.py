@@ -102,7 +102,7 @@ def test_it_is_solved_or_refused_for_the_right_reason(solver, model):
     found = [chain_of(model, actions) for actions in policies]
     values = [value for value, _ in found if value is not None]
     if not values:
-        with pytest.raises(ModelError, match="no policy comes to where nothing more"):
+        with pytest.raises(ModelError, match="no policy comes to rest, where nothing more"):
             solver(model)
     elif max(gain for _, gain in found) > 1e-9:
         with pytest.raises(ModelError, match="rewards can be earned without end, by"):
@@ -176,8 +176,8 @@ def test_who_never_rests_and_who_gains_for_ever_are_named(solver):
     with pytest.raises(ModelError) as caught:
         solver(MDP([fall], toll, discount=1, states=states))
     assert str(caught.value) == (
-        "the discount is 1, but from state 'hall' no policy comes to where nothing more is earned or paid, nor from "
-        "'stairs', 'cellar', 'well' and 2 more: give a discount below 1 (--discount), or plan for a horizon "
+        "the discount is 1, but no policy comes to rest, where nothing more is earned or paid, from state 'hall', nor "
+        "from 'stairs', 'cellar', 'well' and 2 more: give a discount below 1 (--discount), or plan for a horizon "
         "(--solver value-iteration --horizon)"
     )
     ways = np.stack([np.eye(3), np.eye(3)[[1, 0, 2]]])

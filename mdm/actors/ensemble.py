@@ -80,7 +80,7 @@ class EnsembleStatus(msgspec.Struct, frozen=True):
         causes: Why it is safe.
         waiting: The unknown predicates that keep it from deciding, or the pause before it decides again.
         idle_since: Nanoseconds since when it has had nothing to do; None where it has.
-        repeats: How often it was decided again for no other reason than that an action had ended.
+        repeats: How often it was decided again in an episode for no other reason than that an action had ended.
         decisions: The number of joint actions published.
         action: The last one of this episode, by index; None before the first.
         action_name: Its name; empty before the first.

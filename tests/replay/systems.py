@@ -332,7 +332,7 @@ class System:
             elif kind == "gather":
                 await asyncio.gather(self._aside(), self._aside())
             elif kind == "thread":
-                await asyncio.to_thread(self._sleep_and_set)
+                await self._in_thread(self._sleep_and_set)
             elif kind == "cancelled" and draw.random() < 0.3:
                 raise asyncio.CancelledError
         except asyncio.CancelledError:
@@ -349,6 +349,15 @@ class System:
     async def _aside(self):
         await asyncio.sleep(0.001)
         self.say()
+
+    async def _in_thread(self, function):
+        """Call a function in a thread; in virtual time the loop waits, or it would matter who is quicker."""
+        if not isinstance(asyncio.get_running_loop(), mdm.VirtualEventLoop):
+            return await asyncio.to_thread(function)
+        thread = threading.Thread(target=function)
+        thread.start()
+        thread.join()
+        return await asyncio.sleep(0)
 
     def _sleep_and_set(self):
         time.sleep(0.002)
@@ -444,18 +453,24 @@ class System:
             points = [("top/state", mdm.messages.State), ("predicates/updates", mdm.messages.PredicateUpdate)]
             points += [("top/action", mdm.messages.Action), ("lives", mdm.messages.StateChange)]
             await runtime.start(Meddler(self, draw.sample(points, 2)))
-        ending = threading.Event()
-        thread = threading.Thread(target=self._feed, args=(ending,))
-        thread.start()
         loop = asyncio.get_running_loop()
+        feeder = random.Random(draw.random())
+        virtual, ending = isinstance(loop, mdm.VirtualEventLoop), threading.Event()
+        thread = threading.Thread(target=self._feed, args=(feeder, ending))
+        tasks = [asyncio.create_task(self._walk())]
+        if virtual:
+            tasks.append(asyncio.create_task(self._feed_virtually(feeder)))
+        else:
+            thread.start()
         until = loop.time() + seconds
-        task = asyncio.create_task(self._walk())
         while loop.time() < until:
             await asyncio.sleep(draw.choice([0, 0, 0.001, 0.004, 0.01]))
             self._happen()
         ending.set()
-        task.cancel()
-        await asyncio.to_thread(thread.join)
+        for task in tasks:
+            task.cancel()
+        if not virtual:
+            await asyncio.to_thread(thread.join)
         if draw.random() < 0.5:
             self._hold()
 
@@ -477,20 +492,28 @@ class System:
         else:
             self.say()
 
-    def _feed(self, ending):
+    def _feed(self, draw, ending):
         """Set sensors, in a thread, about 100 times a second."""
-        draw = random.Random(self.behaviour.random())
         while not ending.wait(draw.uniform(0.0, 0.02)):
-            sensors = draw.sample(self.sensors, min(2, len(self.sensors)))
-            if draw.random() < 0.3:
-                with self.manager.batch():
-                    for sensor in sensors:
-                        sensor.set(draw.choice([True, False]))
-            else:
+            self._feed_once(draw)
+
+    async def _feed_virtually(self, draw):
+        """Set sensors, in threads, about 100 times a second of virtual time."""
+        while True:
+            await asyncio.sleep(draw.uniform(0.0, 0.02))
+            await self._in_thread(lambda: self._feed_once(draw))
+
+    def _feed_once(self, draw):
+        sensors = draw.sample(self.sensors, min(2, len(self.sensors)))
+        if draw.random() < 0.3:
+            with self.manager.batch():
                 for sensor in sensors:
                     sensor.set(draw.choice([True, False]))
-            if self.events and draw.random() < 0.2:
-                draw.choice(self.events).fire()
+        else:
+            for sensor in sensors:
+                sensor.set(draw.choice([True, False]))
+        if self.events and draw.random() < 0.2:
+            draw.choice(self.events).fire()
 
     async def _walk(self):
         x = 1.0

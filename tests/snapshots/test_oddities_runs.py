@@ -92,6 +92,22 @@ def test_an_action_that_ends_at_once_and_is_decided_again_is_told_live_and_from_
         assert "times in the last 5 s" in text
 
 
+def test_decisions_that_begin_an_episode_are_none_of_those_that_repeat(tmp_path):
+    async def nothing():
+        pass
+
+    again = mdm.Binding(nothing, then="decide", pause=0.21)
+    robot = Ensemble("robot", policy=DeterministicPolicy([0]), actions={0: again}, horizon=3)
+
+    async def script(robot):
+        robot.publish_state(0)
+
+    live, recorded = looked([robot], 20, tmp_path / "run.mcap", script)
+    assert live[1] == recorded[1] == {}
+    assert live[15] == recorded[15]
+    assert live[15]["robot"][0].startswith("decided 0 16 times")
+
+
 def test_an_action_that_hangs_is_told_live_and_from_the_record(tmp_path):
     spans = iter([2.0, 3.0, 2.0, 1e9])
 

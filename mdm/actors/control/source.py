@@ -165,16 +165,17 @@ class OwnChannels:
             cause, observation = self._unanswered
             control.decide(time, cause, observation)
 
-    def decide_again(self, time: int) -> None:
-        """Decide as one decision more of the episode, where inputs alone have it decide."""
+    def decide_again(self, time: int) -> bool:
+        """Decide, where inputs alone have it decide; return whether that is one decision more of the episode."""
         control = self._control
         asked = control.asking is not None and control.asking.stimulus is not None
-        if control.running and control.event_driven and not control.blind and not asked:
-            cause = "again"
-            if control.controller.over:
-                cause = "episode"
-                control.begin_episode()
-            control.decide(time, cause)
+        if asked or not control.running or not control.event_driven or control.blind:
+            return False
+        over = control.controller.over
+        if over:
+            control.begin_episode()
+        control.decide(time, "episode" if over else "again")
+        return not over
 
     def _on_external_belief(self, belief: Belief) -> None:
         """Decide on a belief from outside, in place of the layer's own."""
@@ -288,9 +289,10 @@ class JointProcess:
         if not self._taking:
             self.repeat(time)
 
-    def decide_again(self, time: int) -> None:
+    def decide_again(self, time: int) -> bool:
         """Publish the team's last decision once more."""
         self.repeat(time)
+        return True
 
     def observe_aside(self, observation: Observation) -> None:
         """Do nothing: only observations that are decided on are taken in."""

@@ -280,7 +280,7 @@ class Liveness:
     Attributes:
         retries: Whether failed actions are followed by a decision, even against their bindings.
         since: Nanoseconds since when the ensemble is idle; None where it is not.
-        repeats: How often it was decided again for no other reason than that an action had ended.
+        repeats: How often it was decided again in an episode for no other reason than that an action had ended.
     """
 
     def __init__(self, ensemble: Ensemble, settings: SafetySettings) -> None:
@@ -429,9 +429,8 @@ class Liveness:
         if safety.modes.mode == "safe":  # by the failure itself
             safety.reopen(_ACTION, now)
         elif safety.deciding and self._decides_alone and self._control.decisions == self._decisions:
-            self.repeats += 1
             self._livelock.decides_again(now)
-            self._control.source.decide_again(now)
+            self.repeats += self._control.source.decide_again(now)
         self.look()
 
     def _give_up(self, name: str, text: str, sequel: Sequel) -> None:

@@ -9,7 +9,8 @@ from action_lives import robot
 from patience import PATIENCE
 
 from mdm import Ensemble, FixedRate, PredicateManager, Runtime, StateFactor, bind, run
-from mdm.testing import probe, run_virtual
+from mdm.messages import State
+from mdm.testing import capture_decisions, probe, run_virtual
 
 AT_ONCE = (
     "action 'Charge' has succeeded at once 30 times in a row, and was decided again each time: its success changes "
@@ -50,6 +51,23 @@ def test_an_action_that_succeeds_at_once_again_and_again_is_told_once(action, pa
         await asyncio.sleep(600)
         assert ensemble.liveness.repeats >= 490
         assert told(faults) == ([] if when is None else [(pytest.approx(when), AT_ONCE)])
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize("horizon", [None, 1, 3])
+def test_what_is_counted_as_decided_again_is_a_decision_of_that_cause(horizon):
+    async def main(runtime):
+        ensemble = robot({"Charge": bind(plain, then="decide", pause=0.1)}, horizon=horizon)
+        with capture_decisions(runtime) as decisions:
+            await runtime.start(ensemble)
+            for seconds in (1.05, 0.05, 0.35):
+                ensemble.publish_state(0)
+                await asyncio.sleep(seconds)
+            ensemble.channel("state", State, retain=True).publish(State(runtime.now(), None, (None,)))
+            await asyncio.sleep(1.0)  # a pause that it had begun ends, and no state is known
+        again = [decision.cause for decision in decisions].count("again")
+        assert ensemble.status().repeats == again == {None: 13, 1: 0, 3: 9}[horizon]
 
     run_virtual(main)
 

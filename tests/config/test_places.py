@@ -225,7 +225,7 @@ def test_a_file_is_checked_without_its_code(tmp_path, look):
             "ensembles.robot.actions.Right",
             "'call' means nothing beside",
         ),
-        ('navigator = "wheels:Wheels"\n', "", "ensembles.robot.actions.Right", "a way needs a navigator to drive there"),
+        ('navigator = "wheels:Wheels"\n', "", "ensembles.robot.actions.Right", "a way needs a navigator to drive"),
         ("[predicates]", "[predicates]\nInHall = {}", "predicates.InHall", "'InHall' is declared twice"),
         ("[ensembles.robot]", "[ensembles.places]", "ensembles.places", "cannot be called 'places' beside a map"),
     ],

@@ -82,7 +82,12 @@ WRONG = [
     ('"hold"', '"keep"', "ensembles.below.states.a.on_violation", "'keep' is not one of 'first', 'hold', 'error'"),
     ('predicates = ["A"]', 'predicates = ["Aa"]', "ensembles.below.states.a", "'Aa'"),
     ('b = ["B"]', 'b = ["Ping"]', "ensembles.top.states.b", "no declared predicate"),
-    ('safe_action = "Rest"', 'safe_action = "Reset"', "ensembles.top.safe_action", "there is no action 'Reset' for safe_action; there are "),
+    (
+        'safe_action = "Rest"',
+        'safe_action = "Reset"',
+        "ensembles.top.safe_action",
+        "no action 'Reset' for safe_action; ",
+    ),
     ('Rest = "robot_code:rest"\n[ensembles.below]', "[ensembles.below]", "ensembles.top", "0 to 0"),
     ("robot_code:work", "robot_code:wrk", "ensembles.below.actions.Work", "no 'wrk'; did you mean 'work'"),
     ("robot_code:work", "robot_cod:work", "ensembles.below.actions.Work", "no module 'robot_cod'"),

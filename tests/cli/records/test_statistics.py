@@ -149,8 +149,8 @@ def test_what_cannot_be_counted_is_refused_in_a_sentence(mdm, tmp_path, model):
     ran(run, mdp(USED), seconds=12)
     saved(other, mdp(USED, states=["dry", "damp"]))
     assert refusal(mdm, run, "--model", other) == (
-        f"mdm statistics: {other}: the model differs from that of 'robot' in {run}: state 1 is 'wet' in the record, and "
-        f"'damp' in the model"
+        f"mdm statistics: {other}: the model differs from that of 'robot' in {run}: state 1 is 'wet' in the record, "
+        f"and 'damp' in the model"
     )
     assert refusal(mdm, model, "--model", model).endswith("the file is not an MCAP file, so it cannot be a record")
     assert refusal(mdm, tmp_path / "no.mcap", "--model", model).endswith("no.mcap: there is no such file")

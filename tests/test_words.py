@@ -13,6 +13,7 @@ PLAINER = {
     r"\bwho did not\b": "the agent that did not",
     r"\btake it that\b": "the sentence without it",
     r"(?:^|[.!?:] |\| |^- )Of an? `[^`]+`[^.|]*?,": "who does what, first",
+    r"^(?:<{7}|>{7}) ": "the text that holds once both changes are made",
 }
 """What is not written, as a pattern, and what to write in its place."""
 
@@ -46,6 +47,7 @@ def test_no_page_and_no_error_uses_a_word_of_the_list(page):
         "Take it that the door is open.",
         "It ends. Of a `team` that is lost, nothing is left.",
         "| Of an `agent`, its name |",
+        "One.\n<<<<<<< HEAD\nTwo.",
     ],
 )
 def test_each_word_of_the_list_is_found_over_the_ends_of_lines_too(text):

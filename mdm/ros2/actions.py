@@ -30,8 +30,8 @@ Made = Mapping[str, Any] | Callable[..., Any] | None
 """A message: its fields, or a plain function that returns them or the message; it may take the `Action` message."""
 
 _GRACE = 5.0
-_MEETING = 3.0
-"""Seconds for which a publisher and a subscription may take to meet."""
+_MEETING, _MEETS = 3.0, 0.5
+"""Seconds for which a publisher and a subscription may take to meet, and for which one of them may not know it yet."""
 
 
 class GoalTable(BindingSettings, frozen=True, kw_only=True):
@@ -88,8 +88,8 @@ class PublishTable(BindingSettings, frozen=True, kw_only=True):
         message: The message's fields, or the function ``module:name`` that returns them, as of a goal; else zeros.
         rate: How many times a second it is published; once by default.
         until: With a rate, the predicate that ends it when true, or the seconds after which it ends. Where nobody
-            subscribes to the topic then, it waits 3 s for somebody, publishes once more, or fails. By default it goes
-            on until it is cancelled.
+            subscribes to the topic then, it waits 3 s for somebody, and publishes for half a second more, or fails. By
+            default it goes on until it is cancelled.
         last: With a rate, the fields of one more message, published when it ends or is cancelled; none by default.
         qos: The quality of service.
     """
@@ -216,7 +216,9 @@ class Actions:
                     await asyncio.sleep(begin + count * period - loop.time())
                 if not publisher.matched:
                     await _meet(publisher, name)
-                    publisher(made)
+                    for _ in range(1 + int(_MEETS * rate)):
+                        publisher(made)
+                        await asyncio.sleep(period)
             finally:
                 if end is not None:
                     publisher(end)

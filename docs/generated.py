@@ -47,6 +47,7 @@ PACKAGES = (
     "mdm.replay",
     "mdm.snapshots",
     "mdm.views.web",
+    "mdm.latency",
     "mdm.ros2",
     "mdm.testing",
     "mdm.errors",

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         estimation,
         formats,
         gym,
+        latency,
         logic,
         maps,
         messages,
@@ -133,6 +134,7 @@ __all__ = [
     "evaluate",
     "formats",
     "gym",
+    "latency",
     "load_model",
     "load_policy",
     "load_rewards",
@@ -159,7 +161,7 @@ __all__ = [
 
 _PACKAGES = (
     *("beliefs", "maps", "models", "policies", "problems", "simulation", "solvers", "team", "testing"),
-    *("actors", "config", "estimation", "formats", "gym", "logic", "messages", "runtime"),
+    *("actors", "config", "estimation", "formats", "gym", "latency", "logic", "messages", "runtime"),
 )
 _HOMES = {
     "actors": (

@@ -75,7 +75,7 @@ def test_the_tables_of_pages_are_right_but_for_what_is_not_there(tmp_path, capsy
 def test_the_commands_of_their_page_have_these_options():
     """Beside those in a block that runs: of each line the verb, and all that begins with dashes."""
     parsers = {command.words: command for command in commands()}
-    pages = ("README.md", "docs/command.md")
+    pages = ("README.md", "docs/command.md", "docs/speed.md")
     lines = [line for page in pages for text in blocks.texts(page, "console") for line in text.splitlines()]
     lines = [line.partition("#")[0].split() for line in lines if line.startswith("mdm ")]
     assert len(lines) > 20

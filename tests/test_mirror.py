@@ -20,6 +20,8 @@ UNTESTED_ALONE = {
     "stimuli.py": "declares messages: test_schemas",
     "team/layer.py": "a base: the layers of each mode are tested",
     "actors/layer.py": "a base: its layers are tested",
+    "latency/probe.py": "with all that it stamps: test_measure",
+    "latency/others.py": "programs of other processes: test_measure",
     "team/centralised/messages.py": "declares messages: the leader and its followers are tested",
     "snapshots/frame.py": "declares types alone",
     "ros2/wire.py": "declares types alone",

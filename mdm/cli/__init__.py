@@ -34,6 +34,7 @@ VERBS = {
     "convert": ("files", "write a model or policy in another format"),
     "problem": ("files", "write a standard problem of the field as a model"),
     "trace": ("robots", "print the decisions for a sequence of stimuli"),
+    "latency": ("robots", "measure how long decisions take here, with a system of one's own"),
     "simulate": ("policies", "simulate a policy in its model and print the mean return"),
     "solve": ("policies", "compute a policy for a model, certified by bounds"),
     "evaluate": ("policies", "compute the value of a policy, exactly or by simulation"),

@@ -28,7 +28,7 @@ class _Snapshot(msgspec.Struct, frozen=True):
 
 def _in_words(value: object) -> str:
     if isinstance(value, Histogram):
-        return f"{value.total / value.count:.3g} s (at most {value.maximum:.3g} s)"
+        return f"{value.quantile(0.5):.3g} s (at most {value.maximum:.3g} s)"
     if isinstance(value, dict):
         return ", ".join(f"{count} {what}" for what, count in value.items())
     return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
@@ -127,9 +127,10 @@ class Histogram(msgspec.Struct, frozen=True):
         """Return how many there were and how long they took, in place of the buckets."""
         if not self.count:
             return "Histogram(count=0)"
-        mean, late = self.total / self.count, self.quantile(0.99)
+        median, late = self.quantile(0.5), self.quantile(0.99)
         return (
-            f"Histogram(count={self.count}, mean={mean:.3g} s, 99 % within {late:.3g} s, maximum={self.maximum:.3g} s)"
+            f"Histogram(count={self.count}, median={median:.3g} s, 99 % within {late:.3g} s, "
+            f"maximum={self.maximum:.3g} s)"
         )
 
     def quantile(self, fraction: float) -> float:

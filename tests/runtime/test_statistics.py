@@ -67,5 +67,5 @@ def test_a_histogram_prints_in_one_line():
     for _ in range(4):
         latencies.record(2_000_000)
     text = repr(latencies.snapshot())
-    assert text.startswith("Histogram(count=4, mean=0.002 s, ")
+    assert text.startswith("Histogram(count=4, median=0.002 s, ")
     assert text.endswith("maximum=0.002 s)")

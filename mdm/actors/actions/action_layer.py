@@ -265,11 +265,14 @@ class ActionLayer(Layer):
         if self.safe is not None:
             self.safe = own.get(id(self.safe), self.safe)
 
-    def substitute(self, function: Callable[[Binding], object]) -> None:
-        """Call one function, with the binding, in place of those of all actions: a run is repeated from its record."""
-        own = {id(binding): binding.standing_in(partial(function, binding)) for binding in self.bindings}
+    def substitute(self, function: Callable[..., object], *, asks: bool = False) -> None:
+        """Call one function, with the binding, in place of those of all actions, as where a run is repeated.
+
+        Where it ``asks``, it is called with the action besides, where the binding's own function is.
+        """
+        own = {id(each): each.standing_in(partial(function, each), asks=asks) for each in self.bindings}
         if self.safe is not None:
-            self.safe = own.get(id(self.safe)) or self.safe.standing_in(partial(function, self.safe))
+            self.safe = own.get(id(self.safe)) or self.safe.standing_in(partial(function, self.safe), asks=asks)
         self.bindings = tuple([own[id(binding)] for binding in self.bindings])
         briefs = zip(self.bindings, self._briefs, strict=True)
         self._briefs = tuple([known and _Brief(binding) for binding, known in briefs])

@@ -123,12 +123,15 @@ class Binding:
             return False
         return self.goes_on(action) if self._asks_action else self.goes_on()
 
-    def standing_in(self, function: Callable[[], object]) -> Binding:
-        """Return a binding alike, with another function in place of its own; that of an ensemble is itself."""
+    def standing_in(self, function: Callable[..., object], *, asks: bool = False) -> Binding:
+        """Return a binding alike, with another function in place of its own; that of an ensemble is itself.
+
+        Where it ``asks``, the function takes the action as its own does.
+        """
         if self.ensemble is not None:
             return self
         binding = copy(self)
-        binding.function, binding.takes_action = function, False
+        binding.function, binding.takes_action = function, asks and self.takes_action
         return binding
 
     def within(self, ensemble: Ensemble) -> Binding:

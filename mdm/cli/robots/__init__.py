@@ -6,11 +6,13 @@ from mdm.cli.usage import (
     DISCOUNT,
     FALSE_NEGATIVE,
     JSON,
+    SEED,
     Argument,
     Verb,
     count,
     given_file,
     live_page,
+    number,
     seconds,
     seed,
 )
@@ -93,5 +95,27 @@ VERBS = {
                 line="what a file needs, and whether it is there",
             )
         },
+    ),
+    "latency": Verb(
+        "Measure how long decisions take on this machine: from random stimuli, in the event loop, from a thread and "
+        "from another process, to the first action that is called; with a record, with the page and, by --burn, beside "
+        "busy processes; and say what would make them faster. No task, sensor, link or team of the file runs, and "
+        "stamps stand in for its actions; its policies and trackers are its own.",
+        "mdm latency examples/patrol/patrol.toml --seconds 10",
+        (
+            *given_file("the TOML file"),
+            Argument("--agent NAME", "of a team's file, the agent whose own ensembles are measured"),
+            Argument("--seconds N", "for how long in all, divided among the rows (60)", seconds, default=60.0),
+            Argument(
+                "--burn N",
+                "measure also beside N busy processes",
+                number("a number of processes, 0 to 1000,", 0, 1000, kind=int),
+                default=0,
+            ),
+            Argument("--with-actions", "call the file's own actions, too, many times a second: the robot moves"),
+            SEED,
+            JSON,
+        ),
+        "robots.latency",
     ),
 }

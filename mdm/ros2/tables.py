@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
@@ -118,7 +119,7 @@ class Ros2Reader(TableReader):
     """Makes the link of a file.
 
     Without functions, as for `mdm check` or a replay, and in virtual time, there is none: types are unchecked, topics
-    tell nothing, and goals last until they are replaced.
+    tell nothing, goals last until they are replaced, and the safe action ends at once.
     """
 
     entries: ClassVar[Mapping[str, frozenset[str]]] = {
@@ -214,6 +215,8 @@ class Ros2Reader(TableReader):
         if self._link is not None:
             return bound
         target: Any = partial(nothing) if role == "publish" and entry.rate is None else Lasting()
+        if key.endswith("safe_action"):
+            target = partial(asyncio.sleep, 0)
         target.__module__, target.__qualname__ = "mdm.ros2.actions", f"ros2({name!r})"
         stand_in = Binding(target, **entry.as_arguments(BindingSettings))
         stand_in.note = bound.note

@@ -265,6 +265,33 @@ def test_the_command_looks_at_records_and_files_without_ros(folder):
         assert (done.returncode, done.stderr) == (0, ""), (words, done.stdout, done.stderr)
 
 
+BRAKE = 'safe_action = { service = "/brake", type = "std_srvs/srv/SetBool", request = { data = true } }'
+
+
+@pytest.mark.parametrize(
+    "safe_action",
+    [
+        BRAKE,
+        'safe_action = { publish = "/cmd_vel", type = "geometry_msgs/msg/Twist", rate = 10.0, until = 1.0 }',
+        'safe_action = { publish = "/stop", type = "std_msgs/msg/Bool" }',
+        'safe_action = { action = "/dock_robot", type = "nav2_msgs/action/DockRobot" }',
+    ],
+)
+def test_a_safe_action_has_an_end_in_virtual_time_without_ros(folder, safe_action):
+    (folder / "robot.toml").write_text(FILE.replace(BRAKE, safe_action))
+    system, faults = load_system(folder / "robot.toml", virtual=True), []
+
+    async def main(runtime):
+        runtime.faults.subscribe(faults.append)
+        await runtime.start(system)
+        system.predicates.sense("Low", True)
+        await asyncio.sleep(6)  # it is too old
+        return system.ensembles["top"].action.statistics().safe_ended
+
+    assert run_virtual(main) == {"succeeded": 1}
+    assert {fault.kind for fault in faults} == {"stale", "stale_input"}
+
+
 def test_a_robot_runs_in_virtual_time_on_another_wire(folder):
     wired = 'wire = "wires:wire"\n'
     (folder / "robot.toml").write_text((folder / "robot.toml").read_text().replace("[ros2]\n", f"[ros2]\n{wired}"))

@@ -298,6 +298,14 @@ def test_a_film_of_no_kind_that_is_known_is_refused():
     assert done == (1, "", message)
 
 
+def test_the_pictures_of_a_film_are_as_large_as_is_asked(tmp_path):
+    run("patrol/patrol.py", "--fast", "--seconds", "1", "--pixels", "400", "--film", str(tmp_path / "x.gif"))
+    with Image.open(tmp_path / "x.gif") as film:
+        assert film.width <= 400  # the floor is wider than high
+    done = script(PATROL, "--fast", "--pixels", "99", "--film", "x.gif")
+    assert (done.status, done.errors.splitlines()[-1]) == (2, "patrol.py: error: --pixels is a number from 100 on")
+
+
 def test_the_patrol_without_an_output():
     command = f"{sys.executable} {PATROL} --fast --seconds 1 >&-"
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=100)

@@ -16,7 +16,9 @@ from playwright.sync_api import sync_playwright
 
 HERE = Path(__file__).parent
 PATROL = HERE.parent.parent / "examples" / "patrol"
-WIDTH = 520
+PIXELS = "400"
+"""The longer side of the film's pictures: its words are read at that size, and not where it is made smaller."""
+
 MOMENT = 760, 187
 """The place on the timeline, in pixels, of the moment that the page shows."""
 
@@ -24,14 +26,13 @@ MOMENT = 760, 187
 def film(folder: Path) -> None:
     """Draw the patrol as an animated picture, narrow enough for a page of text."""
     drawn = folder / "demo.gif"
-    subprocess.run([sys.executable, PATROL / "patrol.py", "--fast", "--film", drawn], check=True, stdout=sys.stderr)
+    command = [sys.executable, PATROL / "patrol.py", "--fast", "--pixels", PIXELS, "--film", drawn]
+    subprocess.run(command, check=True, stdout=sys.stderr)
     with Image.open(drawn) as whole:
-        size = WIDTH, round(WIDTH * whole.height / whole.width)
         pictures = []
         for number in range(whole.n_frames):
             whole.seek(number)
-            smaller = whole.convert("RGB").resize(size, Image.Resampling.LANCZOS)
-            pictures.append(smaller.quantize(64, dither=Image.Dither.NONE))
+            pictures.append(whole.convert("RGB").quantize(64, dither=Image.Dither.NONE))
         pause = whole.info["duration"]
     pictures[0].save(drawn, save_all=True, append_images=pictures[1:], duration=pause // 2, loop=0, optimize=True)
 

@@ -92,11 +92,14 @@ def main() -> None:
     parser.add_argument("--fast", action="store_true", help="in virtual time, without waiting")
     parser.add_argument("--log", action="store_true", help="a line for each event, in place of the floor")
     parser.add_argument("--film", metavar="FILE", help="pictures of the floor: an animation .gif, or a sheet .png")
+    parser.add_argument("--pixels", type=int, default=900, help="the longer side of a picture of the film (900)")
     parser.add_argument("--seconds", type=float, default=SECONDS, help=f"how long ({SECONDS:g})")
     parser.add_argument("--seed", type=int, default=World.seed, help=f"what is drawn at random ({World.seed})")
     arguments = parser.parse_args()
     if not 0 < arguments.seconds < float("inf"):
         parser.error("--seconds is a number above 0")
+    if arguments.pixels < 100:
+        parser.error("--pixels is a number from 100 on")
     if arguments.seed < 0:
         parser.error("--seed is a number from 0 on")
     World.seed = arguments.seed
@@ -108,7 +111,7 @@ def main() -> None:
         sys.stdout.reconfigure(errors="replace")
     began = time.monotonic()
     try:
-        film = None if arguments.film is None else Film(FloorView(floor), arguments.film)
+        film = None if arguments.film is None else Film(FloorView(floor), arguments.film, size=arguments.pixels)
         try:
             mdm.run(lambda: patrol(arguments, film), virtual=arguments.fast)
         finally:

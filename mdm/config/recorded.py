@@ -94,7 +94,10 @@ def _named(file: Path) -> Iterator[Path]:
         return
     for text in texts:
         if 0 < len(text) < 1000 and "\0" not in text and "\n" not in text:
-            path = Path(text).expanduser()
+            try:
+                path = Path(text).expanduser()
+            except RuntimeError:  # a formula such as ~Low, which names no home
+                continue
             yield Path(*(file.parent / path).parts) if not path.is_absolute() else path
 
 

@@ -188,7 +188,7 @@ _HOMES = {
 }
 TABLES = {"ros2": "mdm.ros2.tables:Ros2Reader"}
 """The reader of each extension's table in a file, see `mdm.config.TableReader`: loaded for files that have one."""
-OFFERS = {"record": "mdm.recording.recorder:recorder_of", "page": "mdm.views.web.server:page_of"}
+OFFERS = {"record": "mdm.config.description:recorder_of", "page": "mdm.views.web.server:page_of"}
 """The function that makes the extension of an option of the runtime, which knows no package above it."""
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

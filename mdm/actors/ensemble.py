@@ -23,8 +23,10 @@ from mdm.actors.safety.liveness import Liveness
 from mdm.actors.safety.notes import notes
 from mdm.actors.safety.safety import Safety
 from mdm.checks import check_flag
+from mdm.controller.step import KEPT
 from mdm.errors import ConfigError, Error
 from mdm.messages import Belief, Cause, Control, ModeName, Observation, State
+from mdm.models import Factor, Space
 from mdm.runtime import ActorStatistics
 from mdm.runtime.channel import Subscription
 from mdm.runtime.supervision import text_of
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
 
     from mdm.actors.actions.binding import Binding, Callback
     from mdm.actors.control.source import Team
+    from mdm.explanation import Case, Explanation
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models.space import Symbol
     from mdm.policies import Policy
@@ -135,6 +138,8 @@ class Ensemble(Layer):
 
     Attributes:
         interrupted: Whether the action that it is bound to has ended it, and it is not idle yet.
+        settings: Its options.
+        made_of: Its policy, model and agent, as they were given.
     """
 
     def __init__(
@@ -158,12 +163,13 @@ class Ensemble(Layer):
         try:
             super().__init__(name, supervision=supervision)
             self.predicates = predicates
+            self.made_of = policy, model, agent
             self._idle: list[Callable[[], None]] = []
             self.local = local
             self._asked: Literal["start", "resume", "stop"] | None = None
             self.interrupted = False
             _check_settings(predicates, states, observations, agent, local=local)
-            settings = SafetySettings.from_keywords(options)
+            settings = self.settings = SafetySettings.from_keywords(options)
             control = settings.as_arguments(ControlSettings)
             self.control = ControlLayer(policy, model, agent=agent if local else None, **control)
             controller = self.controller = self.control.controller
@@ -615,6 +621,34 @@ class Ensemble(Layer):
     def joint_name(self, action: int) -> str:
         """Return the name of a joint action, by its index."""
         return self.control.output.name_of(action)
+
+    def named(self, case: Case) -> Case:
+        """Return a case with the names of the wiring, where no model has names of states."""
+        if case.states is not None or self.state is None:
+            return case
+        factors = [Factor(each.name, [str(wire.source) for wire in each.wires()]) for each in self.state.factors]
+        states = Space(factors)
+        return case._replace(states=states if len(states) == self.controller.symbols.num_states else None)
+
+    def case(self, last: int = KEPT) -> Case:
+        """Return its last decision with its inputs, and not a safe action behind it; arguments as of `Step.explain`.
+
+        Raises:
+            ModelError: If nothing was decided in this episode.
+        """
+        case = self.named(self.controller.case(last))
+        epoch, action = self.control.decided
+        return case if action is None or epoch != self.controller.epoch else case._replace(action=action)
+
+    def explain(self, last: int = KEPT) -> Explanation:
+        """Return why it has decided as it did last; arguments as of `Step.explain`.
+
+        Raises:
+            ModelError: If nothing was decided in this episode.
+        """
+        from mdm.explanation import explain  # noqa: PLC0415 - see `Step.explain`
+
+        return explain(self.case(last))
 
     def layer_statistics(self) -> dict[str, ActorStatistics]:
         """Return the statistics of the control layer, of its planner where there is one, and of the action layer."""

@@ -61,6 +61,8 @@ class System(Actor):
         monitors: Actors that start before the ensembles and watch them, such as drift monitors.
         durations: By the names of ensembles, how long actions take in the models that their policies are for.
         extensions: Opened by the runtime before the system starts, and closed behind the safe actions; not in a replay.
+        above: By the names of ensembles and of the predicate manager, the path of the actors that these have above
+            them, by default none; None for a predicate manager that the ensembles start which use it.
     """
 
     def __init__(
@@ -77,8 +79,10 @@ class System(Actor):
         monitors: Iterable[Actor] = (),
         durations: Mapping[str, Durations] | None = None,
         extensions: Iterable[Extension] = (),
+        above: Mapping[str, str | None] | None = None,
     ) -> None:
         super().__init__(name)
+        above = {} if above is None else above
         self.predicates = predicates
         self.ensembles = ensembles
         self.tasks = tasks
@@ -88,7 +92,8 @@ class System(Actor):
         self.starved_after = starved_after
         self.durations = {} if durations is None else dict(durations)
         self.extensions = tuple(extensions)
-        self.add(predicates)
+        if (place := above.get(predicates.name, "")) is not None:
+            self._actor_at(place).add(predicates)
         if places is not None:
             self.add(places)
         if member is not None:
@@ -97,7 +102,16 @@ class System(Actor):
             self.add(monitor)
         for ensemble in self.top:
             if member is None or ensemble.name not in member.ensembles:
-                self.add(ensemble)
+                self._actor_at(above.get(ensemble.name) or "").add(ensemble)
+
+    def _actor_at(self, path: str) -> Actor:
+        """Return the actor at a path below; those that are not there are made."""
+        actor: Actor = self
+        for name in filter(None, path.split("/")):
+            if name not in [child.name for child in actor.children]:
+                actor.add(Actor(name))
+            actor = next(child for child in actor.children if child.name == name)
+        return actor
 
     @property
     def path(self) -> str:
@@ -192,7 +206,7 @@ def load_system(
     if not isinstance(path, Mapping) and folder is not None:
         raise Error(f"leave folder out: the paths in {path} are relative to the folder of that file")
     given = path if isinstance(path, Mapping) else Path(path)
-    builder = _Builder(given, folder=folder, callbacks=callbacks, models=models, tables=tables, virtual=virtual)
+    builder = Builder(given, folder=folder, callbacks=callbacks, models=models, tables=tables, virtual=virtual)
     return builder.system(agent, transport=transport, decisions=decisions)
 
 
@@ -207,7 +221,7 @@ def look_over(path: str | Path, *, agent: str | None = None, models: dict[Path, 
     Raises:
         ConfigError: With all problems, one per line and each in its ``problems``.
     """
-    return _Builder(Path(path), callbacks=False, look=True, models=models).system(agent)
+    return Builder(Path(path), callbacks=False, look=True, models=models).system(agent)
 
 
 def load_team(path: str | Path) -> Team | None:
@@ -232,7 +246,7 @@ def agents_of(path: str | Path) -> tuple[str, ...]:
     Raises:
         ConfigError: If the file cannot be read, or its table ``team`` does not say who the agents are.
     """
-    described = _Builder(Path(path), callbacks=False).team(whole=False)
+    described = Builder(Path(path), callbacks=False).team(whole=False)
     return () if described is None else described.team.names
 
 
@@ -242,11 +256,18 @@ def load_team_file(path: str | Path) -> TeamFile | None:
     Raises:
         ConfigError: If the file cannot be read, or with all problems of its table ``team``.
     """
-    return _Builder(Path(path), callbacks=False).team()
+    return Builder(Path(path), callbacks=False).team()
 
 
-class _Builder:
-    """Builds a system and collects problems."""
+class Builder:
+    """Builds a system and collects problems; arguments are those of `load_system`.
+
+    Attributes:
+        functions: Finds the functions that are named.
+        above: The paths of actors above ensembles and the predicate manager, see `System`.
+        manager: The name of the predicate manager.
+        memory: Whether ensembles that do not say have the memory of their team, as those of a file.
+    """
 
     def __init__(
         self,
@@ -266,8 +287,11 @@ class _Builder:
         self._tables = {} if tables is None else tables
         self._virtual = virtual
         self._callbacks = callbacks
+        self.above: Mapping[str, str | None] = {}
+        self.manager = "predicates"
+        self.memory = True
         self._problems = Problems(path)
-        self._functions = Functions(self._folder, self._problems, callbacks=callbacks, look=look)
+        self.functions = Functions(self._folder, self._problems, callbacks=callbacks, look=look)
 
     def team(self, *, whole: bool = True) -> TeamFile | None:
         """Return the team; raise its problems, or, where it need not be whole, those that hide its agents."""
@@ -282,14 +306,16 @@ class _Builder:
             return None
         from mdm.config.team_file import read_team  # noqa: PLC0415 - files without a team load nothing of teams
 
-        return read_team(document["team"], self._folder, self._functions, self._problems)
+        return read_team(document["team"], self._folder, self.functions, self._problems)
 
     def system(self, agent: str | None, **options: Any) -> System:
         """Return the system, or raise all problems."""
         document = self._read()
         described, share = self._share(document, agent)
-        declarations = Declarations(self._problems, share)
-        reading = Reading(self._folder, declarations.manager, self._functions, self._problems, share, self._virtual)
+        if share is not None and not self.memory:
+            share.memory = None
+        declarations = Declarations(self._problems, share, self.manager)
+        reading = Reading(self._folder, declarations.manager, self.functions, self._problems, share, self._virtual)
         readers = Readers(document, _KNOWN, self._tables, reading)
         places, navigation = self._places(document, readers)
         declarations.declare(document, readers)
@@ -331,6 +357,7 @@ class _Builder:
             monitors=builder.monitors,
             durations=builder.durations,
             extensions=extensions,
+            above=self.above,
         )
         self._problems.raise_all()
         assert system is not None
@@ -397,7 +424,7 @@ class _Builder:
         if not isinstance(references, list) or not all(isinstance(reference, str) for reference in references):
             self._problems.add("tasks must be a list of functions, such as ['sensors:read']", "tasks")
             return []
-        functions = [self._functions.find(reference, "tasks") for reference in references]
+        functions = [self.functions.find(reference, "tasks") for reference in references]
         for reference, function in zip(references, functions, strict=True):
             if not self._is_seen(function):
                 continue
@@ -413,7 +440,7 @@ class _Builder:
         if not isinstance(reference, str):
             self._problems.add("emergency must be a function, such as 'robot:cut_motors'", "emergency")
             return None
-        function = self._functions.find(reference, "emergency")
+        function = self.functions.find(reference, "emergency")
         if function is None or not self._is_seen(function):
             return None
         with self._problems.collecting("emergency"):
@@ -422,7 +449,7 @@ class _Builder:
 
     def _is_seen(self, function: Callable[..., Any] | None) -> bool:
         """Whether a function is of the kind and takes the arguments of the one that the file names."""
-        return (self._callbacks or self._functions.looks) and function is not None and type(function) is not Unseen
+        return (self._callbacks or self.functions.looks) and function is not None and type(function) is not Unseen
 
 
 def _takes_one(function: Callable[..., Any]) -> bool:
@@ -446,13 +473,14 @@ class Declarations:
     Args:
         problems: Where problems are noted.
         share: In a team's file, whose part it is; ``robot2/IsMoving`` is the file's name at that agent.
+        name: The manager's name.
 
     Attributes:
         manager: The predicate manager that knows them.
     """
 
-    def __init__(self, problems: Problems, share: Share | None = None) -> None:
-        self.manager = PredicateManager()
+    def __init__(self, problems: Problems, share: Share | None = None, name: str = "predicates") -> None:
+        self.manager = PredicateManager(name)
         self._problems = problems
         self._share = share
         self._formulas: list[tuple[str, Formula]] = []

@@ -240,7 +240,7 @@ class Ensembles:
         model = attempt(f"{key}.model", self._model, table)
         if table.model is not None and model is None:
             return None
-        memory = self._share.team.memory if table.memory is None and self._share is not None else table.memory
+        memory = self._share.memory if table.memory is None and self._share is not None else table.memory
         with sparing(wanted=memory is not None):
             if is_reference(table.policy):
                 policy = self._own_policy(table, model, key, (states or [], observations or []))

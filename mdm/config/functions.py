@@ -22,7 +22,7 @@ from mdm.policies import BeliefPolicy, StatePolicy
 from mdm.runtime.supervision import describe
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from mdm.actors import ObservationFactor, StateFactor
     from mdm.config.tables import Problems
@@ -44,9 +44,11 @@ class Functions:
     Attributes:
         imported: Whether the functions found are those that the file names, and not stand-ins that do nothing.
         looks: Whether no module is to be run at all.
+        made: Stand-ins for objects that a record does not hold, by their references.
     """
 
     def __init__(self, folder: Path, problems: Problems, *, callbacks: bool, look: bool = False) -> None:
+        self.made: Mapping[str, Any] = {}
         self._folder = folder
         self._problems = problems
         self.imported = callbacks
@@ -54,7 +56,11 @@ class Functions:
 
     def make(self, reference: str, key: str, model: MDP | None) -> Any:
         """Return the result of the class or function ``module:name``; None where there is none, or no module is run."""
-        return self._problems.attempt(key, self._made, reference, model)
+        return (
+            self.made[reference]
+            if reference in self.made
+            else self._problems.attempt(key, self._made, reference, model)
+        )
 
     def _made(self, reference: str, model: MDP | None) -> Any:
         if not self.looks:

@@ -256,6 +256,10 @@ def check_digests(record: Record, ensembles: Iterable[Ensemble]) -> None:
         Error: Of the first ensemble whose digest differs.
     """
     for ensemble in ensembles:
+        if (absent := getattr(ensemble.controller.policy, "absent", None)) is not None:
+            raise Error(
+                f"{record.path}: {absent}: mdm.testing.replay(record, actors) replays it with the program's own actors"
+            )
         known = record.metadata.get(f"ensemble {ensemble.path}", {})
         now = {"configuration": ensemble.controller.configuration}
         if known.get("configuration", now["configuration"]) == now["configuration"]:

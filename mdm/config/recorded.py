@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 import tomllib
+import zlib
+from contextlib import contextmanager
 from importlib.machinery import all_suffixes
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from mdm.config.builder import load_system, load_team
+from mdm.config.builder import Builder, load_system, load_team
+from mdm.config.description import CONFIGURATION, FOLDER, LARGEST, PACKED, Description, stand_in
 from mdm.errors import ConfigError, Error
 from mdm.formats import load_model
 from mdm.loading import pair_of
 from mdm.texts import texts_in
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
+    from mdm.actors import Ensemble
     from mdm.config.builder import System
     from mdm.recording import Record, Recorder
     from mdm.team.transport.transport import Transport
 
-_LARGEST = 64 * 1024 * 1024
-_FOLDER = "files/"
 _CODE = tuple(Path(f"_{suffix}").suffix for suffix in all_suffixes())
 """How the names of files end that Python would import."""
 _DEEP = PurePosixPath("up3/up2/up1/here")
@@ -43,13 +45,13 @@ def attach_configuration(recorder: Recorder, path: str | Path, *, agent: str | N
     if agent is not None:
         recorder.head(agent=agent)
     for name, found in _files(file):
-        recorder.attach(_FOLDER + name, "application/octet-stream", found.read_bytes())
+        recorder.attach(FOLDER + name, "application/octet-stream", found.read_bytes())
 
 
 def attach_file(recorder: Recorder, path: str | Path) -> str:
     """Keep a file, such as a model, with a run's record; return the name that it has there."""
     file = Path(path)
-    recorder.attach(_FOLDER + file.name, "application/octet-stream", file.read_bytes())
+    recorder.attach(FOLDER + file.name, "application/octet-stream", file.read_bytes())
     return file.name
 
 
@@ -62,12 +64,7 @@ def _files(file: Path) -> Iterator[tuple[str, Path]]:
         if name is not None:
             yield name, found
         for named in _named(found):
-            if (
-                named not in known
-                and named.suffix not in _CODE
-                and named.is_file()
-                and named.stat().st_size <= _LARGEST
-            ):
+            if named not in known and named.suffix not in _CODE and named.is_file() and named.stat().st_size <= LARGEST:
                 known.add(named)
                 waiting.append(named)
 
@@ -133,12 +130,14 @@ def load_recorded(
     if PurePosixPath(name).name != name:
         raise Error(f"{record.path}: its configuration has the name {name!r}, which is not a plain file name")
     here = lay_out(record, folder)
-    if not any(attached.name == _FOLDER + name for attached in record.attachments):
+    if not any(attached.name == FOLDER + name for attached in record.attachments):
         raise ConfigError(
             f"{record.path}: its configuration {name!r} is not in the record, as of one that was damaged or torn "
             f"early: give the file of the same system with --config"
         )
     try:
+        if name == CONFIGURATION:
+            return _described(here, agent, transport)
         return load_system(here / name, agent=agent, callbacks=False, transport=transport)
     except ConfigError as error:  # of a place that will be gone
         first = error.problems[0]
@@ -149,6 +148,32 @@ def load_recorded(
         ) from None
 
 
+def _described(here: Path, agent: str | None, transport: Transport | None) -> System:
+    """Return the system of a run that a program made, by its description."""
+    try:
+        found = msgspec.json.decode((here / CONFIGURATION).read_bytes(), type=Description)
+    except msgspec.MsgspecError as error:
+        raise ConfigError(f"{CONFIGURATION}: {error}") from None
+    builder = Builder(found.system, folder=here, callbacks=False)
+    builder.functions.made = {reference: stand_in(each) for reference, each in found.absent.items()}
+    builder.above, builder.manager, builder.memory = found.above, found.manager, False
+    return builder.system(agent, transport=transport)
+
+
+@contextmanager
+def as_recorded(record: Record, ensembles: Iterable[Ensemble]) -> Iterator[None]:
+    """Have policies that the record does not hold decide as they did, one decision after the other."""
+    absent: dict[str, Any] = {
+        each.path: each.controller.policy for each in ensembles if hasattr(each.controller.policy, "absent")
+    }
+    decisions = [each.message for each in record.messages(["decisions"])] if absent else []
+    for path, policy in absent.items():
+        policy.answers = iter([each.action for each in decisions if each.ensemble == path])
+    yield
+    for policy in absent.values():
+        policy.answers = None
+
+
 def lay_out(record: Record, folder: str | Path) -> Path:
     """Write the files that are kept with a record below a folder; return the folder of its configuration.
 
@@ -156,7 +181,7 @@ def lay_out(record: Record, folder: str | Path) -> Path:
         Error: If a file is damaged, has its place elsewhere, or is code.
     """
     if record.damaged_files:
-        name = record.damaged_files[0].removeprefix(_FOLDER)
+        name = record.damaged_files[0].removeprefix(FOLDER)
         raise Error(
             f"{record.path}: the attached file {name!r} of the record is damaged: give the file of the run with "
             f"--config"
@@ -164,14 +189,21 @@ def lay_out(record: Record, folder: str | Path) -> Path:
     here = Path(folder) / _DEEP
     here.mkdir(parents=True)
     for attached in record.attachments:
-        if attached.name.startswith(_FOLDER):
-            place = (here / attached.name.removeprefix(_FOLDER)).resolve()
+        if attached.name.startswith(FOLDER):
+            place = (here / attached.name.removeprefix(FOLDER)).resolve()
             if not place.is_relative_to(Path(folder).resolve()):
                 raise Error(f"{record.path}: it has a file {attached.name!r}, which has no place below a folder")
             if place.suffix in _CODE:  # which would be imported from there, and a record may come from anybody
                 raise Error(f"{record.path}: it has a file {attached.name!r}, which is code: no record needs it")
             place.parent.mkdir(parents=True, exist_ok=True)
-            place.write_bytes(attached.data)
+            data = attached.data
+            if place.suffix == PACKED:
+                place = place.with_suffix("")
+                try:
+                    data = zlib.decompressobj().decompress(data, LARGEST)
+                except zlib.error:
+                    raise Error(f"{record.path}: the attached file {attached.name!r} is damaged") from None
+            place.write_bytes(data)
     return here
 
 

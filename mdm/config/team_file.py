@@ -157,7 +157,7 @@ def _agents(table: TeamTable, problems: Problems) -> list[Agent] | None:
     return agents
 
 
-_KINDS: dict[str, Callable[..., CommunicationPolicy]] = {
+KINDS: dict[str, Callable[..., CommunicationPolicy]] = {
     "always": Always,
     "never": Never,
     "on_change": OnChange,
@@ -210,12 +210,10 @@ def _made(make: Callable[[], Any], name: str) -> CommunicationPolicy | None:
 
 
 def _policy(table: CommunicationTable, functions: Functions, problems: Problems, key: str) -> CommunicationPolicy:
-    if table.policy not in _KINDS:
-        hint = (
-            similar(table.policy, _KINDS) or f"; there are {', '.join(_KINDS)}, and 'module:name' for one of your own"
-        )
+    if table.policy not in KINDS:
+        hint = similar(table.policy, KINDS) or f"; there are {', '.join(KINDS)}, and 'module:name' for one of your own"
         raise ConfigError(f"there is no communication policy {table.policy!r}{hint}")
-    kind = _KINDS[table.policy]
+    kind = KINDS[table.policy]
     arguments = inspect.signature(kind).parameters
     settings = {name: value for name, value in msgspec.structs.asdict(table).items() if value is not None}
     del settings["policy"]
@@ -246,11 +244,15 @@ class Share:
 
     Raises:
         ConfigError: If there is no such agent.
+
+    Attributes:
+        memory: The most megabytes that a model may take, where its ensemble does not say; None for no such limit.
     """
 
     def __init__(self, team: Team, agent: str) -> None:
         self.team = team
         self.agent = team.check_agent(agent)
+        self.memory: float | None = team.memory
         self._under: set[str] = set()
 
     # -- Names ---------------------------------------------------------------------------------------------------

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 PART = "mdm.file"
 """The metadata that tell which file of a record it is."""
+SYSTEM = "system"
+"""The metadata of a program's run: the name of its description, and the gaps of that."""
 
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX = range(1, 8)
 _ATTACHMENT, _METADATA, _DATA_END, _LAST = 9, 12, 15, 15

@@ -16,7 +16,7 @@ import numpy as np
 from mdm import messages
 from mdm.errors import Error, FormatError
 from mdm.recording import schemas
-from mdm.recording.part import PART, Gap, Part, number_in
+from mdm.recording.part import PART, SYSTEM, Gap, Part, number_in
 from mdm.recording.process import File
 from mdm.stimuli import Said, Stimulus
 from mdm.version import __version__
@@ -134,8 +134,17 @@ class Record:
 
     @property
     def head(self) -> dict[str, str]:
-        """The metadata ``mdm``."""
-        return self.metadata[_HEAD]
+        """The metadata ``mdm``, with those of the description of a program's run."""
+        told = [each for file in self._files for name, each in file.metadata.items() if name == SYSTEM]
+        return self.metadata[_HEAD] | (told[-1] if told else {})
+
+    @property
+    def cannot(self) -> tuple[str, ...]:
+        """The parts of a program's run that the record does not hold, a sentence each."""
+        try:
+            return msgspec.json.decode(self.head.get("cannot", "[]"), type=tuple[str, ...])
+        except msgspec.MsgspecError:
+            return ()
 
     @property
     def span(self) -> tuple[int, int] | None:

@@ -11,7 +11,7 @@ import importlib
 import os
 import platform
 import time as times
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
@@ -24,6 +24,7 @@ from msgspec import Meta
 from mdm.errors import ConfigError, Error
 from mdm.messages import ActionLife, Decision, Fault
 from mdm.recording import schemas
+from mdm.recording.part import SYSTEM
 from mdm.recording.writer import SILENT, FileSettings, RecordWriter
 from mdm.runtime.extension import Extension
 from mdm.runtime.time.virtual import VirtualClock
@@ -113,6 +114,7 @@ class Recorder(Extension):
             text = f"channels are a list of names, such as ['robot/state'], not {channels!r}"
             raise ConfigError(text, key="channels")
         self.lost = 0
+        self.describer: Any = None  # keeps the parts of a run by `describe`, see `mdm.config.description`
         self._largest = settings.largest_belief
         self._bound = settings.bound
         self._writer = RecordWriter(path, settings)
@@ -140,6 +142,12 @@ class Recorder(Extension):
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Keep a file with the record, such as the configuration; before the runtime is entered."""
         self._attached.append((name, media_type, data))
+
+    def describe(self, files: Mapping[str, bytes], facts: Mapping[str, str]) -> None:
+        """Keep the parts of a run that goes on: files, and facts of its head."""
+        for name, data in files.items():
+            self._writer.attach(name, "application/octet-stream", data)
+        self._writer.metadata(SYSTEM, facts)
 
     # -- Life ----------------------------------------------------------------------------------------------------
 
@@ -179,6 +187,8 @@ class Recorder(Extension):
         if self._looks is not None:
             self._looks.cancel()
         try:
+            if self.describer is not None:
+                self._guard(self.describer.finish)()
             self._write(slice_=None)
             self._write(slice_=None)  # the faults that this has made
             self._writer.close(_CLOSING)
@@ -384,6 +394,9 @@ class Recorder(Extension):
                 for name, fact in output.facts().items()
             }
             self._writer.metadata(f"ensemble {output.ensemble}", facts)
+            own = self._head.keys().isdisjoint({"configuration", "simulation"})  # else the run's files are kept
+            if self.describer is not None and own and self._loop is not None:
+                self._loop.call_soon(self._guard(self.describer.look), self._runtime)
 
 
 _TOLD = 20

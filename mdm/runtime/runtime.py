@@ -570,6 +570,28 @@ class Runtime:
         if cancelled is not None:
             raise cancelled
 
+    def explain(self, ensemble: str, last: int = 10) -> Any:
+        """Return why an ensemble has decided as it did last, in the words of `mdm explain`.
+
+        Example::
+
+            print(runtime.explain("robot"))
+
+        Args:
+            ensemble: Its path, such as ``robot``, or ``top/patrol`` of one below another.
+            last: How many of the last observations are looked at.
+
+        Returns:
+            An `mdm.explanation.Explanation`, of which `str` is in words.
+
+        Raises:
+            Error: If there is no such ensemble, or it has decided nothing in this episode.
+        """
+        known: dict[str, Any] = {each.path: each for each in descendants(self.root) if hasattr(each, "explain")}
+        if ensemble not in known:
+            raise Error(f"there is no ensemble {ensemble!r}; there is {', '.join(known) or 'none'}")
+        return known[ensemble].explain(last)
+
     def statistics(self) -> RuntimeStatistics:
         """Return a snapshot of everything in the runtime."""
         actors: list[ActorStatistics] = []

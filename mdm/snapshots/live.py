@@ -23,7 +23,7 @@ from mdm.snapshots.events import Ring, event_of, predicate_event, spell_event
 from mdm.snapshots.frame import Detail, EnsembleFrame, Frame, LifeFrame, PredicateScene, Scene, Spread, StatisticsFrame
 from mdm.snapshots.reducer import EnsembleReducer, known_of
 from mdm.snapshots.scenes import ensembles_of, floors_of, robot_frame
-from mdm.snapshots.why import Why, named, why
+from mdm.snapshots.why import Why, why
 from mdm.snapshots.words import valued
 from mdm.team import Member
 from mdm.version import __version__
@@ -511,7 +511,7 @@ class LiveRun(Observer):
         if found is None:
             return None
         try:
-            case = named(found, found.controller.case())
+            case = found.case()
         except Error as error:
             return Why(f"Nothing tells why: {error}.")
         return await asyncio.to_thread(why, case)

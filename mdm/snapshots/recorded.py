@@ -227,6 +227,7 @@ class RecordedRun:
         if self._system is None or manager is None:
             return
         found = {name: Track() for name in manager.values()}
+        heard: list[object] = []
 
         def update(message: PredicateUpdate) -> None:
             for names, value in ((message.rising, True), (message.falling, False), (message.unknown, None)):
@@ -234,10 +235,11 @@ class RecordedRun:
 
         def start(change: StateChange) -> None:
             if change.actor == manager.path and change.state == "running":
+                if not heard:  # and not at a restart
+                    heard.append(manager.updates.subscribe(update))
                 _take(found, change.time, manager.values())
 
         def listen(runtime: Runtime) -> None:
-            runtime.channel(f"{manager.path}/updates", PredicateUpdate).subscribe(update)
             runtime.lives.subscribe(start)
 
         told = replay(self._record, self._system, most=1, transports=transports or {}, listen=listen)

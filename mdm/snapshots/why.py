@@ -8,7 +8,6 @@ import msgspec
 
 from mdm.errors import Error
 from mdm.explanation import explain
-from mdm.models import Factor, Space
 from mdm.replay.retraced import found, retraced
 
 if TYPE_CHECKING:
@@ -31,15 +30,6 @@ class Why(msgspec.Struct, frozen=True):
     epoch: int = -1
 
 
-def named(ensemble: Ensemble, case: Case) -> Case:
-    """Return a case with the names of the wiring, where no model has names of states."""
-    if case.states is not None or ensemble.state is None:
-        return case
-    factors = ensemble.state.factors
-    states = Space(Factor(each.name, [str(wire.source) for wire in each.wires()]) for each in factors)
-    return case._replace(states=states if len(states) == ensemble.controller.symbols.num_states else None)
-
-
 def why(case: Case) -> Why:
     """Return why a decision was made; where nothing tells it, a sentence that says so."""
     try:
@@ -51,8 +41,11 @@ def why(case: Case) -> Why:
 
 def is_as_recorded(record: Record, ensemble: Ensemble) -> bool:
     """Whether an ensemble has the model, policy and options that decided in a record, as far as that tells."""
-    known = record.metadata.get(f"ensemble {ensemble.path}", {}).get("configuration")
-    return known is None or known == ensemble.controller.configuration
+    known, controller = record.metadata.get(f"ensemble {ensemble.path}", {}), ensemble.controller
+    if hasattr(controller.policy, "absent"):  # one that is code, which the record names
+        now = controller.digests()
+        return all(known.get(part, now[part]) == now[part] for part in ("model", "options"))
+    return known.get("configuration", controller.configuration) == controller.configuration
 
 
 def why_recorded(record: Record, ensemble: Ensemble, seconds: float) -> Why:
@@ -67,6 +60,6 @@ def why_recorded(record: Record, ensemble: Ensemble, seconds: float) -> Why:
         place, decisions = found(record, ensemble.path, seconds)
         if not is_as_recorded(record, ensemble):
             raise Error("model, policy or options that can be loaded are not those that decided")
-        return why(named(ensemble, retraced(ensemble.controller, decisions, place).case()))
+        return why(ensemble.named(retraced(ensemble.controller, decisions, place).case()))
     except Error as error:
         return Why(f"Nothing tells why: {error}.")

@@ -98,6 +98,7 @@ class Member(Actor):
     Attributes:
         link: Its connection to the others.
         layers: The team's layer of each of its ensembles, by name.
+        placements: Where the layers of each ensemble are, by its name.
         clocks: How far those of the others are ahead.
         decisions: The writer of their file; None where there is none.
     """
@@ -133,6 +134,7 @@ class Member(Actor):
         if transport.agent != agent:
             raise ConfigError(f"the transport is that of agent {transport.agent!r}, not of {agent!r}", key="transport")
         given = {name: placement_of(one) for name, one in (placement or {}).items()}
+        self.placements = {name: given.get(name, Placement()) for name in self.ensembles}
         self.link = Link(team, transport, _facts(team, self.ensembles, given))
         self.layers: dict[str, ReplicatedLayer | CentralisedLeader | CentralisedFollower | CommunicatingLayer] = {}
         self.lost: tuple[str, ...] = ()

@@ -134,9 +134,15 @@ def test_a_record_whose_head_has_no_parts_has_the_digests_told(file, tmp_path):
 
 def test_a_record_without_a_configuration_is_refused(tmp_path):
     robot = mdm.Ensemble("robot", policy=mdm.policies.DeterministicPolicy([0], 1), actions={"go": lambda: None})
-    run_virtual(lambda runtime: runtime.start(robot), record=tmp_path / "run.mcap")
+    run_virtual(lambda runtime: runtime.start(robot), extensions=[Recorder(tmp_path / "run.mcap")])
     with refused(ConfigError):
         load_recorded(Record(tmp_path / "run.mcap"), tmp_path)
+
+
+def test_a_formula_that_begins_like_a_home_names_no_file(file, tmp_path):
+    file.write_text(f'predicates.Idle = "~Busy"\npredicates.Busy = {{}}\n{FILE}')
+    record, _ = recorded(file, tmp_path / "run.mcap")
+    assert len(record.attachments) == 3
 
 
 @pytest.mark.parametrize("name", ["../" * 6 + "elsewhere", "/elsewhere", "robot.py", "robot.pyc", "robot.so"])

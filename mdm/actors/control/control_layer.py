@@ -80,6 +80,7 @@ class ControlLayer(Layer):
         source: The source of its input: its ensemble's channels, or a team.
         running: Whether it decides.
         state: The last state that it was told; None where none is known.
+        decided: The epoch at which a safe action of the model's began, and the decision before it.
         alarms: How often it has reported something that endangers the ensemble.
         controller: The controller that decides.
         output: Publishes its decisions.
@@ -134,6 +135,7 @@ class ControlLayer(Layer):
         self._see = self.controller.see
         self._last_epoch = sys.maxsize if self.controller.horizon is None else self.controller.horizon
         self.state: int | None = None
+        self.decided: tuple[int, int | None] = -1, None
         self.planner: Planner | None = None
         self.asking: Asking | None = None
         if getattr(self.controller.policy, "deliberates", False):
@@ -257,6 +259,7 @@ class ControlLayer(Layer):
         self.withdraw()
         self.ticks.forget()
         self.output.acted = None
+        self.decided = -1, None
         self.controller.reset(keep=keep)
 
     # -- Stimuli -------------------------------------------------------------------------------------------------

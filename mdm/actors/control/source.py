@@ -132,6 +132,8 @@ class OwnChannels:
         self._held = Held.BLINDLY if done is None or control.takes_states else Held.KNOWING
         self._unanswered = ("release", None)
         if done is not None:
+            if control.decided[0] != control.controller.epoch:  # else this is another run of the safe action
+                control.decided = control.controller.epoch, control.output.acted
             control.controller.last_action = control.output.acted = done
 
     def let_go(self) -> None:

@@ -38,11 +38,12 @@ class Declarations:
         max_age: Nanoseconds after which a sensor's value becomes unknown.
         thresholds: When a predicate holds that is told by numbers.
         tellers: In words, who sets a predicate or raises an event in the place of code.
+        initial: The values that predicates begin with, where these were given.
     """
 
     __slots__ = (
         *("_ages", "_formulas", "_kinds", "_parts", "_sensors", "_used"),
-        *("held_for", "max_age", "tellers", "thresholds"),
+        *("held_for", "initial", "max_age", "tellers", "thresholds"),
     )
 
     def __init__(self) -> None:
@@ -55,6 +56,7 @@ class Declarations:
         self.max_age: dict[str, int] = {}
         self.thresholds: dict[str, Threshold] = {}
         self.tellers: dict[str, str] = {}
+        self.initial: dict[str, bool] = {}
         self._ages: dict[str, tuple[float, str]] = {}
 
     def add(
@@ -112,6 +114,10 @@ class Declarations:
             hint or similar(name, others) or f"; {'there are ' + ', '.join(others) if others else 'none is declared'}"
         )
         raise Error(f"there is no {kind} {name!r}{hint}")
+
+    def formulas(self, name: str) -> tuple[Formula, ...]:
+        """Return the formulas that define a name: of a latch two; none where code sets or raises it."""
+        return self._formulas[name]
 
     def senses(self, name: str) -> bool:
         """Whether a name is a predicate that code sets."""

@@ -149,6 +149,8 @@ class PredicateManager(Actor):
             self._groundings.append((name, channel, cast("Callable[[T], Truth]", when)))
         if max_age is not None:
             self._max_age[name] = round(max_age * 1e9)
+        if first is not None:
+            self.declared.initial[name] = first
         if threshold is None:
             sensor = Sensor(name, self)
         else:
@@ -189,6 +191,7 @@ class PredicateManager(Actor):
         self._declare(
             name, "predicate", lambda network: network.latch(name, set=on, reset=off, initial=initial), on, off
         )
+        self.declared.initial[name] = bool(initial)
 
     def event(self, name: str, formula: Formula | str | None = None) -> EventSource:
         """Declare an event: raised through the handle returned, or when a formula becomes true."""

@@ -139,7 +139,7 @@ VERBS = {
         "mdm statistics run.mcap --model top.pomdpx --ensemble top -o new.npz --durations times.npz",
         (
             Argument("files FILE...", "the record; several are runs, or agents, that are pooled"),
-            Argument("--model M", "the model that the ensemble had", required=True),
+            Argument("--model M", "the model that the ensemble had (that of the record)"),
             Argument(
                 "--ensemble PATH",
                 "the ensemble, where several have decided: robot is each .../robot, in all records",

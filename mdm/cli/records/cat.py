@@ -17,6 +17,7 @@ from mdm.cli.report import as_json, printable
 from mdm.cli.usage import UsageError
 from mdm.errors import Error
 from mdm.messages import ActionLife, Belief, Control, Observation, SensorUpdate, State
+from mdm.recording.part import SYSTEM
 from mdm.recording.reader import Record
 from mdm.recording.table import Names, names_of
 from mdm.stimuli import Ended, Said, Ticked
@@ -31,7 +32,7 @@ _FIELDS = ("ensemble", "source", "actor", "channel")
 _NAMED = {"mdm.Decision", "mdm.State", "mdm.Observation"}
 """The types of messages with states or observations, whose names are printed beside their numbers."""
 _COMMANDS = {"start", "stop", "reset", "release", "decide_again"}
-_OWN = {"mdm", "mdm.file", "mdm.end", "mdm.repaired"}
+_OWN = {"mdm", "mdm.file", "mdm.end", "mdm.repaired", SYSTEM}
 _SHOWN = 4
 """Names of states, observations or actions that are told, of many."""
 
@@ -61,7 +62,8 @@ def info(arguments: argparse.Namespace) -> int:
         "attachments": [
             {"name": each.name, "media_type": each.media_type, "bytes": len(each.data)} for each in record.attachments
         ],
-        "head": record.head,
+        "cannot": list(record.cannot),
+        "head": {name: value for name, value in record.head.items() if name != "cannot"},
         "metadata": {name: values for name, values in record.metadata.items() if name not in _OWN},
     }
     print(as_json(facts) if arguments.json else "\n".join(_lines(facts)))
@@ -92,6 +94,7 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
             yield from (f"{'damaged file':{width}}{printable(name)}" for name in facts["damaged_files"])
         if value is not None:
             yield f"{printable(key, width - 2):{width}}{value if key == 'torn' else printable(value)}"
+    yield from (f"{'not in the record':{width}}{printable(sentence)}" for sentence in facts["cannot"])
     yield from _table("topic", "messages", [tuple(each.values()) for each in facts["topics"]])
     yield from _table("attached file", "bytes", [tuple(each.values()) for each in facts["attachments"]])
 

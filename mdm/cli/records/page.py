@@ -8,7 +8,7 @@ import tempfile
 from threading import Lock
 from typing import TYPE_CHECKING
 
-from mdm.config.recorded import load_recorded
+from mdm.config.recorded import as_recorded, load_recorded
 from mdm.errors import Error
 from mdm.recording import Record
 from mdm.replay import transports_of
@@ -98,9 +98,12 @@ def recorded_run(path: str | Path, *, replay: bool = True) -> RecordedRun:
             predicates=system.predicates,
             places=system.places,
         )
+    for sentence in record.cannot:
+        run.remark(sentence)
     if replay:
         try:
-            run.restore(transports)
+            with as_recorded(record, system.ensembles.values()):
+                run.restore(transports)
         except Error as error:
             run.remark(f"predicates are not known, for the run cannot be replayed: {error}")
     return run

@@ -226,7 +226,7 @@ def _facts(result: Replayed, epoch: int) -> dict[str, object]:
 def explain(arguments: argparse.Namespace) -> int:
     """Explain a decision; return the exit status."""
     from mdm.explanation import explain as explained  # noqa: PLC0415 - a replay says nothing of why
-    from mdm.snapshots.why import named  # noqa: PLC0415
+    from mdm.snapshots.why import is_as_recorded  # noqa: PLC0415
 
     record = Record(arguments.file)
     place, decisions = found(record, arguments.ensemble, arguments.at)
@@ -237,9 +237,10 @@ def explain(arguments: argparse.Namespace) -> int:
             raise Error(
                 f"{record.path}: the configuration has no ensemble {decision.ensemble!r}: a task has started it"
             )
-        other = _difference(record, ensemble, given=arguments.config is not None)
+        same = is_as_recorded(record, ensemble)
+        other = None if same else _difference(record, ensemble, given=arguments.config is not None)
         step = retraced(ensemble.controller, decisions, place, otherwise=other is not None)
-        explanation = explained(named(ensemble, step.case(arguments.last or 10)))
+        explanation = explained(ensemble.named(step.case(arguments.last or 10)))
     start = 0 if record.span is None else record.span[0]
     second = (decision.time - start) / 1e9
     if arguments.json:
@@ -257,17 +258,15 @@ def explain(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _difference(record: Record, ensemble: Ensemble, *, given: bool) -> str | None:
-    """Return the difference of the model, policy or options that decided, where they were given; None if there is none.
+def _difference(record: Record, ensemble: Ensemble, *, given: bool) -> str:
+    """Return the difference of the model, policy or options, where they were given, to those that decided.
 
     Raises:
         Error: If they are the record's own, which are read otherwise now.
     """
     path, controller = ensemble.path, ensemble.controller
     facts = record.metadata.get(f"ensemble {path}", {})
-    known, now = facts.get("configuration"), controller.configuration
-    if known is None or known == now:
-        return None
+    known, now = facts.get("configuration", ""), controller.configuration
     told = (different_entry(record, {path: ensemble}) if given else None) or different_part(facts, controller)
     digests = f"digest {now[:12]}, then {known[:12]}"
     if given:

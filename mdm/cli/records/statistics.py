@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from mdm.cli.policies.inputs import load
 from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError
+from mdm.config.rebuilt import rebuilt
 from mdm.errors import Error, FormatError, ModelError
 from mdm.estimation import as_data, as_text, chains_of_records, check_names, open_records, statistics
 from mdm.formats import save_durations, save_model
@@ -28,10 +30,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Count, print and write; return the exit status."""
     _check_targets(arguments.output, arguments.durations)
     records = open_records(arguments.files)
-    inputs = [arguments.model, *(path for record in records for path in record.paths)]
+    inputs = [*filter(None, [arguments.model]), *(path for record in records for path in record.paths)]
     for target in filter(None, (arguments.output, arguments.durations)):
         check_place(target, *inputs)
-    given = load(arguments.model, arguments.discount, arguments.discount_of)
+    given = _given(arguments, records[0])
     chains = chains_of_records(records, arguments.ensemble, given)
     model = _model(arguments, given, records, chains)
     report = statistics(chains, model, step=arguments.step, level=arguments.level, seed=arguments.seed or 0)
@@ -51,6 +53,22 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         _print(arguments, records, report)
     return 0
+
+
+def _given(arguments: argparse.Namespace, record: Record) -> MDP:
+    """Return the model that is named, or else that of the record."""
+    if arguments.model is not None:
+        return load(arguments.model, arguments.discount, arguments.discount_of)
+    with tempfile.TemporaryDirectory() as folder:
+        models = {path: each.controller.model for path, each in rebuilt(record, folder).ensembles.items()}
+    found = [model for path, model in models.items() if f"/{path}".endswith(f"/{arguments.ensemble or path}") and model]
+    if len(found) != 1:
+        text = (
+            f"{len(found)} models in the record are meant, of ensembles {', '.join(models)}: give --ensemble or --model"
+        )
+        raise Error(f"{record.path}: {text}")
+    discount = found[0].discount if arguments.discount is None else arguments.discount
+    return found[0].with_discount(discount, of=arguments.discount_of)
 
 
 def _check_targets(output: str | None, durations: str | None) -> None:
@@ -73,7 +91,7 @@ def _model(arguments: argparse.Namespace, given: MDP, records: Sequence[Record],
     try:
         check_names(records, chains.ensemble, given)
     except ModelError as error:
-        raise FormatError(str(error), file=arguments.model) from None
+        raise FormatError(str(error), file=arguments.model or records[0].path) from None
     return given
 
 

@@ -100,7 +100,6 @@ def why_in(log: Log, ensembles: Iterable[Ensemble]) -> Callable[[Decision], None
     Decisions of others, as of a task's or of another agent that decides for all, have no line.
     """
     from mdm.explanation import brief, explain  # noqa: PLC0415 - for those who ask
-    from mdm.snapshots.why import named  # noqa: PLC0415
 
     known = {ensemble.path: ensemble for ensemble in ensembles}
 
@@ -114,7 +113,7 @@ def why_in(log: Log, ensembles: Iterable[Ensemble]) -> Callable[[Decision], None
             return
         if (case.epoch, case.action) == (decision.epoch, decision.action):
             head = {"time": decision.time / 1e9, "ensemble": decision.ensemble, "epoch": decision.epoch}
-            log.write("why", lambda: head | brief(explain(named(ensemble, case))))
+            log.write("why", lambda: head | brief(explain(ensemble.named(case))))
 
     return note
 

@@ -17,7 +17,7 @@ from records import Writing, copied, with_gap
 from mdm import Ensemble, run as run_program
 from mdm.messages import Decision
 from mdm.policies import DeterministicPolicy
-from mdm.recording import Record
+from mdm.recording import Record, Recorder
 from mdm.stimuli import Stimulus
 from mdm.testing import replay, run_virtual
 
@@ -203,7 +203,7 @@ def test_a_record_without_a_start_is_refused(mdm, run, tmp_path):
 def test_a_record_without_a_configuration_names_the_way_out(mdm, tmp_path):
     path = tmp_path / "run.mcap"
     robot = Ensemble("robot", policy=DeterministicPolicy([0], 1), actions={"go": lambda: None})
-    run_virtual(lambda runtime: runtime.start(robot), record=path)
+    run_virtual(lambda runtime: runtime.start(robot), extensions=[Recorder(path)])
     status, output, errors = mdm("replay", path)
     assert (status, output) == (1, [])
     assert "the record has no configuration" in errors

@@ -202,10 +202,9 @@ def test_at_a_fixed_rate_there_are_no_durations(mdm, tmp_path, model, slippery):
     assert "a step in seconds is for rates" in refusal(mdm, slippery, "--model", model, "--step", 1)
 
 
-@pytest.mark.parametrize("arguments", [["--level", "1"], ["--level", "x"], ["--step", "0"], ["--seed", "-1"], []])
+@pytest.mark.parametrize("arguments", [["--level", "1"], ["--level", "x"], ["--step", "0"], ["--seed", "-1"], ["--x"]])
 def test_wrong_usage_is_2(mdm, model, arguments):
-    given = [*arguments, "--model", model, "x.mcap"] if arguments else ["x.mcap"]
-    assert refusal(mdm, *given, status=2).startswith("mdm statistics: error: ")
+    assert refusal(mdm, *arguments, "--model", model, "x.mcap", status=2).startswith("mdm statistics: error: ")
 
 
 def test_json_is_strict(mdm, model, slippery):

@@ -10,7 +10,6 @@ import mdm as library
 from mdm.cli.robots.run import why_in
 from mdm.messages import Decision
 from mdm.runtime import Log
-from mdm.snapshots.why import named
 from mdm.testing import run_virtual
 
 
@@ -71,9 +70,9 @@ def test_names_are_those_of_the_wiring_and_other_decisions_have_no_line():
     ((event, facts),) = kept.lines
     assert (event, facts["ensemble"], facts["epoch"]) == ("why", "robot", 0)
     assert facts["otherwise"] == "warm not Warm instead of Warm, then '0'"
-    case = named(ensemble, ensemble.controller.case())
+    case = ensemble.named(ensemble.controller.case())
     assert case.state_name(1) == "Warm"
-    assert named(ensemble, case) is case
+    assert ensemble.named(case) is case
 
 
 def test_a_line_is_written_behind_the_decisions(capsys):

@@ -23,7 +23,8 @@ def faster(ensembles: Iterable[Ensemble]) -> Iterator[str]:
     ensembles = list(ensembles)
     believing = [each.name for each in ensembles if each.controller.takes != "state" and each.controller.model]
     if believing and not may_compile():
-        yield f"the beliefs of {', '.join(believing)} are computed by numpy: pip install numba, and unset MDM_COMPILE"
+        way_out = "unset MDM_COMPILE" if find_spec("numba") else "pip install numba"
+        yield f"the beliefs of {', '.join(believing)} are computed by numpy: {way_out}"
     threads = blas_threads()
     if believing and threads > 1:
         yield f"linear algebra uses {threads} threads, which wait for each other: set OMP_NUM_THREADS=1"

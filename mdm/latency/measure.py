@@ -52,7 +52,7 @@ _PAUSE = 0.0005
 def measure(
     given: Given,
     *,
-    seconds: float = 60.0,
+    seconds: float = 50.0,
     burn: int = 0,
     agent: str | None = None,
     with_actions: bool = False,
@@ -185,9 +185,11 @@ class _Measurement:
 
     async def _decide(self) -> None:
         """Give a stimulus in the event loop, which turns until it is decided."""
-        stimulus = self._subject.pick()
-        self._probe.begin(self._clock())
+        stimulus, probe = self._subject.pick(), self._probe
+        probe.at = None
+        began = self._clock()
         stimulus()
+        probe.began = began
         await self._decided()
 
     async def _from_outside(self, name: str, send: Callable[[], object], seconds: float) -> None:
@@ -205,7 +207,8 @@ class _Measurement:
 
     def _give(self, began: int | None = None) -> None:
         """Give the stimulus that is next, in another thread; it began now, or where another process put it."""
-        self._probe.begin(self._clock() if began is None else began)
+        self._probe.at = None
+        self._probe.began = self._clock() if began is None else began
         self._stimulus()
         self._loop.call_soon_threadsafe(self._arrived.set)
 

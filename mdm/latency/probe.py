@@ -35,14 +35,6 @@ class Probe(Choices):
         self.by = ""
         self.late: list[int] | None = None
 
-    def begin(self, began: int) -> None:
-        """Note that a stimulus begins.
-
-        Args:
-            began: When it does, in nanoseconds of the clock; from any thread.
-        """
-        self.at, self.began = None, began
-
     def acts(self, ensemble: str, layer: Any) -> None:
         """Put the stamps into an action layer."""
         acting: ActionLayer = layer

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     Readings = dict[str, bool]
 
 T = TypeVar("T")
+_AHEAD = 100
 
 
 class Subject:
@@ -50,6 +51,7 @@ class Subject:
     def __init__(self, given: Given, *, agent: str | None, with_actions: bool, seed: int) -> None:
         self._random = np.random.default_rng(seed)
         self._told: dict[object, int] = {}
+        self._ahead: list[Stimulus] = []
         self._actor: Actor
         if isinstance(given, System | Ensemble):
             self._actor = given
@@ -76,6 +78,7 @@ class Subject:
 
     def refresh(self) -> None:
         """Tell every predicate that code sets its value once more, so that none is too old; at first false."""
+        self._ahead.clear()  # they follow from each other
         for manager in {each.predicates for each in self.ensembles.values() if each.predicates}:
             values = manager.values().items()
             readings = {name: bool(value) for name, value in values if manager.declared.senses(name)}
@@ -93,7 +96,12 @@ class Subject:
             self.refresh()
 
     def pick(self) -> Stimulus:
-        """Return a random stimulus, to be called from any thread."""
+        """Return a random stimulus, to be called from any thread; many are made at once, so that caches stay warm."""
+        if not self._ahead:
+            self._ahead = [self._stimulus() for _ in range(_AHEAD)][::-1]
+        return self._ahead.pop()
+
+    def _stimulus(self) -> Stimulus:
         ensemble = self._one([*self.ensembles.values()])
         symbols, manager = ensemble.controller.symbols, ensemble.predicates
         if ensemble.state is None and ensemble.observation is None:
@@ -112,10 +120,10 @@ class Subject:
         if isinstance(chosen, list):
             return partial(manager.occur, self._one(chosen))
         if isinstance(chosen, str):
-            return partial(_tell, manager, {chosen: not manager.value(chosen)})
+            return _telling(manager, {chosen: bool(self._other((manager, chosen), 2))})
         before = chosen.truth(self._told.get(chosen, 0))
         after = chosen.truth(self._other(chosen, chosen.size))
-        return partial(_tell, manager, {name: value for name, value in after.items() if value != before[name]})
+        return _telling(manager, {name: value for name, value in after.items() if value != before[name]})
 
     def _one(self, of: Sequence[T]) -> T:
         return of[int(self._random.integers(len(of)))]
@@ -135,11 +143,13 @@ def _factors(ensemble: Ensemble) -> Iterator[StateFactor]:
                 yield factor
 
 
+def _telling(manager: PredicateManager, readings: Readings) -> Stimulus:
+    """Return the call that tells predicates their values, several in a batch."""
+    first, *others = readings.items()
+    return partial(_tell, manager, readings) if others else partial(manager.take, (first,))
+
+
 def _tell(manager: PredicateManager, readings: Readings) -> None:
-    if len(readings) == 1:
-        ((name, value),) = readings.items()
-        manager.take(((name, value),))
-        return
     with manager.batch():
         for reading in readings.items():
             manager.take((reading,))

@@ -6,7 +6,6 @@ from mdm.cli.usage import (
     DISCOUNT,
     FALSE_NEGATIVE,
     JSON,
-    SEED,
     Argument,
     Verb,
     count,
@@ -105,7 +104,7 @@ VERBS = {
         (
             *given_file("the TOML file"),
             Argument("--agent NAME", "of a team's file, the agent whose own ensembles are measured"),
-            Argument("--seconds N", "for how long in all, divided among the rows (60)", seconds, default=60.0),
+            Argument("--seconds N", "for how long in all, besides the start (50)", seconds, default=50.0),
             Argument(
                 "--burn N",
                 "measure also beside N busy processes",
@@ -113,7 +112,7 @@ VERBS = {
                 default=0,
             ),
             Argument("--with-actions", "call the file's own actions, too, many times a second: the robot moves"),
-            SEED,
+            Argument("--seed S", "of the random stimuli (1)", seed, default=1),
             JSON,
         ),
         "robots.latency",

@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
         burn=arguments.burn,
         agent=arguments.agent,
         with_actions=arguments.with_actions,
-        seed=1 if arguments.seed is None else arguments.seed,
+        seed=arguments.seed,
     )
     print(as_json(report) if arguments.json else "\n".join(_lines(report)))
     return 0

@@ -10,6 +10,7 @@ from importlib import import_module
 
 import pytest
 from action_lives import lives_of
+from patience import PATIENCE
 from places import EXAMPLES
 
 from mdm import Runtime, run
@@ -85,6 +86,6 @@ def played(library, script):
 
     scene, lives = run(main, virtual=library != "smach")
     for thread in set(threading.enumerate()) - threads:  # one that has done all has yet to end
-        thread.join(timeout=30)
+        thread.join(timeout=PATIENCE)
     assert set(threading.enumerate()) <= threads
     return scene, lives

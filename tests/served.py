@@ -6,6 +6,7 @@ import asyncio
 import http.client
 
 from decided import ensemble
+from patience import PATIENCE
 
 from mdm import Runtime
 from mdm.views.web import Page
@@ -35,7 +36,7 @@ async def get(page, path, **headers):
 
     def ask():
         port = port_of(page)
-        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=PATIENCE)
         given = {"Host": f"127.0.0.1:{port}", "Cookie": f"mdm-{port}={TOKEN}"} | headers
         connection.putrequest("GET", path, skip_host=True, skip_accept_encoding=True)
         for name, value in given.items():

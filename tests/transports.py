@@ -197,7 +197,7 @@ class Stranger:
         self.tokens.append(self.session.liveliness().declare_token(key))
 
     def ask(self, key, data):
-        return list(self.session.get(key, payload=data, timeout=10.0))
+        return list(self.session.get(key, payload=data, timeout=PATIENCE))
 
     async def reach(self, robots, agent="a"):
         """Put garbage as an agent until it comes to each robot."""

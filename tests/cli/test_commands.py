@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from patience import PATIENCE
 from places import EXAMPLES, TIGER, TIGER_VECTORS
 from sentences import refused
 
@@ -69,7 +70,7 @@ def test_a_terminal_that_lacks_a_character_is_no_failure():
         floor / "floor.xml",
     ]
     done = subprocess.run(
-        command, capture_output=True, text=True, timeout=60, env={**os.environ, "PYTHONIOENCODING": "ascii"}
+        command, capture_output=True, text=True, timeout=PATIENCE, env={**os.environ, "PYTHONIOENCODING": "ascii"}
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert " m\\xb2 " in done.stdout
@@ -184,7 +185,7 @@ def test_a_reader_that_has_gone_is_no_reason_to_complain(arguments, status, unbu
             input='{"observation": 0}\n' * 500,
             text=True,
             env=environment,
-            timeout=30,
+            timeout=PATIENCE,
         )
     finally:
         os.close(theirs)
@@ -201,7 +202,7 @@ def test_output_that_cannot_be_written_is_told(arguments):
             stderr=subprocess.PIPE,
             input="",
             text=True,
-            timeout=30,
+            timeout=PATIENCE,
         )
     assert (done.returncode, done.stderr) == (1, f"mdm {arguments[0]}: No space left on device\n")
 

@@ -10,6 +10,7 @@ import sys
 import threading
 
 import pytest
+from patience import PATIENCE
 from places import EXAMPLES, ROOT, TIGER, TIGER_VECTORS
 
 from mdm import load_policy, save_model, save_policy
@@ -229,7 +230,7 @@ def test_ctrl_c_behind_a_robot_s_end_does_not_take_the_place_of_the_signal_that_
         f"sys.argv = ['mdm', 'run', {str(file)!r}]\nfrom mdm.__main__ import main\nsys.exit(main())"
     )
     ended = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, cwd=tmp_path,
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=PATIENCE, cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     assert (ended.returncode, "Traceback" in ended.stderr) == (143, False), ended.stderr

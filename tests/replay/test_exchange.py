@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 
+from patience import PATIENCE
+
 from mdm.replay.exchange import Exchange, ReplayTransport
 from mdm.stimuli import Finished, Received
 
@@ -38,7 +40,7 @@ def played(scripts, serving=()):
     async def main():
         await asyncio.gather(*map(play, scripts))
 
-    asyncio.run(asyncio.wait_for(main(), 10))
+    asyncio.run(asyncio.wait_for(main(), PATIENCE))
     return exchange, order
 
 

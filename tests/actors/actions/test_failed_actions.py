@@ -12,6 +12,7 @@ import anyio
 import pytest
 from action_lives import Body, lives_of, robot, told
 from hypothesis import given, strategies as st
+from patience import PATIENCE
 from sentences import refused
 
 from mdm import Actor, ConfigError, PredicateManager, Runtime, VirtualClock, bind, run
@@ -318,7 +319,7 @@ def test_a_thread_of_an_action_ends_before_the_next_one_begins(begin):
 
     def drive():
         begun.set()
-        free.wait(10)
+        free.wait(PATIENCE)
         log.append("A ends")
 
     async def main():
@@ -326,7 +327,7 @@ def test_a_thread_of_an_action_ends_before_the_next_one_begins(begin):
         async with Runtime(log=None) as runtime:
             await runtime.start(ensemble)
             ensemble.publish_state(0)
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(PATIENCE):
                 while not begun.is_set():
                     await asyncio.sleep(0.001)
                 ensemble.publish_state(1)
@@ -346,7 +347,7 @@ def test_work_whose_sensor_leads_to_an_action_does_not_wait_for_a_thread_of_that
     free, log = threading.Event(), []
 
     def drive():
-        asyncio.get_running_loop().run_in_executor(None, free.wait, 10)
+        asyncio.get_running_loop().run_in_executor(None, free.wait, PATIENCE)
 
     class Driver(Actor):
         def on_start(self):
@@ -361,7 +362,7 @@ def test_work_whose_sensor_leads_to_an_action_does_not_wait_for_a_thread_of_that
         async with Runtime(log=None) as runtime:
             await runtime.start(ensemble)
             await runtime.start(Driver("driver"))
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(PATIENCE):
                 while not log:
                     await asyncio.sleep(0.001)
             assert ensemble.action.ended == {"succeeded": 1}
@@ -400,14 +401,14 @@ def test_a_thread_is_the_action_s_whatever_the_function_looks_like_or_returned_b
 
     def drive():
         begun.set()
-        free.wait(10)
+        free.wait(PATIENCE)
         log.append("A ends")
 
     async def main():
         ensemble = robot({"A": kind(drive), "B": lambda: log.append("B")})
         async with Runtime(log=None) as runtime:
             await runtime.start(ensemble)
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(PATIENCE):
                 while not begun.is_set():
                     ensemble.publish_state(0)
                     await asyncio.sleep(0)
@@ -426,7 +427,7 @@ def test_an_action_is_told_of_the_abandoned_thread_that_it_runs_beside():
     free, log = threading.Event(), []
 
     async def drive():
-        await asyncio.to_thread(free.wait, 10)
+        await asyncio.to_thread(free.wait, PATIENCE)
 
     async def main(runtime):
         ensemble = robot({"A": drive, "B": lambda: log.append("B")})

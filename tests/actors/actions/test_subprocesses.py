@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 from action_lives import lives_of, robot, told
+from patience import PATIENCE
 from programs import python
 from sentences import refused
 
@@ -294,6 +295,6 @@ def test_a_signal_that_ends_the_robot_ends_the_process_too(pipe):
     with python("-c", ROBOT, f"exec 3>{pipe.path}; {BRAKES}") as process:
         asyncio.run(pipe.ready())
         process.send_signal(signal.SIGTERM)
-        assert process.wait(60) == 143
+        assert process.wait(PATIENCE) == 143
         assert pipe.closed
     assert "braked" in pipe.text

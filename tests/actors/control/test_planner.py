@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from patience import PATIENCE
 from places import EXAMPLES
 from programs import python
 from sentences import refused
@@ -445,7 +446,7 @@ def test_a_process_that_is_stopped_has_the_newest_question_alone_waiting(tiger):
         finally:
             await process.end()
 
-    kept, numbers = asyncio.run(asyncio.wait_for(main(), 60))
+    kept, numbers = asyncio.run(asyncio.wait_for(main(), PATIENCE))
     assert kept < 1000
     assert numbers == sorted(set(numbers))
     assert len(numbers) < 2000  # as many as a pipe holds

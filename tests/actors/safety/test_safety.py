@@ -6,6 +6,7 @@ import asyncio
 import threading
 
 import pytest
+from patience import PATIENCE
 from places import ROOT
 from safe_robots import Log, certain, forever, robot, sensed
 from sentences import refused
@@ -237,16 +238,16 @@ def test_a_failing_layer_latches_within_its_turn(layer):
     assert log == ["A", "SAFE"]
 
 
-@pytest.mark.parametrize("grace", [20.0, 0.1])
+@pytest.mark.parametrize("grace", [PATIENCE, 0.1])
 def test_a_thread_of_the_live_action_has_ended_or_is_abandoned_when_the_safe_action_runs(grace):
     log, free = Log(), threading.Event()
 
     def drive():
-        free.wait(20)
+        free.wait(PATIENCE)
         log.append("thread ends")
 
     async def until(condition):
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(PATIENCE):
             while not condition():
                 await asyncio.sleep(0.001)
 

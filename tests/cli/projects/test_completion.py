@@ -9,6 +9,7 @@ import subprocess
 import sys
 
 import pytest
+from patience import PATIENCE
 
 from mdm import problems
 from mdm.cli import VERBS, main
@@ -46,7 +47,7 @@ def script(request, tmp_path, capsys):
 
 
 def completed(shell, *lines):
-    done = subprocess.run([shell, *lines], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run([shell, *lines], capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     return {line.split("\t")[0].strip() for line in done.stdout.splitlines()} - {""}
 

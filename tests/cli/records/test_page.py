@@ -45,7 +45,7 @@ def test_a_record_is_served_until_it_is_interrupted(record):
         address = served.stderr.readline().removeprefix("page: ").strip()
         assert get(address).status == 303
         served.send_signal(signal.SIGINT)
-        assert served.wait(20) == 130
+        assert served.wait(PATIENCE) == 130
 
 
 def test_a_record_is_served_with_tls_to_other_machines(record, tmp_path):
@@ -173,7 +173,7 @@ def once(folder, command):
 
 def get(address):
     """Return the answer of a page's server."""
-    connection = http.client.HTTPConnection("127.0.0.1", int(address.split(":")[2].split("/")[0]), timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", int(address.split(":")[2].split("/")[0]), timeout=PATIENCE)
     with closing(connection):
         connection.request("GET", "/" + address.split("/", 3)[3])
         return connection.getresponse()

@@ -12,6 +12,7 @@ from contextlib import asynccontextmanager
 
 import msgspec
 import pytest
+from patience import PATIENCE
 from served import shown
 from shown import a_robot
 
@@ -106,7 +107,9 @@ def test_a_key_leads_to_where_something_first_looked_odd(tmp_path):
 def test_a_running_system_is_shown_in_another_process():
     async def look(_, page):
         command = [sys.executable, "-m", "mdm", "watch", page.address, "--once"]
-        return await asyncio.to_thread(subprocess.run, command, capture_output=True, text=True, check=False, timeout=60)
+        return await asyncio.to_thread(
+            subprocess.run, command, capture_output=True, text=True, check=False, timeout=PATIENCE
+        )
 
     done = shown(look)
     assert (done.returncode, done.stderr) == (0, "")

@@ -9,6 +9,7 @@ import sys
 
 import in_process
 import pytest
+from patience import PATIENCE
 from places import EXAMPLES
 from programs import python
 
@@ -41,7 +42,7 @@ def test_virtual_time_ends_in_order_when_nothing_is_left_to_do(tmp_path):
         "json",
         "--debug",
     ]
-    first = subprocess.run(command, capture_output=True, text=True, timeout=30)
+    first = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
     assert first.returncode == 0
     assert first.stdout == "go\nended\nsafe\n"
     *records, said = first.stderr.splitlines()
@@ -104,7 +105,7 @@ def test_signals_end_the_action_and_run_the_safe_one(tmp_path, number, status, s
     with python(*start, "-m", "mdm", "run", tmp_path / "robot.toml", "--log", "json") as process:
         assert process.stdout.readline() == "driving\n"
         process.send_signal(number)
-        output, errors = process.communicate(timeout=30)
+        output, errors = process.communicate(timeout=PATIENCE)
     assert output == "brakes\nsafe\n"
     assert process.returncode == status
     records = [json.loads(line) for line in errors.splitlines()]
@@ -208,7 +209,7 @@ def test_the_emergency_of_a_file_is_called_while_an_action_holds_the_loop(tmp_pa
         "[ensembles.robot.states]\na = ['A']\n[ensembles.robot.actions]\nHold = 'held_robot:hold'\n"
     )
     command = [sys.executable, "-m", "mdm", "run", str(tmp_path / "robot.toml"), "--epochs", "1"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=90)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
     assert (done.returncode, done.stdout) == (0, "cut\nheld True\n"), done.stderr
 
 
@@ -227,7 +228,7 @@ def test_a_signal_releases_what_is_safe(tmp_path):
     with python("-m", "mdm", "run", tmp_path / "robot.toml", "--epochs", "2") as process:
         assert process.stdout.readline() == "safe\n"
         process.send_signal(signal.SIGUSR1)
-        assert process.communicate(timeout=60)[0] == "drives\nsafe\n"
+        assert process.communicate(timeout=PATIENCE)[0] == "drives\nsafe\n"
     assert process.returncode == 0
 
 

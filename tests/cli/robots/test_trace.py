@@ -13,6 +13,7 @@ import figures
 import numpy as np
 import pytest
 import team_file
+from patience import PATIENCE
 from places import DATA, EXAMPLES
 
 from mdm import load_model, save_model, save_policy
@@ -410,7 +411,7 @@ def test_a_terminal_is_told_what_is_read():
         command = [sys.executable, "-m", "mdm", "trace", *TIGER]
         with subprocess.Popen(command, stdin=terminal, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
             os.write(master, b'{"observation": 0}\n\x04')
-            output, errors = process.communicate(timeout=60)
+            output, errors = process.communicate(timeout=PATIENCE)
     finally:
         os.close(master)
         os.close(terminal)

@@ -8,6 +8,7 @@ import time
 
 import msgspec
 import pytest
+from patience import PATIENCE
 
 from mdm.cli.team.status import _doubles
 from mdm.team.team import Team
@@ -19,8 +20,8 @@ def lines(output):
 
 
 def asked(mdm, team, *, agents=2, mode="deciding"):
-    """Ask until so many agents have this mode, and those that decide see each other; a minute at most."""
-    until = time.monotonic() + 60
+    """Ask until so many agents have this mode, and those that decide see each other."""
+    until = time.monotonic() + PATIENCE
     while time.monotonic() < until:
         status, output, errors = mdm("team", "status", team, "--json")
         found = json.loads(output[0])
@@ -213,4 +214,4 @@ def test_a_second_robot_of_a_name_is_told_by_the_pair_and_by_the_status(mdm, fre
                     said = next(line for line in map(json.loads, lines) if line.get("kind") == "duplicate")
                     assert said["detail"] == f"two robots are called 'a': at {own} and {there}"
                 else:
-                    assert "an agent 'b' of team 'rooms' is live already" in double.communicate(timeout=60)[1]
+                    assert "an agent 'b' of team 'rooms' is live already" in double.communicate(timeout=PATIENCE)[1]

@@ -6,6 +6,7 @@ import json
 import signal
 
 import pytest
+from patience import PATIENCE
 from places import EXAMPLES
 from programs import python
 
@@ -14,7 +15,7 @@ from programs import python
 def test_an_agent_runs_alone_for_some_seconds(free, tmp_path, verb):
     team, decided = free(), tmp_path / "a.jsonl"
     with python("-m", "mdm", *verb, team, "--agent", "a", "--seconds", 1.5, "--decisions", decided) as process:
-        _, errors = process.communicate(timeout=60)
+        _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, errors
     assert decided.read_text() == ""  # it has never met b, without whom it decides nothing
 
@@ -44,7 +45,7 @@ def test_an_agent_ends_after_so_many_decisions(free, tmp_path):
         python(*command, "b", "--seconds", 60),
         python(*command, "a", "--epochs", 3, "--decisions", tmp_path / "a.jsonl") as process,
     ):
-        output, errors = process.communicate(timeout=60)
+        output, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, errors
     decided = [json.loads(line)["action"] for line in (tmp_path / "a.jsonl").read_text().splitlines()]
     made = len([action for action in decided if action is not None])
@@ -62,7 +63,7 @@ def test_an_agent_that_is_refused_has_failed(free, tmp_path):
         python(*run, team, "--agent", "a", "--seconds", 4) as first,
         python(*run, other, "--agent", "b", "--seconds", 4) as second,
     ):
-        told = [process.communicate(timeout=60)[1] for process in (first, second)]
+        told = [process.communicate(timeout=PATIENCE)[1] for process in (first, second)]
     failed = [text for process, text in zip((first, second), told, strict=True) if process.returncode == 1]
     assert len(failed) == 1, told
     assert "took no part in team 'rooms': team's max_age is" in failed[0].splitlines()[-1]
@@ -81,7 +82,7 @@ def test_an_agent_that_is_refused_waits_until_it_is_ended(free, tmp_path):
                 pass
             assert second.poll() is None
             second.send_signal(signal.SIGINT)
-            _, told = second.communicate(timeout=60)
+            _, told = second.communicate(timeout=PATIENCE)
         assert first.poll() is None
     assert second.returncode
     assert "took no part in team 'rooms': team's max_age is" in told.splitlines()[-1]
@@ -95,7 +96,7 @@ def test_it_ends_with_its_input(free):
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         while json.loads(process.stderr.readline()).get("event") != "running":
             pass
-        process.communicate(timeout=60)
+        process.communicate(timeout=PATIENCE)
     assert process.returncode == 0
 
 

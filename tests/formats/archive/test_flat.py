@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import PATIENCE
 
 import mdm
 from mdm import Controller
@@ -216,7 +217,7 @@ def test_two_processes_that_start_together_map_one_file(folder):
     both = [subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for _ in range(2)]
     told = [process.stdout.readline().split() for process in both]  # both have it mapped now
     for process in both:
-        process.communicate("\n", timeout=60)
+        process.communicate("\n", timeout=PATIENCE)
     made, devices, inodes, digests = zip(*told, strict=True)
     assert sorted(made) == ["0", "1"]
     (path,) = folder.iterdir()

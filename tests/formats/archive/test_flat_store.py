@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from patience import PATIENCE
 from sentences import refused
 
 from mdm.errors import ModelWarning
@@ -168,7 +169,7 @@ def test_of_two_that_need_a_file_one_makes_it_and_the_other_waits(folder, monkey
     monkeypatch.setattr(stores.time, "sleep", lambda _: waiting.set())
 
     def slowly():
-        assert waiting.wait(60)  # until the other one has been refused the lock
+        assert waiting.wait(PATIENCE)  # until the other one has been refused the lock
         return make()
 
     def obtain():

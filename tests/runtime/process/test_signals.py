@@ -23,8 +23,11 @@ ROBOT = """
 import asyncio, signal, sys, threading, time
 import anyio, mdm
 
+began = asyncio.Event()
+
 async def drive():
     print("driving", flush=True)
+    began.set()
     await asyncio.sleep(3600)
 
 async def safe():
@@ -155,7 +158,7 @@ def test_a_second_signal_changes_nothing(entry, first, second, pause):
 
 def insist(process):
     """Send SIGTERM until the process ends, and return how often; on a busy machine two may be one."""
-    for times in range(1, 20):
+    for times in range(1, round(2 * PATIENCE)):
         process.send_signal(signal.SIGTERM)
         try:
             process.wait(0.5)  # so that each is a signal of its own
@@ -366,10 +369,10 @@ async def other():
 @pytest.mark.parametrize(
     ("left", "status"),
     [
-        ("await asyncio.sleep(0.1)", 0),  # the event loop closes the generator
-        ("await asyncio.sleep(0.1); await generator.aclose()", 0),
-        ("await asyncio.sleep(0.1); await asyncio.create_task(generator.aclose())", 0),
-        ("await asyncio.sleep(0.1); sys.exit(3)", 3),
+        ("await began.wait()", 0),  # the event loop closes the generator
+        ("await began.wait(); await generator.aclose()", 0),
+        ("await began.wait(); await asyncio.create_task(generator.aclose())", 0),
+        ("await began.wait(); sys.exit(3)", 3),
         ("await asyncio.sleep(3600)", 143),
     ],
 )
@@ -399,7 +402,8 @@ def test_an_exit_anywhere_ends_in_order_and_keeps_its_status(entry, where):
     text = program("") + (
         "async def leave():\n    await asyncio.sleep(0.1)\n    sys.exit(7)\n"
         "async def other():\n    async with mdm.Runtime(log=None) as runtime:\n        feeder = Feeder()\n"
-        f"        await runtime.start(feeder)\n        kept = {where}\n        await runtime.wait()\n{entry}"
+        "        await runtime.start(feeder)\n        await began.wait()\n"
+        f"        kept = {where}\n        await runtime.wait()\n{entry}"
     )
     with python("-c", text) as process:
         output, status, errors = ended(process)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import signal
 import threading
 import time
+from itertools import pairwise
 
 import pytest
 from patience import PATIENCE
@@ -54,15 +56,23 @@ def robot(hold, told):
     def grab():
         calls.append(time.monotonic())
         if len(calls) == 3:
-            hold(enough(told, 1, 1.1))
+            hold(enough(told, len(told) + 1, 1.1))
             ended.append(time.monotonic())
 
     made = Ensemble("robot", policy=DeterministicPolicy([0], 1), actions={"grab": grab}, drive=FixedRate(20.0))
     return made, calls, ended
 
 
+def kinds(faults):
+    return [fault.kind for fault in faults]
+
+
 def ours():
     return [thread.name for thread in threading.enumerate() if thread.name.startswith("mdm:")]
+
+
+def told_of(hold, detail):
+    return f"in {hold.__name__}" in detail
 
 
 @pytest.mark.parametrize("hold", [hold_asleep, pytest.param(hold_busily, marks=pytest.mark.slow)])
@@ -78,24 +88,26 @@ def test_a_loop_that_is_held_is_reported_in_time_with_what_holds_it(hold, uvloop
             faults = probe(runtime.faults)
             await runtime.start(made)
             made.publish_state(0)
-            while len(calls) < 5 or len(faults) < 2:
+            while len(calls) < 5 or not any(told_of(hold, fault.detail) for fault in faults[:-1]):
                 await asyncio.sleep(0.01)
             return calls[2], ended[0], faults, runtime.statistics(), made.control.statistics()
 
     begun, ended, faults, statistics, control = run(main, uvloop=uvloop)
     held = ended - begun
-    (told, first), (_, second) = lines.faults
+    assert {fault.kind for fault in faults} == {"stall"}
+    assert [fault.detail for fault in faults] == [fault["detail"] for _, fault in lines.faults]
+    # A busy machine may hold the loop by itself besides.
+    place = next(at for at, fault in enumerate(faults) if told_of(hold, fault.detail))
+    (told, first), (_, second) = lines.faults[place : place + 2]
     assert begun + 0.299 <= told < ended  # before the loop turned again
-    assert [fault.kind for fault in faults] == ["stall", "stall"]
-    assert [fault.detail for fault in faults] == [first["detail"], second["detail"]]
     assert "the event loop has not turned for 0.3 s: it is held at" in first["detail"]
     assert f"in {hold.__name__}" in first["detail"]
-    assert "in grab (hold(enough(told, 1, 1.1)))" in first["detail"]
+    assert "in grab (hold(enough(told, len(told) + 1, 1.1)))" in first["detail"]
     assert first["detail"].index(hold.__name__) < first["detail"].index("in grab")
     assert "run_forever" not in first["detail"] or uvloop
     assert "the event loop stood still for " in second["detail"]
-    assert statistics.loop.stalls == 1
-    assert held - 0.2 < statistics.loop.delays.maximum
+    assert statistics.loop.stalls == sum("stood still" in fault.detail for fault in faults)
+    assert ended - told + 0.299 < statistics.loop.delays.maximum  # from when the loop was asked, as for what was told
     assert control.missed >= 20 * held - 5
     assert held - 0.25 < control.latency.maximum
 
@@ -105,15 +117,19 @@ def test_a_loop_that_turns_is_left_in_peace_and_no_thread_is_left():
 
     async def main():
         async with Runtime(log=lines, watchdog=0.5) as runtime:
+            turns = [time.monotonic()]
             while runtime.statistics().loop.delays.count < 10:
                 await asyncio.sleep(0.01)
+                turns.append(time.monotonic())
             names = ours()
-        return names, runtime.statistics().loop
+        return names, runtime.statistics().loop, [after - before for before, after in pairwise(turns)]
 
-    names, found = run(main)
+    names, found, turns = run(main)
     assert sorted(names) == ["mdm:log", "mdm:watchdog"]
     assert ours() == []
-    assert (found.stalls, lines.faults) == (0, [])
+    slow = sum(each > 0.4 for each in turns)  # a busy machine may hold the loop by itself
+    assert found.stalls <= slow
+    assert len(lines.faults) <= 2 * slow
 
 
 def test_no_watchdog_where_none_is_wanted_or_time_is_virtual():
@@ -143,10 +159,11 @@ def test_the_emergency_is_called_in_time_once_each_stall_and_its_failure_is_told
                 begun = time.monotonic()
                 hold_asleep(enough(called, count, 1.4))
                 held.append((begun, time.monotonic()))
-                while len(faults) < 4 * count:
+                while kinds(faults).count("emergency") < 2 * count or faults[-1].kind != "stall":
                     await asyncio.sleep(0.01)
-            hold_asleep(enough(lines.faults, 9, 0.4))  # long enough to be told
-            while len(faults) < 10:
+            before = len(faults)
+            hold_asleep(enough(lines.faults, before + 1, 0.4))  # long enough to be told
+            while len(faults) < before + 2:
                 await asyncio.sleep(0.01)
             return held, faults
 
@@ -154,10 +171,12 @@ def test_the_emergency_is_called_in_time_once_each_stall_and_its_failure_is_told
     assert [name for _, name in called] == ["mdm:emergency"] * 2
     for (begun, ended), (when, _) in zip(held, called, strict=True):
         assert begun + 0.999 <= when < ended
-    assert [fault.kind for fault in faults] == ["stall", "emergency", "emergency", "stall"] * 2 + ["stall"] * 2
-    assert faults[1].source == "runtime"
-    assert faults[1].detail == "the event loop has not turned for 1 s"
-    assert faults[2].detail.startswith("`emergency` failed: SystemExit: no relay (at ")
+    each, more = "stall emergency emergency stall ", "(stall stall )"  # a busy machine may hold the loop by itself
+    assert re.fullmatch(f"{more}*{each}{more}*{each}{more}+", " ".join([*kinds(faults), ""]))
+    first, second, *_ = [fault for fault in faults if fault.kind == "emergency"]
+    assert first.source == "runtime"
+    assert first.detail == "the event loop has not turned for 1 s"
+    assert second.detail.startswith("`emergency` failed: SystemExit: no relay (at ")
     assert len(lines.faults) == len(faults)
     assert ours() == []
 
@@ -173,17 +192,17 @@ def test_an_emergency_that_does_not_end_does_not_end_the_watch():
         async with Runtime(log=None, watchdog=0.5, emergency=emergency) as runtime:
             faults = probe(runtime.faults)
             for held in (1, 2):
-                time.sleep(1.5)  # noqa: ASYNC251 - which is what is tried
-                while [fault.kind for fault in faults].count("stall") < 2 * held:
+                hold_asleep(enough(called, held, 1.5))
+                while kinds(faults).count("stall") < 2 * held:
                     await asyncio.sleep(0.01)
-        return [fault.kind for fault in faults]
+        return kinds(faults)
 
     try:
-        kinds = run(main)
+        told = run(main)
         # A busy machine holds the loop by itself, too, which is a stall more and no emergency.
-        rounds = " ".join(kinds).split("emergency")
+        rounds = " ".join(told).split("emergency")
         assert [len(stalls.split()) >= 2 for stalls in rounds] == [False, True, True]
-        assert {*kinds} == {"emergency", "stall"}
+        assert {*told} == {"emergency", "stall"}
         assert len(called) == 2
     finally:
         hold.set()
@@ -232,7 +251,7 @@ def test_a_watchdog_whose_alarm_fails_goes_on():
         watchdog = Watchdog(0.5, alarm, print, None)
         watchdog.open(asyncio.get_running_loop())
         for number in (2, 4):
-            time.sleep(1.5)  # noqa: ASYNC251 - which is what is tried
+            hold_asleep(enough(told, number - 1, 1.5))
             while len(told) < number:
                 await asyncio.sleep(0.01)
         watchdog.close()
@@ -246,7 +265,7 @@ STOPPED = """
 import asyncio, os, mdm
 
 async def main():
-    async with mdm.Runtime(log=None, watchdog=0.3, emergency=lambda: os.write(1, b"emergency\\n")) as runtime:
+    async with mdm.Runtime(log=None, watchdog=2.0, emergency=lambda: os.write(1, b"emergency\\n")) as runtime:
         ended = asyncio.Event()
         runtime.faults.subscribe(lambda fault: ended.set() if "stood still" in fault.detail else None)
         os.write(1, b"running\\n")
@@ -261,7 +280,7 @@ def test_a_process_that_was_stopped_is_no_emergency():
     with python("-c", STOPPED) as process:
         assert process.stdout.readline() == "running\n"
         process.send_signal(signal.SIGSTOP)
-        time.sleep(1.0)  # what is tried: that long it stands still
+        time.sleep(3.0)  # what is tried: that long it stands still
         process.send_signal(signal.SIGCONT)
         assert process.stdout.readline() == "told\n"
         assert process.wait(PATIENCE) == 0

@@ -7,6 +7,7 @@ import select
 import time
 
 import pytest
+from patience import PATIENCE
 
 from mdm.runtime.time import clock as timerfd
 
@@ -21,7 +22,7 @@ def timer():
 
 
 def fires(timer):
-    return bool(select.select([timer], [], [], 30)[0])
+    return bool(select.select([timer], [], [], PATIENCE)[0])
 
 
 @pytest.mark.parametrize("ahead", [2_000_000, 0, -1_000_000_000])

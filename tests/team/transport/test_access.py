@@ -5,6 +5,7 @@ import json
 import time
 
 import pytest
+from patience import PATIENCE
 from sentences import refused
 from transports import LOOPBACK, Loopback, endpoint, free_port, key, routing, two_days_ago
 
@@ -46,7 +47,7 @@ def test_agents_with_certificates_talk_ask_and_see_each_other(guarded):
         sessions[0].put(key("a"), b"value")
         sessions[0].put("mdm/team/a/@team/step", b"step", priority="step")
         await net.until(lambda: sorted(got["b"]) == sorted(got["c"]) == [b"step", b"value"])
-        assert await sessions[2].ask("mdm/team/*/e/call", timeout=30) == {"a": b"a", "b": b"b"}
+        assert await sessions[2].ask("mdm/team/*/e/call", timeout=PATIENCE) == {"a": b"a", "b": b"b"}
 
     guarded(main)
 
@@ -161,7 +162,7 @@ def test_behind_a_router_agents_talk_ask_and_see_each_other_and_the_operator_ask
         await net.until(lambda: got == {"a": [], "b": [b"value"], "c": [b"value"]})
         operator = net.transport("asker-1", shown="operator")
         await operator.open()
-        assert await operator.ask("mdm/team/*/e/call", timeout=30) == {"a": b"a", "b": b"b", "c": b"c"}
+        assert await operator.ask("mdm/team/*/e/call", timeout=PATIENCE) == {"a": b"a", "b": b"b", "c": b"c"}
 
     routed(main)
 

@@ -247,7 +247,7 @@ def test_other_event_loops_will_do():
                 first.put(key("a"), b"hello")
             while len(got) < 100:
                 await asyncio.sleep(0.002)
-        assert await first.ask(key("b", "call"), b"you?", timeout=30) == {"b": b"you?"}
+        assert await first.ask(key("b", "call"), b"you?", timeout=PATIENCE) == {"b": b"you?"}
         await first.close()
         await second.close()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 
 import pytest
+from patience import PATIENCE
 from sentences import refused
 from transports import LOOPBACK, SIMULATED, key
 
@@ -113,8 +114,8 @@ def test_questions_are_answered_by_all_who_serve(world):
         for transport in (first, second, third):
             transport.serve(key(transport.agent, "call"), lambda body, name=transport.agent: body + name.encode())
         await net.open(first, second, third)
-        assert await first.ask("mdm/team/*/e/call", b"I am ", timeout=30) == {"b": b"I am b", "c": b"I am c"}
-        assert await first.ask(key("c", "call"), b"and ", timeout=30) == {"c": b"and c"}
+        assert await first.ask("mdm/team/*/e/call", b"I am ", timeout=PATIENCE) == {"b": b"I am b", "c": b"I am c"}
+        assert await first.ask(key("c", "call"), b"and ", timeout=PATIENCE) == {"c": b"and c"}
         assert await first.ask(key("c", "other"), b"") == {}
         assert first.statistics().round_trips["c"].count >= 2
 

@@ -9,6 +9,7 @@ import ssl
 from contextlib import closing, suppress
 
 import pytest
+from patience import PATIENCE
 from sentences import refused
 from served import TOKEN, get, port_of, shown
 from transports import two_days_ago
@@ -38,7 +39,7 @@ async def ask(page, context, path="/", *, to="127.0.0.1", **headers):
 
     def asked():
         port = port_of(page)
-        connection = http.client.HTTPSConnection(to, port, timeout=10, context=context)
+        connection = http.client.HTTPSConnection(to, port, timeout=PATIENCE, context=context)
         given = {"Host": f"127.0.0.1:{port}", "Cookie": f"mdm-{port}={TOKEN}"} | headers
         with closing(connection):
             connection.putrequest("GET", path, skip_host=True, skip_accept_encoding=True)

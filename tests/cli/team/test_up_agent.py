@@ -32,7 +32,7 @@ def go():
 async def sense(system):
     for number in range(10**9):
         system.predicates.sense("InLab", number % 2 == (system.agent == "a"))
-        await asyncio.sleep(0.5)  # far longer than the end takes on a busy machine
+        await asyncio.sleep(2.0)  # far longer than the end takes on a busy machine
 """
 
 
@@ -42,7 +42,7 @@ def test_an_agent_ends_after_so_many_decisions(free, tmp_path):
     team.write_text(team.read_text().replace("team_code:", "acting_code:"))
     command = ("-m", "mdm", "team", "run", team, "--agent")
     with (
-        python(*command, "b", "--seconds", 60),
+        python(*command, "b", "--seconds", PATIENCE),
         python(*command, "a", "--epochs", 3, "--decisions", tmp_path / "a.jsonl") as process,
     ):
         output, errors = process.communicate(timeout=PATIENCE)
@@ -60,8 +60,8 @@ def test_an_agent_that_is_refused_has_failed(free, tmp_path):
     other.write_text(team.read_text().replace("[team]", "[team]\nmax_age = 7.5"))
     run = ("-m", "mdm", "team", "run")
     with (
-        python(*run, team, "--agent", "a", "--seconds", 4) as first,
-        python(*run, other, "--agent", "b", "--seconds", 4) as second,
+        python(*run, team, "--agent", "a", "--seconds", 12) as first,
+        python(*run, other, "--agent", "b", "--seconds", 12) as second,
     ):
         told = [process.communicate(timeout=PATIENCE)[1] for process in (first, second)]
     failed = [text for process, text in zip((first, second), told, strict=True) if process.returncode == 1]

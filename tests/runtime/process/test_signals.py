@@ -369,10 +369,10 @@ async def other():
 @pytest.mark.parametrize(
     ("left", "status"),
     [
-        ("await began.wait()", 0),  # the event loop closes the generator
-        ("await began.wait(); await generator.aclose()", 0),
-        ("await began.wait(); await asyncio.create_task(generator.aclose())", 0),
-        ("await began.wait(); sys.exit(3)", 3),
+        ("await began.wait(); await asyncio.sleep(0.1)", 0),  # the event loop closes the generator
+        ("await began.wait(); await asyncio.sleep(0.1); await generator.aclose()", 0),
+        ("await began.wait(); await asyncio.sleep(0.1); await asyncio.create_task(generator.aclose())", 0),
+        ("await began.wait(); await asyncio.sleep(0.1); sys.exit(3)", 3),
         ("await asyncio.sleep(3600)", 143),
     ],
 )

@@ -9,6 +9,7 @@ from contextlib import asynccontextmanager
 from contextvars import copy_context
 
 import pytest
+from patience import PATIENCE
 from processor_time import uncharged
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -81,7 +82,7 @@ async def browser(**options):
     wrong = []
     started = await SHARED.started()
     context = await started.new_context(**{"viewport": {"width": 1300, "height": 900}, **options})
-    context.set_default_timeout(30_000)
+    context.set_default_timeout(1000 * PATIENCE)
 
     async def look(address):
         page = await context.new_page()

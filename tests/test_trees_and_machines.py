@@ -11,6 +11,7 @@ import pytest
 import smach
 from action_lives import robot
 from errands import ADAPTERS, TREES
+from patience import PATIENCE
 from py_trees.common import Status
 from sentences import refused
 from statemachine import State, StateMachine
@@ -532,7 +533,7 @@ def test_machines_of_smach_keep_no_thread_from_others():
         actions = [
             adapter.machine_action(lambda pair=pair: smach_machine(adapter.Work(lambda: meet(*pair)))) for pair in pairs
         ]
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(PATIENCE):
             await asyncio.gather(*(action() for action in actions))
 
     asyncio.run(main())

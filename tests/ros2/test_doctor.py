@@ -7,6 +7,7 @@ import json
 
 import msgspec
 import pytest
+from patience import PATIENCE
 from places import EXAMPLES
 from ros2.environment import programs
 from ros2.stand_in import StandIn
@@ -127,7 +128,7 @@ def test_the_doctor_says_what_is_missing_and_what_is_heard(ros, nav2, tmp_path):
 
             async def call(*words):
                 process = await here.start("-m", "mdm", *words)
-                async with asyncio.timeout(60):
+                async with asyncio.timeout(PATIENCE):
                     text = (await process.process.stdout.read()).decode()
                     return await process.process.wait(), text, process.said.read_text()
 

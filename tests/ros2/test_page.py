@@ -9,6 +9,7 @@ from types import ModuleType, SimpleNamespace
 
 import blocks
 import pytest
+from patience import PATIENCE
 from places import EXAMPLES, ROOT
 from ros2.environment import programs
 
@@ -98,7 +99,7 @@ def test_the_example_patrols_docks_and_stands_still_at_the_end(ros, nav2, tmp_pa
             lines = []
 
             async def hear(wanted):
-                async with asyncio.timeout(60):
+                async with asyncio.timeout(PATIENCE):
                     while not (line := (await robot.process.stdout.readline()).decode().strip()).startswith(wanted):
                         assert line, robot.said.read_text() + patrol.said.read_text()
                         lines.append(line)

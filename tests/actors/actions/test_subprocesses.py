@@ -44,7 +44,7 @@ class Pipe:
     async def ready(self, number=1):
         """Wait until so many have said that they are ready."""
         loop = asyncio.get_running_loop()
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(PATIENCE):
             while self.text.count("ready") < number:
                 readable = loop.create_future()
                 loop.add_reader(self.end, lambda future=readable: future.done() or future.set_result(None))

@@ -7,6 +7,7 @@ import signal
 import sys
 
 import pytest
+from patience import PATIENCE
 
 from mdm.cli.team import crew as module
 from mdm.cli.team.crew import Crew
@@ -33,7 +34,7 @@ class Told:
         self.came.set()
 
     async def until(self, condition):
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(PATIENCE):
             while not condition():
                 self.came.clear()
                 await self.came.wait()
@@ -50,7 +51,7 @@ STUBBORN = program("import signal, time; signal.signal(signal.SIGTERM, signal.SI
 
 def run(main):
     async def timed():
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(PATIENCE):
             await main()
 
     asyncio.run(timed())

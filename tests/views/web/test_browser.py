@@ -10,6 +10,7 @@ import browsers
 import msgspec
 import pytest
 from decided import ensemble
+from patience import PATIENCE
 from served import TOKEN, shown
 from shown import a_robot
 from team_file import write
@@ -473,7 +474,7 @@ def test_the_timeline_tells_of_what_the_pointer_is_on(tmp_path):
                 (middle, 44, "0:"),  # a life of an action
                 (middle, 24 + 2 * 46 + 8, "Low false from"),  # the predicate of the chosen ensemble
             ):
-                async with asyncio.timeout(60):  # what lies above may still move the timeline
+                async with asyncio.timeout(PATIENCE):  # what lies above may still move the timeline
                     place = {"x": x - canvas["x"], "y": y}
                     while not await page.evaluate(f"document.querySelector('.tip')?.innerText.includes('{words}')"):
                         await page.locator(".timeline canvas").hover(position=place)
@@ -520,7 +521,7 @@ def test_over_time_is_of_the_whole_record_though_nobody_has_gone_through_it_and_
             await page.wait_for_function("() => mdmPage.course.last < 20")
             assert len(await page.evaluate("mdmPage.course.course.times")) == 13
             over = "[aria-label='Over time'] .u-over"
-            async with asyncio.timeout(60):  # the chart is made again for the time that is zoomed to
+            async with asyncio.timeout(PATIENCE):  # the chart is made again for the time that is zoomed to
                 while not await page.evaluate("Math.abs(mdmPage.frame.time - 6.25) < 0.2"):
                     width = await page.evaluate(f'document.querySelector("{over}").clientWidth')
                     await page.locator(over).first.click(position={"x": width / 2, "y": 20})

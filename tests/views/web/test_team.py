@@ -10,6 +10,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 import msgspec
 import pytest
 from decided import VECTORS, nothing
+from patience import PATIENCE
 from sentences import refused
 from served import TOKEN
 from shown import a_robot
@@ -35,7 +36,7 @@ def page():
 
 async def until(holds):
     """Wait until something holds, which takes real time."""
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(PATIENCE):
         while not holds():
             await asyncio.sleep(0.02)
 

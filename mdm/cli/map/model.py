@@ -15,24 +15,58 @@ from mdm.cli.report import as_json, columns
 from mdm.cli.usage import UsageError, finite
 from mdm.config.functions import find_function
 from mdm.errors import Error
-from mdm.formats import save_durations, save_model
+from mdm.formats import save_durations, save_model, save_policy
 from mdm.formats.target import check_place, write_text
 from mdm.maps import Floors, Map
 from mdm.maps.files.building import load_building
 from mdm.maps.graph import tour
 from mdm.maps.model import FloorFactor, arrivals, durations, latch, model, sightings, visits
 from mdm.models.units import in_words
+from mdm.solvers import solve
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterable, Sequence
 
     from mdm.maps import Graph
-    from mdm.models import FactoredMDP, FactoredPOMDP
+    from mdm.models import Durations, FactoredMDP, FactoredPOMDP
     from mdm.models.matrices import Vector
     from mdm.models.units import Unit
 
 _SUFFIXES = (".pomdpx", ".pgmx", ".npz")
+_SOLVING = 30.0
+"""Seconds for the policy of a robot's file, at most."""
+_PROGRAM = '''"""The parts of a robot that is not there: it drives straight to its goals. Put those of yours here."""
+
+import asyncio
+import math
+
+from mdm.maps import Pose
+
+
+class Wheels:
+    """Drives at half a metre a second, and rides lifts in ten seconds."""
+
+    at = Pose(AT)
+
+    async def go(self, goal):
+        while (left := math.dist((Wheels.at.x, Wheels.at.y), (goal.x, goal.y))) > 0.01:
+            part = min(0.05 / left, 1.0)
+            x, y = Wheels.at.x + part * (goal.x - Wheels.at.x), Wheels.at.y + part * (goal.y - Wheels.at.y)
+            Wheels.at = Pose(x, y, floor=Wheels.at.floor)
+            await asyncio.sleep(0.1)
+
+    async def ride(self, lift, goal):
+        await asyncio.sleep(10)
+        Wheels.at = goal
+
+
+async def localise(system):
+    """Tell the pose ten times a second."""
+    while True:
+        system.places.see(Wheels.at)
+        await asyncio.sleep(0.1)
+'''
 _SPEED = 0.5
 """Metres a second by which a tour of several floors weighs driving against lifts, if nobody says another speed."""
 
@@ -60,17 +94,44 @@ def run(arguments: argparse.Namespace) -> int:
     tour = _tour(arguments, floor)
     made = _made(arguments, floor, taken, tour)
     save_model(made, arguments.output)
+    lasting = None
     if arguments.durations is not None and taken is not None:
-        save_durations(durations(made, taken, stages=_given(arguments.stages, STAGES)), arguments.durations)
+        lasting = durations(made, taken, stages=_given(arguments.stages, STAGES))
+        save_durations(lasting, arguments.durations)
+    unsolved = None
     if arguments.robot is not None:
         latches = [(name, *_places(floor.graph, places)[:2]) for name, places in arguments.latches]
         write_text(arguments.robot, _robot_text(arguments, floor.graph, tour, latches))
-    facts = {**_facts(arguments, made, floor.graph, taken), "tour": list(tour)}
+        unsolved = _write_parts(arguments, floor.graph, made, lasting)
+    facts = {**_facts(arguments, made, floor.graph, taken), "tour": list(tour), "unsolved": unsolved}
     if arguments.json:
         print(as_json(facts))
     else:
         _tell(facts)
     return 0
+
+
+def _write_parts(
+    arguments: argparse.Namespace, graph: Graph, made: FactoredMDP | FactoredPOMDP, lasting: Durations | None
+) -> str | None:
+    """Write the policy that a robot's file names, and a ``robot.py`` without a robot where there is none yet.
+
+    Returns:
+        Why there is no policy, in words; None where there is one.
+    """
+    asked, unsolved = arguments.interruption.asked, None
+    try:
+        with arguments.interruption.deferred():
+            found = solve(made, durations=lasting, time=_SOLVING, progress=lambda _: bool(asked()))
+        save_policy(found.policy, Path(arguments.output).with_suffix(".policy"), made)
+    except Error as error:  # such as a discount of 1
+        unsolved = str(error)
+    program = Path(arguments.robot).parent / "robot.py"
+    if not program.exists():
+        goal = graph.node(arguments.start or graph.names[0]).goal
+        at = f"{goal.x!r}, {goal.y!r}" + (f", floor={goal.floor!r}" if goal.floor else "")
+        write_text(program, _PROGRAM.replace("AT", at))
+    return unsolved
 
 
 def _check_usage(arguments: argparse.Namespace) -> None:
@@ -245,7 +306,12 @@ def _tell(facts: dict[str, Any]) -> None:
         print(f"{facts['durations']}: how long its actions take; solve it with mdm solve --durations")
     print(f"{facts['model']}: a model ({facts['kind']})")
     if facts["robot"] is not None:
-        print(f"{facts['robot']}: a robot that does this, once mdm solve has made {facts['policy']}")
+        if facts["unsolved"] is None:
+            print(f"{facts['policy']}: its policy; mdm solve makes one with bounds of your own")
+        needed = "with" if facts["unsolved"] is None else f"once mdm solve has made {facts['policy']}, with"
+        print(f"{facts['robot']}: a robot that does this, {needed} the parts in robot.py beside it")
+        if facts["unsolved"] is not None:
+            print(f"note: there is no policy yet: {facts['unsolved']}")
 
 
 def _given(value: Any, default: Any) -> Any:

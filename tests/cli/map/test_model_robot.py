@@ -98,10 +98,43 @@ def test_a_latch_is_a_predicate_of_the_file(mdm, floor, tmp_path, monkeypatch):
     model = ("map", "model", *floor, "--latch", "half way=office/store", "-o", "patrol.npz", "--robot", "robot.toml")
     status, output, errors = mdm(*model)
     assert (status, errors) == (0, "")
-    assert output[-1] == "robot.toml: a robot that does this, once mdm solve has made patrol.policy"
+    assert output[-1] == "robot.toml: a robot that does this, with the parts in robot.py beside it"
+    assert (folder / "robot.py").read_text() == ROBOT
     assert mdm("solve", "patrol.npz", "-o", "patrol.policy")[0] == 0
     arrived, _ = patrol(folder / "robot.toml", 200)
     assert min(arrived.count("office"), arrived.count("store")) >= 3
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--visit", "all"], ["--speed", "0.5", "--durations", "times.npz", "--latch", "there=office/store"]]
+)
+def test_the_project_runs_as_it_stands(mdm, floor, tmp_path, monkeypatch, arguments):
+    folder = tmp_path / "floor"
+    monkeypatch.chdir(folder)
+    model = ("map", "model", *floor, *arguments, "--radius", "0.12", "-o", "patrol.npz", "--robot", "robot.toml")
+    status, output, errors = mdm(*model)
+    assert (status, errors) == (0, "")
+    assert output[-2:] == [
+        "patrol.policy: its policy; mdm solve makes one with bounds of your own",
+        "robot.toml: a robot that does this, with the parts in robot.py beside it",
+    ]
+    assert mdm("check", "robot.toml") == (0, ["robot.toml: ensembles, no problems found"], "")
+    arrived, ended = patrol(folder / "robot.toml", 300)
+    assert min(arrived.count("office"), arrived.count("store")) >= 3
+    assert ended.get("failed", 0) == 0
+
+
+def test_a_model_that_cannot_be_solved_as_it_is_says_so(mdm, floor, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    model = ("map", "model", *floor, "--reward", "office=2", "--discount", "1", "-o", "p.npz", "--robot", "r.toml")
+    status, output, errors = mdm(*model)
+    assert (status, errors) == (0, "")
+    assert (
+        output[-2]
+        == "r.toml: a robot that does this, once mdm solve has made p.policy, with the parts in robot.py beside it"
+    )
+    assert output[-1].startswith("note: there is no policy yet: the discount is 1, and from state 'office' rewards")
+    assert sorted(path.name for path in tmp_path.glob("*.*")) == ["p.npz", "r.toml", "robot.py"]
 
 
 @pytest.mark.parametrize(
@@ -130,6 +163,7 @@ def test_the_page_s_commands_make_a_robot_that_visits_all_rooms_of_two_floors(md
     Path("robot.py").write_text(program.replace("speed=0.5", "speed=0.5, radius=0.12"))
     model, solve, run = [shlex.split(line)[1:] for line in commands.splitlines()]
     assert mdm(*model, "--radius", "0.12")[0] == 0
+    assert mdm("check", "patrol.toml")[::2] == (0, "")
     assert mdm(*solve)[0] == 0
     assert mdm("check", "patrol.toml")[::2] == (0, "")
     assert run == ["run", "patrol.toml", "--virtual", "--seconds", "7200"]

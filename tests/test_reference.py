@@ -333,7 +333,7 @@ def test_no_link_or_anchor_is_dead(pages):
 def test_pages_name_no_verb_and_no_option_that_there_is_not(pages):
     known = list(commands())
     options = {name for command in known for names, *_ in command.options for name in names}
-    options |= {"--fast", "--film", "--processor-limit"}  # of the demo, and of the tests
+    options |= {"--fast", "--film", "--pixels", "--processor-limit"}  # of the demo, and of the tests
     verbs = {words for command in known for words in (command.words, *(f"{command.words} {v}" for v in command.verbs))}
     found = list(named(pages))
     told = {(page, option) for page, code in found for option in re.findall(r"(?<![\w-])--[a-z][\w-]*", code)}

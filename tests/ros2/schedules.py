@@ -43,7 +43,10 @@ DRIVE = {"act": "/drive", "type": "test_msgs/action/Fibonacci", "beat": 20}
 GO = {"publish": "/go", "type": "std_msgs/msg/Bool", "rate": 20}
 SCAN = {"publish": "/scan", "type": "sensor_msgs/msg/LaserScan", "message": {"ranges": [3.0]}, "rate": 20}
 
-DISTURBANCES = ("go silent", "scan silent", "sensors killed", "robot killed", "robot held", "aborted", "server removed")
+DISTURBANCES = (
+    *("go silent", "scan silent", "sensors killed", "robot killed", "robot killed while cancelling", "robot held"),
+    *("aborted", "server removed"),
+)
 STATES = ("no server", "unanswered", "pursued", "cancelling", "reached", "held", "killed")
 """Of a goal, when the system gets its signal."""
 
@@ -127,7 +130,12 @@ class Run:
             case "sensors killed":
                 await self.safe(lambda: self.sensors.program.signal(signal.SIGKILL), "Go", "Near")
                 self.sensors = await self.peer("sensors")
-            case "robot killed":
+            case "robot killed" | "robot killed while cancelling":
+                if what != "robot killed":
+                    goals = len(self.robot.said)
+                    await self.set(brake=None)
+                    self.sense(go=False)
+                    await self.robot.says("cancel", since=goals)
                 await self.safe(lambda: self.robot.program.signal(signal.SIGKILL), "drive")
                 self.live += self.robot.said
                 self.robot = await self.peer("robot")

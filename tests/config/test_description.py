@@ -228,9 +228,21 @@ def explanations(record):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-@given(sensed=st.lists(SENSED, min_size=1, max_size=8))
+@settings(max_examples=2, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(sensed=st.lists(SENSED, min_size=1, max_size=5))
 def test_both_records_tell_the_same(kind, sensed):
+    check_both(kind, sensed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(sensed=st.lists(SENSED, min_size=1, max_size=12))
+def test_both_records_of_many_runs_tell_the_same(kind, sensed):
+    check_both(kind, sensed)
+
+
+def check_both(kind, sensed):
     sensed = [("Low", False), ("Close", 0.1), *sensed]
     with tempfile.TemporaryDirectory() as place:
         file, program, explained = both(kind, Path(place), sensed)
@@ -394,3 +406,18 @@ def test_an_ensemble_that_starts_later_is_described_too(tmp_path):
     assert [path for path, _ in explanations(record)] == ["robot", "rover"]
     names = [each.name for each in record.attachments]
     assert len(names) == len(set(names)) == 2  # their policy, once, and the newest description
+
+
+def test_who_is_not_there_is_not_explained():
+    manager = declared()
+    robot = Ensemble("robot", policy=VECTORS, model=TIGER, **ears(manager))
+
+    async def main(runtime):
+        with refused(Error):
+            runtime.explain("robot")
+        await runtime.start(robot)
+        assert runtime.explain("robot").action_name == "listen"
+        with refused(Error):
+            runtime.explain("rover")
+
+    run_virtual(main)

@@ -100,7 +100,6 @@ class Ensembles:
         self._ensembles: dict[str, Ensemble | None] = {}
         self._invalid: set[str] = set()
         self._parents: dict[str, str] = {}
-        self._groups: dict[str, str] = {}
         self._unowned = False
         self.joint: dict[str, Placement] = {}
         self.monitors: list[DriftMonitor] = []
@@ -472,8 +471,6 @@ class Ensembles:
     def _bound(self, entry: ActionTable, target: Any) -> Binding:
         """Return the action of a function or an ensemble."""
         options = entry.as_arguments(BindingSettings)
-        if entry.group is not None:  # groups are told apart by identity
-            options["group"] = self._groups.setdefault(entry.group, entry.group)
         if not entry.navigate:
             return Binding(target, **options)
         if entry.call is None:

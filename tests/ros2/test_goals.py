@@ -34,12 +34,15 @@ class Bench:
         def goal(name, **options):
             return self.actions.goal(name, KIND, goal=self.made, feedback=self.fed.append, silence=silence, **options)
 
-        own = {"group": group, **({} if may_succeed is None else {"may_succeed": may_succeed})}
+        def own():
+            equal = group and f"{group[0]}{group[1:]}"  # groups are the same by what they are called
+            return {"group": equal, **({} if may_succeed is None else {"may_succeed": may_succeed})}
+
         self.robot = robot(
             {
                 "Other": lambda: None,
-                "Dock": goal("/dock", **own),
-                "Again": goal("/dock", **own),
+                "Dock": goal("/dock", **own()),
+                "Again": goal("/dock", **own()),
                 "Lift": goal("/lift"),
             },
             **({"safe_action": self.secure} if safe else {}),
@@ -139,56 +142,36 @@ def test_a_goal_that_is_pre_empted_ends_before_the_next_action_begins():
     bench(scenario, brakes=1.6)
 
 
-def test_a_goal_that_is_aborted_while_it_is_cancelled_says_so():
+ASKED = "the server of /dock was asked to cancel the goal, and "
+PRE_EMPTED = {
+    "aborted": ({"cancelled": 6}, 1, 1, "failed", f"Error: {ASKED}aborted the goal (status 6)"),
+    "reached": ({"cancelled": 4}, 1, 1, "succeeded", ""),
+    "reached, and may not": ({"cancelled": 4, "may_succeed": False}, 1, 1, "preempted", ""),
+    "answered later": ({"answers": 3.0}, 1, 2.1, "preempted", ""),
+    "rejected later": ({"answers": 3.0, "accepts": False}, 1, 3, "preempted", ""),
+    "braking beyond its silence": ({"silence": 0.5, "feeds": 0.3, "brakes": 3.0}, 1, 5, "preempted", ""),
+}
+
+
+@pytest.mark.parametrize("name", PRE_EMPTED)
+def test_a_goal_that_is_cancelled_ends_as_its_server_says(name):
+    options, before, after, status, words = PRE_EMPTED[name]
+
     async def scenario(bench):
         bench.decide(DOCK)
-        await asyncio.sleep(3)
+        await asyncio.sleep(before)
         bench.decide(OTHER)
-        await asyncio.sleep(1)
-        assert bench.told()[1:] == [("Dock", "failed"), ("Other", "running"), ("Other", "succeeded")]
-        assert "/dock was asked to cancel the goal, and aborted the goal (status 6)" in bench.details()[0]
+        if name == "answered later":
+            await asyncio.sleep(1)
+            assert (bench.goals[0].accepted, bench.told()) == (None, [("Dock", "running")])
+        await asyncio.sleep(after)
+        assert bench.told()[1:] == [("Dock", status), ("Other", "running"), ("Other", "succeeded")]
+        assert bench.details()[0].startswith(words)
         assert bench.robot.mode == "deciding"
+        if name == "answered later":
+            assert (bench.goals[0].accepted, bench.goals[0].cancels, bench.goals[0].status) == (True, 1, 5)
 
-    bench(scenario, cancelled=6)
-
-
-@pytest.mark.parametrize("may_succeed", [True, False])
-def test_a_goal_that_is_reached_while_it_is_cancelled_has_succeeded(may_succeed):
-    async def scenario(bench):
-        bench.decide(DOCK)
-        await asyncio.sleep(3)
-        bench.decide(OTHER)
-        await asyncio.sleep(1)
-        ended = "succeeded" if may_succeed else "preempted"
-        assert bench.told()[1:] == [("Dock", ended), ("Other", "running"), ("Other", "succeeded")]
-
-    bench(scenario, cancelled=4, **({} if may_succeed else {"may_succeed": False}))
-
-
-def test_a_goal_that_is_cancelled_before_it_is_answered_is_cancelled_when_it_is():
-    async def scenario(bench):
-        bench.decide(DOCK)
-        await asyncio.sleep(1)
-        bench.decide(OTHER)
-        await asyncio.sleep(1)
-        assert bench.goals[0].accepted is None
-        assert bench.told() == [("Dock", "running")]
-        await asyncio.sleep(1.1)
-        assert (bench.goals[0].accepted, bench.goals[0].cancels, bench.goals[0].status) == (True, 1, 5)
-        assert bench.told()[1:] == [("Dock", "preempted"), ("Other", "running"), ("Other", "succeeded")]
-
-    bench(scenario, answers=3.0)
-
-
-def test_a_goal_that_is_rejected_after_it_was_cancelled_is_pre_empted():
-    async def scenario(bench):
-        bench.decide(DOCK)
-        await asyncio.sleep(1)
-        bench.decide(OTHER)
-        await asyncio.sleep(3)
-        assert bench.told()[1:] == [("Dock", "preempted"), ("Other", "running"), ("Other", "succeeded")]
-
-    bench(scenario, answers=3.0, accepts=False)
+    bench(scenario, **options)
 
 
 def test_a_server_that_comes_later_is_waited_for_and_told():
@@ -274,17 +257,6 @@ def test_cancelling_a_silent_server_waits_no_longer_than_its_silence_and_the_saf
         assert bench.told()[2] == ("Lift", "running")
 
     bench(scenario, silence=silence, feeds=0.3, group=group)
-
-
-def test_a_server_that_brakes_for_longer_than_its_silence_is_waited_for_while_it_is_heard():
-    async def scenario(bench):
-        bench.decide(DOCK)
-        await asyncio.sleep(1)
-        bench.decide(OTHER)
-        await asyncio.sleep(5)
-        assert bench.told()[1] == ("Dock", "preempted")
-
-    bench(scenario, silence=0.5, feeds=0.3, brakes=3.0)
 
 
 def test_a_server_that_is_heard_after_it_was_asked_to_cancel_has_its_silence_from_then():
@@ -393,6 +365,52 @@ def test_a_server_that_was_started_again_is_given_a_new_goal():
         await asyncio.sleep(1)
         assert bench.told()[4:] == [("Dock", "running")]
         assert len(server.goals) == 1
+
+    bench(scenario, silence=1.0, feeds=0.3, safe=False)
+
+
+@pytest.mark.parametrize("silence", [1.0, None])
+def test_a_goal_whose_request_was_lost_is_given_up_when_its_server_does_not_know_it(silence):
+    async def scenario(bench):
+        bench.server.hold()
+        bench.decide(DOCK)
+        await asyncio.sleep(1.5)
+        bench.server.lose()
+        bench.server.wake()
+        bench.decide(AGAIN)
+        await asyncio.sleep(8)
+        bench.decide(AGAIN)
+        await asyncio.sleep(1)
+        assert "may go on with an older goal, whose end was not heard" in bench.details()[-1]
+        assert len(bench.server.sent) == 1
+        await asyncio.sleep(12)
+        bench.decide(DOCK)
+        await asyncio.sleep(1)
+        assert bench.told()[-1] == ("Dock", "running")
+        assert len(bench.goals) == 1
+
+    bench(scenario, silence=silence, feeds=0.3, safe=False)
+
+
+def test_a_goal_that_was_given_up_is_cancelled_when_its_server_answers_after_all():
+    async def scenario(bench):
+        bench.server.next = [Behaviour(answers=30.0, feeds=0.3, brakes=2.0)]
+        bench.decide(DOCK)
+        await asyncio.sleep(20)
+        bench.decide(AGAIN)
+        await asyncio.sleep(1)
+        assert [goal.accepted for goal in bench.goals] == [None, True]
+        assert bench.told()[-1] == ("Again", "running")
+        bench.decide(OTHER)
+        await asyncio.sleep(10)
+        assert (bench.goals[0].accepted, bench.goals[0].cancels, bench.server.live) == (True, 1, [bench.goals[0]])
+        bench.decide(DOCK)
+        await asyncio.sleep(0.1)
+        assert "may go on with an older goal" in bench.details()[-1]
+        await asyncio.sleep(2)
+        bench.decide(AGAIN)
+        await asyncio.sleep(0.1)
+        assert bench.told()[-1] == ("Again", "running")
 
     bench(scenario, silence=1.0, feeds=0.3, safe=False)
 

@@ -266,7 +266,7 @@ class Lives(Generic[L]):
 
     def _is_free_for(self, life: L) -> bool:
         """Whether none but those of its own group still come to their end, having been replaced."""
-        return all(replaced.binding.group is life.binding.group for replaced in self.replaced)
+        return all(replaced.binding.group == life.binding.group for replaced in self.replaced)
 
     # -- Lives ---------------------------------------------------------------------------------------------------
 
@@ -332,4 +332,4 @@ class Lives(Generic[L]):
 
 
 def _same_group(one: Life, other: Life) -> bool:
-    return one.binding.group is not None and one.binding.group is other.binding.group
+    return one.binding.group is not None and one.binding.group == other.binding.group

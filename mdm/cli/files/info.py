@@ -31,8 +31,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Describe the file; return the exit status."""
     if suffixes(arguments.file) == ".toml":
         return _tell_ensembles(arguments)
-    if arguments.imports:
-        raise UsageError("--import is for TOML files")
+    if arguments.imports or suffixes(arguments.file) == ".mcap":
+        record = f"{arguments.file} is the record of a run: mdm record info {arguments.file} describes it"
+        raise UsageError("--import is for TOML files" if arguments.imports else record)
     content = _load(arguments.file)
     if isinstance(content, Durations):
         facts = _describe_durations(content)
@@ -97,18 +98,17 @@ def _tell_ensembles(arguments: argparse.Namespace) -> int:
     from mdm.config import load_team  # noqa: PLC0415
 
     team = load_team(arguments.file)
+    agents = [None] if team is None else [each.name for each in team.agents]
+    systems = [load_ensembles(arguments.file, agent, imports=arguments.imports) for agent in agents]
+    told = [facts(each) if arguments.json else "\n".join([each.tree(), *lines(each)]) for each in systems]
     if team is not None:
-        return _tell_team(arguments, team)
-    system = load_ensembles(arguments.file, imports=arguments.imports)
-    print(as_json(facts(system)) if arguments.json else "\n".join([system.tree(), *lines(system)]))
+        return _tell_team(arguments, team, told)
+    print(as_json(told[0]) if arguments.json else told[0])
     return 0
 
 
-def _tell_team(arguments: argparse.Namespace, team: Team) -> int:
-    """Describe a team's file: the team, and the part of each agent."""
-    from mdm.cli.robots.ensembles import facts, lines, load_ensembles  # noqa: PLC0415 - a model needs no actors
-
-    systems = {each.name: load_ensembles(arguments.file, each.name, imports=arguments.imports) for each in team.agents}
+def _tell_team(arguments: argparse.Namespace, team: Team, told: list[Any]) -> int:
+    """Describe a team's file: the team, and the part of each agent, as it was told."""
     own: dict[str, Any] = {
         "kind": "team",
         "name": team.name,
@@ -120,14 +120,13 @@ def _tell_team(arguments: argparse.Namespace, team: Team) -> int:
         "max_age": team.max_age,
     }
     if arguments.json:
-        agents = {agent.name: {"endpoint": agent.reached, **facts(systems[agent.name])} for agent in team.agents}
+        agents = {each.name: {"endpoint": each.reached, **facts} for each, facts in zip(team.agents, told, strict=True)}
         print(as_json({**own, "agents": agents}))
         return 0
     for key, value in own.items():
         print(f"{key.replace('_', ' '):24}{_text(value)}")
-    for agent in team.agents:
-        system = systems[agent.name]
-        print("\n".join(["", f"{agent.name} at {agent.reached or team.router}", "", system.tree(), *lines(system)]))
+    for agent, text in zip(team.agents, told, strict=True):
+        print(f"\n{agent.name} at {agent.reached or team.router}\n\n{text}")
     return 0
 
 

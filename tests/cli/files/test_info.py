@@ -108,3 +108,11 @@ def test_durations(mdm, facts, tmp_path):
         status, output, errors = mdm(*command)
         assert (status, output) == (1, [])
         assert "it holds durations" in errors
+
+
+def test_of_a_record_it_says_what_reads_it(mdm, tmp_path):
+    record = tmp_path / "run.mcap"
+    record.write_bytes(b"\x89MCAP0\r\n\x01\0\0")
+    status, _, errors = mdm("info", record)
+    assert status == 2
+    assert f"{record} is the record of a run: mdm record info {record} describes it" in errors

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import sys
 from collections.abc import Callable, Mapping
+from copy import copy
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, Unpack, cast
+from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
 from msgspec import Meta
 
@@ -14,22 +14,23 @@ from mdm.actors import Ensemble
 from mdm.actors.actions.binding import Binding
 from mdm.actors.options import BindingOptions, BindingSettings
 from mdm.errors import ConfigError, Error as _Error
-from mdm.messages import Action, Fault, Progress
+from mdm.messages import Action, Progress
 from mdm.options import Seconds
-from mdm.ros2.goals import Server, found
-from mdm.ros2.wire import Quality
+from mdm.ros2.goals import Server, found, ready
+from mdm.ros2.wire import Quality, report
 from mdm.runtime.actor import descendants
 from mdm.runtime.supervision import describe
 
 if TYPE_CHECKING:
     from mdm.actors import PredicateManager
-    from mdm.ros2.wire import Publisher, Wire
-    from mdm.runtime import Actor, Runtime
+    from mdm.ros2.wire import Handle, Wire
+    from mdm.runtime import Runtime
 
 Made = Mapping[str, Any] | Callable[..., Any] | None
 """A message: its fields, or a plain function that returns them or the message; it may take the `Action` message."""
 
-_GRACE = 5.0
+_START = 5.0
+"""Seconds after the start at which who is missing is told."""
 _MEETING, _MEETS = 3.0, 0.5
 """Seconds for which a publisher and a subscription may take to meet, and for which one of them may not know it yet."""
 
@@ -56,13 +57,6 @@ class GoalTable(BindingSettings, frozen=True, kw_only=True):
     silence: Seconds | None = None
     group: str | None = None
     may_succeed: bool = True
-
-    @property
-    def note(self) -> str:
-        """The note of `mdm check`, see `Binding`."""
-        if self.silence is None:
-            return ""
-        return f"fails {self.silence:g} s after the last feedback or status: leave its silence out where none comes"
 
 
 class CallTable(BindingSettings, frozen=True, kw_only=True):
@@ -122,19 +116,16 @@ class Actions:
         self.wire = wire
         self._predicates = predicates
         self._servers: dict[str, Server] = {}
-        self._others: dict[str, Callable[[], object]] = {}
-        self._runtime: Runtime | None = None
-        self._look: asyncio.TimerHandle | None = None
+        self._handles: dict[str, Handle] = {}
 
     async def open(self, runtime: Runtime) -> None:
         """Begin; who is not there some seconds later is told."""
         self._runtime = runtime
-        self._look = asyncio.get_running_loop().call_later(_GRACE, self._report_missing)
+        self._look = asyncio.get_running_loop().call_later(_START, self._report_missing)
 
     async def close(self) -> None:
         """End; goals whose end was not heard are left."""
-        if self._look is not None:
-            self._look.cancel()
+        self._look.cancel()
         for server in self._servers.values():
             server.close()
 
@@ -148,34 +139,40 @@ class Actions:
         silence: float | None = None,
         **options: Unpack[BindingOptions],
     ) -> Binding:
-        """Return the action that has a server pursue a goal; see `GoalTable`."""
-        table = GoalTable(action=name, type=kind, silence=silence)
+        """Return the action that has a server pursue a goal; see `GoalTable`.
+
+        A ``feedback`` with a method ``begin``, such as a `Condition` has, is told by it of each new goal.
+        """
+        GoalTable(action=name, type=kind, silence=silence)
         server, make, hear = self.server(name, kind), self._maker(kind, goal), self._hearer(name, feedback)
         options.setdefault("may_succeed", True)
-        group = options.get("group")
-        if isinstance(group, str):  # groups are told apart by identity
-            group = options["group"] = sys.intern(group)
+        group, begin = options.get("group"), getattr(feedback, "begin", lambda: None)
 
         def within(ensemble: Ensemble | None) -> Callable[[Action], Any]:
             secured = partial(self.secured, ensemble)
 
             async def pursue(action: Action) -> None:
+                begin()
                 await server.pursue(make(action), hear, silence, group, secured, secures=action.epoch < 0)
 
             return _named(pursue, name)
 
-        bound = _Goal(within, options)
-        bound.note = table.note
+        bound = _Goal(within(None), **options)
+        bound.of = within
+        if silence is not None:
+            bound.note = (
+                f"fails {silence:g} s after the last feedback or status: leave its silence out where none comes"
+            )
         return bound
 
     def call(self, name: str, kind: str, *, request: Made = None, **options: Unpack[BindingOptions]) -> Binding:
         """Return the action that calls a service; ``success = false`` in the response fails; see `CallTable`."""
         client, make = self.wire.call(name, kind), self._maker(kind, request)
-        self._others[name] = lambda: client.ready
+        self._handles[name] = client
 
         async def call(action: Action) -> None:
             message = make(action)
-            await found(lambda: client.ready, name, partial(self.report, name))
+            await found(client, name, partial(self.report, name))
             response = await client(message)
             if not getattr(response, "success", True):
                 raise _Error(f"the service {name} answered without success: {getattr(response, 'message', '')!r}")
@@ -197,25 +194,25 @@ class Actions:
         """Return the action that publishes a message, once or at a rate; see `PublishTable`."""
         table = PublishTable(publish=name, type=kind, rate=rate, until=until)
         publisher, make = self.wire.publish(name, kind, qos or table.qos), self._maker(kind, message)
-        self._others[name] = lambda: publisher.matched
+        self._handles[name] = publisher
         if rate is None:
-            for option, given in (("until", until), ("last", last)):
-                if given is not None:
-                    raise ConfigError(f"{option!r} is for what is published at a 'rate'", key=option)
+            if given := [option for option, value in (("until", until), ("last", last)) if value is not None]:
+                raise ConfigError(f"{given[0]!r} is for what is published at a 'rate'", key=given[0])
             return Binding(_named(lambda action: publisher(make(action)), name), **options)
         period, over = 1 / rate, self._ender(until)
         end = None if last is None else self.wire.make(kind, last)
 
         async def publish(action: Action) -> None:
             made, loop = make(action), asyncio.get_running_loop()
-            begin, count = loop.time(), 0
+            begin = due = loop.time()
             try:
-                while not count or not over(loop.time() - begin):
+                while due == begin or not over(loop.time() - begin):
                     publisher(made)
-                    count += 1
-                    await asyncio.sleep(begin + count * period - loop.time())
-                if not publisher.matched:
-                    await _meet(publisher, name)
+                    due = due + period if due + period > loop.time() else loop.time() + period  # no burst after a delay
+                    await asyncio.sleep(due - loop.time())
+                if not publisher.ready:
+                    if not await ready(publisher, _MEETING):
+                        raise _Error(f"nobody has heard it: there is no subscription of {name}")
                     for _ in range(1 + int(_MEETS * rate)):
                         publisher(made)
                         await asyncio.sleep(period)
@@ -225,35 +222,27 @@ class Actions:
 
         return Binding(_named(publish, name), **options)
 
-    # -- For this package ----------------------------------------------------------------------------------------
-
     def server(self, name: str, kind: str) -> Server:
         """Return the server of an action: one for all of its goals."""
         if name not in self._servers:
-            server = self._servers[name] = Server(name, self.wire.action(name, kind), partial(self.report, name))
-            self._others[name] = lambda: server.goals.ready
+            goals = self._handles[name] = self.wire.action(name, kind)
+            self._servers[name] = Server(name, goals, partial(self.report, name))
         return self._servers[name]
 
     def report(self, name: str, kind: str, detail: str) -> None:
         """Tell a fault of a topic, a service or an action."""
-        if self._runtime is not None:
-            time = self._runtime.clock.now()
-            self._runtime.faults.publish(Fault(time, f"ros2/{name.lstrip('/')}", kind, detail))
+        report(self._runtime, name, kind, detail)
 
     def secured(self, ensemble: Ensemble | None) -> int:
         """Return how often the safe action has succeeded: of an ensemble and those above it, or without one of all."""
-        assert self._runtime is not None
-        actors, above = descendants(self._runtime.root) if ensemble is None else [], cast("Actor | None", ensemble)
-        while above is not None:
-            actors.append(above)
-            above = above.parent
-        ended = [actor.action.statistics().safe_ended for actor in actors if isinstance(actor, Ensemble)]
-        return sum(each.get("succeeded", 0) for each in ended)
+        actors = [each for each in descendants(self._runtime.root) if isinstance(each, Ensemble)]
+        ours = [each for each in actors if ensemble is None or f"{ensemble.path}/".startswith(f"{each.path}/")]
+        return sum(each.action.statistics().safe_ended.get("succeeded", 0) for each in ours)
 
     def _report_missing(self) -> None:
-        for name, there in self._others.items():
-            if not there():
-                self.report(name, "unmatched", f"nobody is at {name} yet, {_GRACE:g} s after the start")
+        for name, handle in self._handles.items():
+            if not handle.ready:
+                self.report(name, "unmatched", f"nobody is at {name} yet, {_START:g} s after the start")
 
     def _maker(self, kind: str, given: Made) -> Callable[[Action], Any]:
         if not callable(given):
@@ -277,8 +266,8 @@ class Actions:
             try:
                 if callable(feedback):
                     feedback(message)
-                elif feedback is not None and self._runtime is not None:
-                    progress = Progress(self._runtime.clock.now(), name, float(getattr(message, feedback)))
+                elif feedback is not None:
+                    progress = Progress(self._runtime.now(), name, float(getattr(message, feedback)))
                     self._runtime.channel("ros2/progress", Progress).publish(progress)
             except Exception as error:
                 if not failed:
@@ -299,24 +288,14 @@ class Actions:
 class _Goal(Binding):
     """The action of a goal: a function of its ensemble, which says whether the safe action has run."""
 
-    __slots__ = ("_of", "_options")
-
-    def __init__(self, of: Callable[[Any], Any], options: BindingOptions, ensemble: Ensemble | None = None) -> None:
-        self._of, self._options = of, options
-        super().__init__(of(ensemble), **options)
+    __slots__ = ("of",)
+    of: Callable[[Ensemble], Callable[[Action], Any]]
 
     def within(self, ensemble: Ensemble) -> Binding:
         """Return the goal as an action of an ensemble."""
-        return _Goal(self._of, self._options, ensemble)
-
-
-async def _meet(publisher: Publisher, name: str) -> None:
-    """Wait until somebody subscribes to a topic."""
-    for _ in range(100):
-        await asyncio.sleep(_MEETING / 100)
-        if publisher.matched:
-            return
-    raise _Error(f"nobody has heard it: there is no subscription of {name}")
+        own = copy(self)
+        own.function = self.of(ensemble)
+        return own
 
 
 def _named(function: Callable[[Action], Any], name: str) -> Callable[[Action], Any]:

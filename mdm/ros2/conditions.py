@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from mdm.errors import ConfigError, FormatError
-from mdm.logic import parse_threshold, similar
+from mdm.logic import parse_threshold
+from mdm.ros2.wire import near
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -120,9 +121,8 @@ class Condition:
             full = its if its.count("/") > 1 else its.replace("/", "/msg/")
             names = {} if sequence or "/" not in its else fields(full)
             if step not in names:
-                there = f"; there are {', '.join(names)}" if names else ""
-                what = f"{path} is {its}, which" if path else kind
-                raise ConfigError(f"{what} has no {step!r}{similar(step, names) or there}")
+                whole = f"{path} is {its}, which" if path else kind
+                raise ConfigError(f"{whole} has no {step!r}{near(step, names)}")
             its, path = names[step], f"{path}.{step}".lstrip(".")
         plain = "nothing to compare" if "/" in its or _SEQUENCE.fullmatch(its) else _PLAIN.get(its[:7], "a number")
         if plain != self._wanted:

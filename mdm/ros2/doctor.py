@@ -6,6 +6,7 @@ import asyncio
 import importlib
 import os
 from collections.abc import Sequence
+from functools import partial
 from importlib import metadata
 from typing import TYPE_CHECKING, Any, cast
 
@@ -49,10 +50,6 @@ class Part(msgspec.Struct):
     heard: Any = None
     problems: Sequence[str] = ()
 
-    def hear(self, message: Any) -> None:
-        """Keep the newest message."""
-        self.heard = message
-
     def judge(self) -> Iterator[str]:
         """Yield its problems."""
         does = f"{_DOES[self.role]} {self.name}"
@@ -87,7 +84,7 @@ class Noting:
         def note(name: str, kind: str, *rest: Any) -> Any:
             part = Part(_WANTED[method], name, kind, rest[-1] if rest else None)
             self.parts.append(part)
-            return made(name, kind, *((part.hear, *rest[1:]) if method == "subscribe" else rest))
+            return made(name, kind, *((partial(setattr, part, "heard"), *rest[1:]) if method == "subscribe" else rest))
 
         return note
 

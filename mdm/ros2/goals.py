@@ -1,12 +1,13 @@
 """The goals of an action's server: each is carried to its end, and none begins beside one that may move the robot.
 
 A goal outlives the action that sent it where its end is not heard. It is then cancelled every five seconds, and when
-its server is heard of, until it ends or its server knows it no longer.
+its server is heard of, until it ends or its server does not know it.
 """
 
 from __future__ import annotations
 
 import asyncio
+import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mdm.actors import AbandonedError
@@ -17,16 +18,18 @@ from mdm.runtime.supervision import describe
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
-    from mdm.ros2.wire import Goal, Goals
+    from mdm.ros2.wire import Goals, Handle
 
 _AGAIN, _POLL = 5.0, 0.1
 _MOMENT = 1.0
 """Seconds for what follows at once: a result its status, the abort of a goal the newer one that replaces it."""
+_LOST = 10.0
+"""Seconds in which a server that does not know a goal may still be about to answer it."""
 
 _BROKEN, _FORGOTTEN, _REJECTED = -2, -1, 0
 _WORDS = {
     _BROKEN: "is out of reach",
-    _FORGOTTEN: "knows the goal no more, as after a restart",
+    _FORGOTTEN: "does not know the goal, as after a restart",
     _REJECTED: "rejected the goal",
     SUCCEEDED: "reached the goal",
     CANCELED: "cancelled the goal (status 5), as somebody else asked",
@@ -65,10 +68,12 @@ class Pursuit:
         self.group = group
         self.over: asyncio.Future[End] = self._loop.create_future()
         self._server, self._hear = server, hear
-        self._goal: Goal | None = None
+        self._answered = False
+        self._unknown: float | None = None  # when its server first said so
         self._again: asyncio.TimerHandle | None = None
+        self._goal = server.goals.send(message, self._feedback, self._status)
         server.open.append(self)
-        server.run(self._carry(message))
+        server.run(self._carry())
 
     async def ended(self, silence: float | None) -> End | None:
         """Return how it ends; None where nothing is heard for so many seconds, from when it was asked to end."""
@@ -81,14 +86,10 @@ class Pursuit:
         return self.over.result()
 
     async def release(self, secured: int) -> bool:
-        """Leave the robot to a newer goal of the group, if its server ends this one for that; else have it end.
-
-        Returns:
-            Whether its server has ended it for that.
-        """
+        """Have it end, but for its server to end it for a newer goal of the group; return whether that was so."""
         began, pursuits = self._loop.time(), self._server.open
-        first = pursuits.index(self) + 1 if self in pursuits else 0
-        newer = [other.over for other in pursuits[first:] if other.meets(self.group)]
+        later = pursuits[pursuits.index(self) + 1 if self in pursuits else 0 :]
+        newer = [other.over for other in later if self.group is not None and other.group == self.group]
         try:
             if newer and not self.over.done():
                 await asyncio.wait([self.over, *newer], timeout=_MOMENT, return_when=asyncio.FIRST_COMPLETED)
@@ -96,30 +97,22 @@ class Pursuit:
             self.ask(secured, began)
         return bool(newer) and self.over.done()
 
-    def meets(self, group: object) -> bool:
-        """Whether it is of a group."""
-        return group is not None and self.group is group
-
-    @property
-    def lost(self) -> bool:
-        """Whether it was asked to end, and nothing was heard of it since."""
-        return self.asked is not None and self.heard <= self.asked
-
     def ask(self, secured: int, time: float) -> None:
         """Have it end, as was decided at a time: at once, or when the server has answered."""
         if not self.over.done():
             self.asked, self.secured = time, secured
             self._recall()
 
-    async def _carry(self, message: Any) -> None:
+    async def _carry(self) -> None:
         try:
-            self._goal = await self._server.goals.send(message, self._feedback, self._status)
-            self.heard = self._loop.time()
-            if not self._goal.accepted:
-                return self._finish(End(_REJECTED))
+            accepted = await self._goal.accepted()
+            self._answered, self.heard = True, self._loop.time()
+            if accepted and self.over.done():  # it was given up
+                self.over = self._loop.create_future()
+                self._server.open.append(self)
             if self.asked is not None:
                 self._recall()
-            self._finish(End(*await self._goal.end()))
+            self._finish(End(*await self._goal.end()) if accepted else End(_REJECTED))
         except Exception as error:  # of the wire: whoever waits is told
             self._finish(End(_BROKEN, error))
 
@@ -138,27 +131,34 @@ class Pursuit:
         if self.asked is not None and self.heard - self._cancelled >= _MOMENT:
             self._recall()
 
-    def _recall(self) -> None:
-        """Cancel it, now and every while until its end is heard."""
+    def _recall(self, again: bool = False) -> None:
+        """Cancel it, when its server has answered or after a while, and every while until its end is heard."""
         if self._again is not None:
             self._again.cancel()
-        if self._goal is not None and not self.over.done():
-            self._cancelled = self._loop.time()
-            self._again = self._loop.call_later(_AGAIN, self._recall)
-            self._server.run(self._cancel(self._goal))
+        if not self.over.done():
+            self._again = self._loop.call_later(_AGAIN, self._recall, True)
+            if self._answered or again:
+                self._cancelled = self._loop.time()
+                self._server.run(self._cancel())
 
-    async def _cancel(self, goal: Goal) -> None:
+    async def _cancel(self) -> None:
         try:
             async with asyncio.timeout(_AGAIN):
-                code = await goal.cancel()
+                code = await self._goal.cancel()
         except TimeoutError:
             return  # it is asked again
         except Exception as error:
             self._server.report("action", f"a goal of {self._server.name} cannot be cancelled: {describe(error)}")
-        else:
-            self.heard = self._loop.time()
-            if code == UNKNOWN:
-                self._loop.call_later(_MOMENT, self._finish, End(_FORGOTTEN))
+            return
+        now = self._loop.time()
+        if code != UNKNOWN or self._answered:
+            self.heard = now
+        if code == UNKNOWN and self._answered:
+            self._loop.call_later(_MOMENT, self._finish, End(_FORGOTTEN))
+        elif code == UNKNOWN:
+            self._unknown = self._unknown or now
+            if now - self._unknown >= _LOST:
+                self._finish(End(_FORGOTTEN))
 
     def _finish(self, end: End) -> None:
         if not self.over.done():
@@ -214,7 +214,7 @@ class Server:
             CancelledError: If it was cancelled, and has ended so.
         """
         self._check(group, secured, secures=secures)
-        await found(lambda: self.goals.ready, self.name, self.report, silence)
+        await found(self.goals, self.name, self.report, silence)
         self._check(group, secured, secures=secures)
         pursuit, asked = Pursuit(self, message, hear, group), ""
         try:
@@ -235,7 +235,9 @@ class Server:
 
     def _check(self, group: object, secured: Callable[[], int], *, secures: bool) -> None:
         for old in self.open:
-            if old.meets(group) or (old.lost and (secures or secured() > old.secured)):
+            if old.asked is not None and old.heard <= old.asked and (secures or secured() > old.secured):
+                continue  # nothing was heard since, and the robot is stopped
+            if group is not None and old.group == group:
                 continue
             if old.asked is None:
                 raise Error(f"another action's goal at {self.name} is still open: let it end, or give both one group")
@@ -245,22 +247,20 @@ class Server:
             )
 
 
-async def found(
-    ready: Callable[[], bool], name: str, report: Callable[[str, str], None], seconds: float | None = None
-) -> None:
-    """Wait until the server of a service or an action is there; tell a fault where it is not there yet.
+async def ready(handle: Handle, seconds: float | None) -> bool:
+    """Wait until somebody is at the other end; return whether that was so within so many seconds."""
+    loop = asyncio.get_running_loop()
+    end = math.inf if seconds is None else loop.time() + seconds
+    while loop.time() < end:
+        if handle.ready:
+            return True
+        await asyncio.sleep(min(_POLL, end - loop.time()))
+    return handle.ready
 
-    Raises:
-        Error: If it is not there after so many seconds.
-    """
-    if ready():
-        return
-    report("unmatched", f"the server of {name} is not there: an action waits for it")
-    try:
-        async with asyncio.timeout(seconds):
-            while True:
-                await asyncio.sleep(_POLL)
-                if ready():
-                    return
-    except TimeoutError:
-        raise Error(f"the server of {name} was not there for {seconds:g} s") from None
+
+async def found(handle: Handle, name: str, report: Callable[[str, str], None], seconds: float | None = None) -> None:
+    """Wait for the server of a service or an action, with a fault where it is not there yet; an `Error` in the end."""
+    if not handle.ready:
+        report("unmatched", f"the server of {name} is not there: an action waits for it")
+        if not await ready(handle, seconds):
+            raise Error(f"the server of {name} was not there for {seconds:g} s")

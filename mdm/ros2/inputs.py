@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from mdm.actors.predicates.sources import truth
 from mdm.errors import ConfigError
-from mdm.messages import Fault, Message, PoseUpdate, SensorUpdate
+from mdm.messages import Message, PoseUpdate, SensorUpdate
 from mdm.ros2.conditions import Condition
+from mdm.ros2.wire import report
 from mdm.runtime.handler import check_plain
 from mdm.runtime.supervision import describe
 
@@ -60,8 +61,6 @@ class Topic:
         self._waiting: deque[tuple[int, Any]] = deque(maxlen=1)
         wire.subscribe(name, kind, self._hear, quality)
 
-    # -- Declarations --------------------------------------------------------------------------------------------
-
     def predicate(self, name: str, when: str | When, max_age: float | None = None) -> None:
         """Declare a predicate that the newest message decides; unknown ``max_age`` seconds after that came.
 
@@ -70,8 +69,7 @@ class Topic:
             FormatError: If it is none.
         """
         self._predicates.sensor(name, max_age=max_age)
-        if (told := self._when(name, when)) is not None:
-            self._values.append((name, told))
+        self._values.append((name, self._when(name, when)))
 
     def event(self, name: str, when: str | When | None = None) -> None:
         """Declare an event that each message raises, or each for which ``when`` holds.
@@ -88,18 +86,15 @@ class Topic:
             self._waiting = deque(maxlen=self.quality.depth)
 
     def pose(self, places: Places, covariance: float = 0.5) -> None:
-        """Tell places where the robot is, in the frame of their map.
+        """Tell places where the robot is, in the frame of their map, which counts for their ``max_age``.
 
-        Args:
-            places: Who is told, and unknown after their ``max_age``.
-            covariance: The greatest variance at which a pose is taken, along the axis in which it is least certain, in
-                m²: the square of a standard deviation, here of 0.7 m.
+        A pose is taken up to a variance of ``covariance``, in m², along the axis in which it is least certain.
         """
         if self.kind not in get_args(PoseKind):
             raise ConfigError(f"a pose is told by {', '.join(get_args(PoseKind))}, not by {self.kind}")
         self._places = places, covariance
 
-    def _when(self, name: str, given: str | When | None) -> When | None:
+    def _when(self, name: str, given: str | When | None) -> Any:
         if isinstance(given, str):
             given = Condition(given)
         if isinstance(given, Condition):
@@ -110,18 +105,16 @@ class Topic:
         self._predicates.declared.tellers[name] = f"{self.name}: {worded}"
         return given
 
-    # -- Life ----------------------------------------------------------------------------------------------------
-
     def open(self, runtime: Runtime) -> None:
         """Take all that is heard from now on."""
-        self._runtime, self._source = runtime, f"ros2/{self.name.lstrip('/')}"
+        self._runtime = runtime
         self._told: set[str] = set()
         self._newest: tuple[int, Any] | None = None
         self._waiting.clear()
         for _, when in (*self._values, *self._events):
             if isinstance(when, Condition):
                 when.begin()
-        self._channel = runtime.channel(self._source, Heard)
+        self._channel = runtime.channel(f"ros2/{self.name.lstrip('/')}", Heard)
         self._channel.supersedes = lambda _: self.name
         self._channel.subscribe(self._take)
         runtime.lives.subscribe(self._locate)
@@ -144,17 +137,15 @@ class Topic:
         if not arrived:
             return  # an earlier turn has taken it
         for since, message in arrived if self._asked else ():
-            events = [name for name, when in self._asked if self._holds(name, when, message)]
-            if events:
-                self._say((), tuple(events), since)
+            if events := [name for name, when in self._asked if self._holds(name, when, message)]:
+                self._say(since, (), tuple(events))
         since, message = self._newest = arrived[-1]
         self._look_at_stamp(message, since)
         if self._values:
-            values = [(name, self._holds(name, when, message)) for name, when in self._values]
-            self._say(tuple(values), (), since)
+            self._say(since, tuple([(name, self._holds(name, when, message)) for name, when in self._values]))
         self._locate()
 
-    def _say(self, values: tuple[tuple[str, bool | None], ...], events: tuple[str, ...], since: int) -> None:
+    def _say(self, since: int, values: tuple[tuple[str, bool | None], ...], events: tuple[str, ...] = ()) -> None:
         predicates = self._predicates
         if predicates.life == "running" and not predicates.failing:
             predicates.sensed.publish(SensorUpdate(self._runtime.now(), values, events, since))
@@ -186,6 +177,8 @@ class Topic:
             return
         (places, most), (since, message), self._newest = self._places, self._newest, None
         pose, variance = getattr(message.pose, "pose", message.pose), _variance(message.pose)
+        if (frame := message.header.frame_id).rpartition("/")[2] not in {"", "map"}:
+            self._tell("pose", f"poses in the frame {frame!r} are taken as of the map: there is no tf2 here", "frame")
         if 0 <= variance <= most:
             at, q = pose.position, pose.orientation
             yaw = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
@@ -197,7 +190,7 @@ class Topic:
         """Publish a fault, once of each kind and predicate."""
         if kind + about not in self._told:
             self._told.add(kind + about)
-            self._runtime.faults.publish(Fault(self._runtime.now(), self._source, kind, detail))
+            report(self._runtime, self.name, kind, detail)
 
 
 def _variance(pose: Any) -> float:

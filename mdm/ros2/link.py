@@ -36,7 +36,6 @@ class Link(Extension):
         reports: What ROS sees of the run; nothing by default.
 
     Attributes:
-        wire: As given.
         actions: Makes actions of goals, services and topics.
         topics: Those that are subscribed to, by name.
     """
@@ -51,24 +50,13 @@ class Link(Extension):
         self.topics: dict[str, Topic] = {}
 
     def topic(self, name: str, kind: str, quality: Quality | None = None) -> Topic:
-        """Return a topic, subscribed to once, whoever uses it.
-
-        Args:
-            name: The topic.
-            kind: The type of its messages, such as ``std_msgs/msg/Bool``.
-            quality: The quality of service; by default that which it was given before.
-
-        Raises:
-            ConfigError: If another type or quality was given before.
-            WireError: If the name or the type is none.
-        """
-        topic = self.topics.get(name)
-        if topic is None:
-            topic = self.topics[name] = Topic(self.wire, self._predicates, name, kind, quality or Quality())
-        elif topic.kind != kind:
+        """Return a topic, subscribed to once, whoever uses it; another type or quality is a `ConfigError`."""
+        topic = self.topics.get(name) or Topic(self.wire, self._predicates, name, kind, quality or Quality())
+        if topic.kind != kind:
             raise ConfigError(f"the topic {name} has the type {topic.kind} already: give it one type", key="type")
-        elif quality not in {None, topic.quality}:
+        if quality not in {None, topic.quality}:
             raise ConfigError(f"the topic {name} has another qos already: give it once", key="qos")
+        self.topics[name] = topic
         return topic
 
     async def open(self, runtime: Runtime) -> None:

@@ -7,18 +7,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import import_module
 from numbers import Integral, Real
 from typing import Any
 
-from mdm.logic import similar
-from mdm.ros2.wire import WireError
+from mdm.ros2.wire import WireError, near, parts_of
 
 __all__ = ["fields", "filled", "interface", "make", "plain"]
 
-_KIND = re.compile(r"([a-z]\w*)/(msg|srv|action)/([A-Z][A-Za-z0-9]*)(?:_(Request|Response|Goal|Result|Feedback))?")
 _ARRAY = cache(re.compile(r"sequence<(?P<inner>.+?)(?:, (?P<most>\d+))?>|(?P<element>.+)\[(?P<length>\d+)\]").fullmatch)
 _TEXT = cache(re.compile(r"w?string(?:<(?P<most>\d+)>)?").fullmatch)
 _FIELDS: Any = cache(lambda kind: kind.get_fields_and_field_types())  # which copies them each time
@@ -41,11 +39,7 @@ def interface(kind: str, whole: str = "") -> Any:
     Raises:
         WireError: If its name has another form, there is no such package or type, or its code cannot be loaded.
     """
-    found = _KIND.fullmatch(kind)
-    if found is None or (whole and (found[2] != whole or found[4])):
-        form = f"package/{whole or 'msg'}/Name"
-        raise WireError(f"{kind!r} does not name a type of ROS 2 that is needed here, which has the form {form}")
-    package, folder, name, part = found.groups()
+    package, folder, name, part = parts_of(kind, whole)
     try:
         module = import_module(f"{package}.{folder}")
         loaded = getattr(module, name, None)
@@ -62,7 +56,7 @@ def interface(kind: str, whole: str = "") -> Any:
     part = part or ("" if whole else {"msg": "", "srv": "Request", "action": "Goal"}[folder])
     made = getattr(loaded, part, None) if part else loaded
     if made is None:
-        raise WireError(f"{kind}: {package}.{folder} has no {kind.rpartition('/')[2]!r}{_near(name, dir(module))}")
+        raise WireError(f"{kind}: {package}.{folder} has no {kind.rpartition('/')[2]!r}{near(name, dir(module))}")
     return made
 
 
@@ -117,7 +111,7 @@ def _filled(kind: Any, values: Any, place: str) -> Any:
     for name, value in values.items():
         there = f"{place}.{name}" if place else str(name)
         if name not in known:
-            raise ValueError(f"there is no field {there!r}{_near(str(name), known)}")
+            raise ValueError(f"there is no field {there!r}{near(str(name), known)}")
         fitting = _value(known[name], value, there, kind)
         if not made or fitting is not value:
             setattr(message, name, fitting)
@@ -138,7 +132,10 @@ def _value(kind: str, value: Any, place: str, owner: Any) -> Any:
     elif kind == "boolean" or isinstance(value, bool):
         fitting = value if kind == "boolean" and isinstance(value, bool) else None
     elif kind in _RANGES:
-        fitting = _integer(kind, getattr(owner, value, value) if isinstance(value, str) and value.isupper() else value)
+        number = getattr(owner, value, value) if isinstance(value, str) and value.isupper() else value
+        octet, number = kind == "octet", number[0] if isinstance(number, bytes) and len(number) == 1 else number
+        if isinstance(number, Integral) and int(number) in _RANGES[kind] and (octet or not isinstance(value, bytes)):
+            fitting = bytes([int(number)]) if octet else int(number)
     elif isinstance(value, Real):
         number = float(value) if not isinstance(value, Integral) or abs(int(value)) < 2**1023 else math.nan
         fits = kind == "double" or math.isinf(number) or abs(number) <= _LARGEST
@@ -146,14 +143,6 @@ def _value(kind: str, value: Any, place: str, owner: Any) -> Any:
     if fitting is None:
         raise _misfit(place, kind, value)
     return fitting
-
-
-def _integer(kind: str, value: Any) -> int | bytes | None:
-    if kind == "octet" and isinstance(value, bytes) and len(value) == 1:
-        return value
-    if not isinstance(value, Integral) or int(value) not in _RANGES[kind]:
-        return None
-    return bytes([int(value)]) if kind == "octet" else int(value)
 
 
 def _elements(array: re.Match[str], value: Any, place: str, owner: Any) -> Any:
@@ -171,9 +160,3 @@ def _elements(array: re.Match[str], value: Any, place: str, owner: Any) -> Any:
 
 def _misfit(place: str, kind: str, value: Any) -> ValueError:
     return ValueError(f"{place} is of the type {kind}, and cannot be {value!r:.80}")
-
-
-def _near(name: str, known: Iterable[str]) -> str:
-    """Return which name may have been meant, as the end of a sentence."""
-    names = [each for each in known if not each.startswith("_")]
-    return similar(name, names) or (f"; there are {', '.join(names)}" if names else "")

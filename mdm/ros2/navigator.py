@@ -56,9 +56,8 @@ class GoalNavigator:
     async def go(self, goal: Pose, feedback: Callable[[float], object]) -> None:
         """Drive to a pose; the feedback is ``distance_remaining``, where the action has it, in metres."""
 
-        def hear(message: Any) -> None:
-            if hasattr(message, "distance_remaining"):
-                feedback(message.distance_remaining)
+        def hear(told: Any) -> object:
+            return hasattr(told, "distance_remaining") and feedback(told.distance_remaining)
 
         message, secured = self._goal(goal.x, goal.y, goal.yaw), partial(self._actions.secured, None)
         await self._server.pursue(message, hear, self._table.silence, self, secured)

@@ -10,23 +10,20 @@ import asyncio
 import os
 import threading
 import time
+from collections import deque
 from contextlib import ExitStack, suppress
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
-from mdm.errors import Error
-from mdm.messages import Fault
 from mdm.ros2.messages import fields, filled, interface, make
-from mdm.ros2.wire import Peer, Quality, Role, WireError
+from mdm.ros2.wire import Peer, Quality, Role, WireError, check_name, check_node, report
 from mdm.runtime.supervision import describe
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Mapping
+    from collections.abc import Callable, Mapping
 
     from mdm.runtime import Runtime
-
-__all__ = ["RclpyWire"]
 
 _DOMAINS = 232
 """The last domain: with a greater one Fast DDS ends the process."""
@@ -34,8 +31,6 @@ _PATIENCE = 8.0
 """Seconds in which the node begins."""
 _LOOK = 5.0
 """Seconds between two looks at the types of publishers."""
-_FEEDBACK = Quality(reliability="reliable")
-_STATUS = Quality(depth=1, reliability="reliable", durability="transient_local")
 
 
 class RclpyWire:
@@ -56,6 +51,8 @@ class RclpyWire:
     """
 
     def __init__(self, node: str, namespace: str = "", remap: Mapping[str, str] | None = None) -> None:
+        self._name, self._namespace, self._remap = node, f"/{namespace.strip('/')}", dict(remap or {})
+        check_node(node, namespace, self._remap)
         domain = os.environ.get("ROS_DOMAIN_ID") or "0"
         if not domain.isdecimal() or int(domain) > _DOMAINS:
             raise WireError(f"ROS_DOMAIN_ID is a whole number from 0 to {_DOMAINS}, not {domain!r}")
@@ -68,18 +65,13 @@ class RclpyWire:
                 "(source /opt/ros/kilted/setup.bash), and run mdm with the Python for which that is built"
             ) from error
         self.node: Any = None
-        self._name, self._namespace, self._remap = node, f"/{namespace.strip('/')}", dict(remap or {})
-        for name in ("node", *self._remap, *self._remap.values()):
-            self._check(name)
         self._makers: list[Callable[[], object]] = []
         self._waiting: set[asyncio.Future[Any]] = set()
         self._told: dict[tuple[str, str], float] = {}
         self._kinds: dict[str, str] = {}
         self._others: set[tuple[str, Peer]] = set()
-        self._ended: asyncio.Future[None] | None = None
 
-    make = staticmethod(make)
-    fields = staticmethod(fields)
+    make, fields = staticmethod(make), staticmethod(fields)
 
     def subscribe(self, topic: str, kind: str, hear: Callable[[Any], object], quality: Quality, /) -> None:
         """Hear each message of a topic, in the node's thread."""
@@ -123,8 +115,7 @@ class RclpyWire:
         if (node := self.node) is None:
             return []
         if role in {"publisher", "subscription"}:
-            look = node.get_publishers_info_by_topic if role == "publisher" else node.get_subscriptions_info_by_topic
-            for at in look(name):
+            for at in getattr(node, f"get_{role}s_info_by_topic")(name):
                 found += [(at.node_namespace, at.node_name, at.topic_type, _quality(at.qos_profile))]
         else:
             full = self.full(name, "send_goal") if role == "action" else node.resolve_service_name(name)
@@ -136,14 +127,10 @@ class RclpyWire:
         return [peer for peer in peers if peer.node != node.get_fully_qualified_name()]
 
     async def open(self, runtime: Runtime) -> None:
-        """Make the node and all that was asked for, and begin to hear.
-
-        Raises:
-            WireError: If that fails, or takes too long.
-        """
+        """Make the node and all that was asked for, and begin to hear; a `WireError` if that fails or takes long."""
         self._runtime, self._loop = runtime, asyncio.get_running_loop()
         self._closing, self._ended = self.rclpy.task.Future(), self._loop.create_future()
-        begun: asyncio.Future[None] = self._loop.create_future()
+        begun = self._loop.create_future()
         # A daemon, lest a callback that hangs keeps the process; `close` waits for its end.
         self._thread = threading.Thread(target=self._live, args=(begun,), name="mdm:ros2", daemon=True)
         self._thread.start()
@@ -157,17 +144,14 @@ class RclpyWire:
 
     async def close(self) -> None:
         """Give the node back and wait for its thread; whoever waits for an answer gets a `WireError`."""
-        if self._ended is not None:
-            self.node = None
-            self._closing.set_result(None)
-            await self._ended
-            self._thread.join()
-
-    # -- For the handles -----------------------------------------------------------------------------------------
+        self.node = None
+        self._closing.set_result(None)
+        await self._ended
+        self._thread.join()
 
     def prepare(self, name: str, create: Callable[[], object]) -> Callable[[], Any]:
         """Have something made when the node begins; return a function that returns it while the wire is open."""
-        self._check(name)
+        check_name(name)
         made: list[Any] = []
         self._makers.append(lambda: made.append(create()))
 
@@ -189,10 +173,8 @@ class RclpyWire:
                 self.report(name, "exception", describe(error))
 
         def create() -> object:
-            events = self.rclpy.event_handler.SubscriptionEventCallbacks(**self.misfits(name, "a publisher offers"))
-            return self.node.create_subscription(
-                kind, self.full(name, part), heard, self.profile(quality), event_callbacks=events
-            )
+            options = self.options(quality, name, "Subscription", "a publisher offers")
+            return self.node.create_subscription(kind, self.full(name, part), heard, **options)
 
         self.prepare(name, create)
 
@@ -200,40 +182,37 @@ class RclpyWire:
         """Return the name of a part of an action, which rclpy would not remap."""
         return f"{self.node.resolve_topic_name(name)}/_action/{part}" if part else name
 
-    def profile(self, quality: Quality) -> Any:
-        """Return a quality of service as rclpy has it."""
-        reliability = self.rclpy.qos.ReliabilityPolicy[quality.reliability.upper()]
-        durability = self.rclpy.qos.DurabilityPolicy[quality.durability.upper()]
-        return self.rclpy.qos.QoSProfile(depth=quality.depth, reliability=reliability, durability=durability)
-
-    def misfits(self, name: str, who: str) -> dict[str, Callable[[Any], None]]:
-        """Return the callback of rclpy that reports another side to which nothing passes."""
+    def options(self, quality: Quality, name: str, side: str, who: str) -> dict[str, Any]:
+        """Return a quality of service as rclpy has it, and the callbacks that report a side to which nothing passes."""
+        qos = self.rclpy.qos
 
         def misfit(event: Any) -> None:
-            policy = self.rclpy.qos.qos_policy_name_from_kind(event.last_policy_kind).lower()
+            policy = qos.qos_policy_name_from_kind(event.last_policy_kind).lower()
             self.report(name, "quality", f"{who} another {policy} than this side has, so that no message passes")
 
-        return {"incompatible_qos": misfit}
+        reliability = qos.ReliabilityPolicy[quality.reliability.upper()]
+        durability = qos.DurabilityPolicy[quality.durability.upper()]
+        profile = qos.QoSProfile(depth=quality.depth, reliability=reliability, durability=durability)
+        events = getattr(self.rclpy.event_handler, f"{side}EventCallbacks")(incompatible_qos=misfit)
+        return {"qos_profile": profile, "event_callbacks": events}
 
     def hand(self, name: str, call: Callable[..., object], *arguments: Any) -> None:
         """Call a function on the event loop, from any thread; its error is a fault. After the end nothing is called."""
-
-        def guarded() -> None:
-            try:
-                call(*arguments)
-            except Exception as error:
-                self.report(name, "exception", describe(error))
-
         with suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(guarded)
+            self._loop.call_soon_threadsafe(self._guarded, name, call, *arguments)
+
+    def _guarded(self, name: str, call: Callable[..., object], *arguments: Any) -> None:
+        try:
+            call(*arguments)
+        except Exception as error:
+            self.report(name, "exception", describe(error))
 
     def report(self, name: str, kind: str, detail: str) -> None:
         """Publish a fault of a topic, service or action, from any thread; in a second the first of a kind."""
         now = time.monotonic()
         if now >= self._told.get((name, kind), now):
             self._told[name, kind] = now + 1
-            with suppress(Error):  # another process's, after a fork
-                self._runtime.faults.publish(Fault(self._runtime.now(), f"ros2/{name.lstrip('/')}", kind, detail))
+            report(self._runtime, name, kind, detail)
 
     def expect(self) -> asyncio.Future[Any]:
         """Return a future for an answer, which fails where the wire ends before."""
@@ -241,8 +220,6 @@ class RclpyWire:
         self._waiting.add(answer)
         answer.add_done_callback(self._waiting.discard)
         return answer
-
-    # -- The node's thread ---------------------------------------------------------------------------------------
 
     def _live(self, begun: asyncio.Future[None]) -> None:
         """Make the node and spin it until the wire closes, then give all back."""
@@ -284,24 +261,16 @@ class RclpyWire:
         found = {(topic, peer) for topic in self._kinds for peer in self.peers("publisher", topic)}
         for topic, peer in found - self._others:
             if peer.kind != self._kinds[topic]:
-                self._others.add((topic, peer))
                 text = f"{peer.node} publishes {peer.kind}, and this side hears {self._kinds[topic]} alone"
                 self.report(topic, "quality", text)
+        self._others |= found
 
     def _end(self) -> None:
         """Tell all who wait that the thread has ended."""
         for answer in tuple(self._waiting):
             _settle(answer, WireError("the link to ROS 2 has ended"))
             answer.exception()  # which may be nobody's concern
-        assert self._ended is not None
         _settle(self._ended, None)
-
-    def _check(self, name: str) -> None:
-        try:
-            full = self.rclpy.expand_topic_name.expand_topic_name(name, self._name, self._namespace)
-            self.rclpy.validate_full_topic_name.validate_full_topic_name(full)
-        except Exception as error:
-            raise WireError(str(error).partition(", at /")[0]) from None
 
 
 class _Publisher:
@@ -309,8 +278,8 @@ class _Publisher:
 
     def __init__(self, wire: RclpyWire, topic: str, kind: Any, quality: Quality) -> None:
         def create() -> object:
-            events = wire.rclpy.event_handler.PublisherEventCallbacks(**wire.misfits(topic, "a subscription wants"))
-            return wire.node.create_publisher(kind, topic, wire.profile(quality), event_callbacks=events)
+            options = wire.options(quality, topic, "Publisher", "a subscription wants")
+            return wire.node.create_publisher(kind, topic, **options)
 
         self._wire, self._kind, self._made = wire, kind, wire.prepare(topic, create)
 
@@ -318,8 +287,8 @@ class _Publisher:
         self._made().publish(filled(self._kind, message))
 
     @property
-    def matched(self) -> int:
-        return 0 if self._wire.node is None else self._made().get_subscription_count()
+    def ready(self) -> bool:
+        return self._wire.node is not None and self._made().get_subscription_count() > 0
 
 
 class _Client:
@@ -345,72 +314,87 @@ class _Client:
         return answer
 
 
-class _Goal(NamedTuple):
-    """A goal that a server has answered."""
-
-    accepted: bool
-    end: Callable[[], Awaitable[tuple[int, Any]]]
-    cancel: Callable[[], Awaitable[int]]
-
-
 class _Goals:
     """Sends goals to an action's server."""
 
     def __init__(self, wire: RclpyWire, name: str, action: Any) -> None:
-        self._wire, self._name, self._kind, self._parts = wire, name, action.Goal, action.Impl
-        self._sends = _Client(wire, name, action.Impl.SendGoalService, "send_goal")
-        self._results = _Client(wire, name, action.Impl.GetResultService, "get_result")
-        self._cancels = _Client(wire, name, action.Impl.CancelGoalService, "cancel_goal")
-        self._heard: dict[bytes, tuple[Callable[[Any], object], Callable[[int], object]]] = {}
-        wire.listen(name, action.Impl.FeedbackMessage, self._feedback, _FEEDBACK, "feedback")
-        wire.listen(name, action.Impl.GoalStatusMessage, self._status, _STATUS, "status")
+        self.wire, self.name, self.action = wire, name, action
+        self.parts = parts = action.Impl
+        self.sends = _Client(wire, name, parts.SendGoalService, "send_goal")
+        self.results = _Client(wire, name, parts.GetResultService, "get_result")
+        self.cancels = _Client(wire, name, parts.CancelGoalService, "cancel_goal")
+        self.live: dict[bytes, _Goal] = {}
+        wire.listen(name, parts.FeedbackMessage, self._feedback, Quality(reliability="reliable"), "feedback")
+        wire.listen(name, parts.GoalStatusMessage, self._status, Quality(1, "reliable", "transient_local"), "status")
 
     @property
     def ready(self) -> bool:
-        return self._sends.ready and self._results.ready and self._cancels.ready
+        return self.sends.ready and self.results.ready and self.cancels.ready
 
-    def send(
-        self, goal: Any, feedback: Callable[[Any], object], status: Callable[[int], object], /
-    ) -> Awaitable[_Goal]:
-        request = self._parts.SendGoalService.Request(goal=filled(self._kind, goal))
-        key = uuid4().bytes
-        request.goal_id.uuid = list(key)
-        answer = self._sends.ask(request)
-
-        def told(code: int) -> None:  # as well where the answer was lost, as it is of a server that has just begun
-            _settle(answer, self._parts.SendGoalService.Response(accepted=True))
-            status(code)
-
-        self._heard[key] = feedback, told
-        return asyncio.ensure_future(self._answered(request.goal_id, answer))
-
-    async def _answered(self, identity: Any, answer: asyncio.Future[Any]) -> _Goal:
-        accepted, service = (await answer).accepted, self._parts.GetResultService
-        result = self._results.ask(service.Request(goal_id=identity)) if accepted else self._wire.expect()
-        result.add_done_callback(lambda _: self._heard.pop(bytes(identity.uuid), None))
-        if not accepted:
-            _settle(result, service.Response())
-
-        async def end() -> tuple[int, Any]:
-            ended = await asyncio.shield(result)
-            return ended.status, ended.result
-
-        async def cancel() -> int:
-            request = self._parts.CancelGoalService.Request()
-            request.goal_info.goal_id = identity
-            answered = await self._cancels.ask(request)
-            return answered.return_code or int(not answered.goals_canceling)  # rclpy's servers refuse by an empty list
-
-        return _Goal(accepted, end, cancel)
+    def send(self, goal: Any, feedback: Callable[[Any], object], status: Callable[[int], object], /) -> _Goal:
+        return _Goal(self, goal, feedback, status)
 
     def _feedback(self, message: Any) -> None:
-        if heard := self._heard.get(bytes(message.goal_id.uuid)):
-            self._wire.hand(self._name, heard[0], message.feedback)
+        if goal := self.live.get(bytes(message.goal_id.uuid)):
+            goal.feed(message.feedback)
 
     def _status(self, message: Any) -> None:
         for each in message.status_list:
-            if heard := self._heard.get(bytes(each.goal_info.goal_id.uuid)):
-                self._wire.hand(self._name, heard[1], each.status)
+            if goal := self.live.get(bytes(each.goal_info.goal_id.uuid)):
+                self.wire.hand(self.name, goal.tell, each.status)
+
+
+class _Goal:
+    """A goal that was sent."""
+
+    def __init__(
+        self, goals: _Goals, goal: Any, feedback: Callable[[Any], object], status: Callable[[int], object]
+    ) -> None:
+        self._goals, self._feedback, self._status = goals, feedback, status
+        self._newest: deque[Any] = deque(maxlen=1)
+        self._handed = False
+        request, key = goals.parts.SendGoalService.Request(goal=filled(goals.action.Goal, goal)), uuid4().bytes
+        request.goal_id.uuid = list(key)
+        self._identity, self._answer = request.goal_id, goals.sends.ask(request)
+        goals.live[key] = self
+        self._result = asyncio.ensure_future(self._follow())
+        self._result.add_done_callback(lambda ended: goals.live.pop(key) and (ended.cancelled() or ended.exception()))
+
+    async def _follow(self) -> Any:
+        service = self._goals.parts.GetResultService
+        if await self.accepted():
+            return await self._goals.results.ask(service.Request(goal_id=self._identity))
+        return service.Response()
+
+    async def accepted(self) -> bool:
+        return bool((await asyncio.shield(self._answer)).accepted)
+
+    async def end(self) -> tuple[int, Any]:
+        ended = await asyncio.shield(self._result)
+        return ended.status, ended.result
+
+    async def cancel(self) -> int:
+        request = self._goals.parts.CancelGoalService.Request()
+        request.goal_info.goal_id = self._identity
+        answered = await self._goals.cancels.ask(request)
+        return answered.return_code or int(not answered.goals_canceling)  # rclpy's servers refuse by an empty list
+
+    def feed(self, message: Any) -> None:
+        """Have the newest feedback taken, from the node's thread."""
+        self._newest.append(message)
+        if not self._handed:
+            self._handed = True
+            self._goals.wire.hand(self._goals.name, self._fed)
+
+    def _fed(self) -> None:
+        self._handed = False  # before it is taken: one that comes meanwhile is handed again
+        if self._newest:
+            self._feedback(self._newest.pop())
+
+    def tell(self, code: int) -> None:
+        """Hear a status, which says that it is accepted where the answer was lost, as of a server that just began."""
+        _settle(self._answer, self._goals.parts.SendGoalService.Response(accepted=True))
+        self._status(code)
 
 
 def _quality(profile: Any) -> Quality:

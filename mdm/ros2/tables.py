@@ -15,7 +15,6 @@ from mdm.actors.options import BindingSettings
 from mdm.config import TableReader
 from mdm.config.functions import Lasting, nothing
 from mdm.errors import ConfigError, Error
-from mdm.logic import similar
 from mdm.options import Options, Seconds
 from mdm.ros2.actions import Actions, CallTable, GoalTable, PublishTable
 from mdm.ros2.conditions import Condition
@@ -24,11 +23,11 @@ from mdm.ros2.link import Link
 from mdm.ros2.navigator import GoalNavigator, NavigatorTable
 from mdm.ros2.rclpy_wire import RclpyWire
 from mdm.ros2.reports import SERVICES, Reports
-from mdm.ros2.wire import Quality
+from mdm.ros2.wire import Quality, check_name, check_node, near, parts_of
 from mdm.runtime.supervision import describe
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Iterator, Mapping
 
     from mdm.config import Reading
     from mdm.maps import Places
@@ -37,6 +36,8 @@ if TYPE_CHECKING:
     from mdm.runtime import Extension
 
 _FUNCTION = re.compile(r"[\w.]+:[\w.]+")
+_WHOLES = {"topic": "msg", "publish": "msg", "service": "srv", "action": "action"}
+"""By the key that names it, the folder of its type."""
 _ACTIONS: Final = {
     "action": (GoalTable, "goal", "goal"),
     "service": (CallTable, "call", "request"),
@@ -118,8 +119,8 @@ class PoseTable(TopicTable, frozen=True, kw_only=True):
 class Ros2Reader(TableReader):
     """Makes the link of a file.
 
-    Without functions, as for `mdm check` or a replay, and in virtual time, there is none: types are unchecked, topics
-    tell nothing, goals last until they are replaced, and the safe action ends at once.
+    Without functions, as for `mdm check` or a replay, and in virtual time, there is none: of types their form alone is
+    checked, topics tell nothing, goals last until they are replaced, and the safe action ends at once.
     """
 
     entries: ClassVar[Mapping[str, frozenset[str]]] = {
@@ -141,6 +142,7 @@ class Ros2Reader(TableReader):
             if share is None:
                 raise ConfigError("a namespace per agent is for a team's file, which has a table [team]")
             namespace = share.own(namespace) or ""
+        check_node(table.node, namespace, table.remap)
         make: Any = self.wire if table.wire is None else functions.find(table.wire, "ros2.wire")
         if make is None or not functions.imported or (self._reading.virtual and table.wire is None):
             return
@@ -157,31 +159,30 @@ class Ros2Reader(TableReader):
         """Return the wire over rclpy; override this for another one."""
         return RclpyWire(node, namespace, remap)
 
-    # -- Entries -------------------------------------------------------------------------------------------------
+    def extension(self) -> Extension | None:
+        """Return the link."""
+        return self._link
 
     def predicate(self, name: str, written: dict[str, Any], key: str) -> None:
         """Declare a predicate that a topic decides."""
-        entry = self._entry(written, TopicPredicateTable, key)
-        when = None if entry is None else self._when(entry.when, f"{key}.when")
-        if when is None:
-            return
-        if self._link is None:
-            self._reading.predicates.sensor(name, max_age=entry.max_age)
-        else:
-            self._topic(entry).predicate(name, when, entry.max_age)
-        self._reading.predicates.declared.tellers[name] = f"{entry.topic}: {entry.when}"
+        self._declare(name, self._entry(written, TopicPredicateTable, key), key)
 
     def event(self, name: str, written: dict[str, Any], key: str) -> None:
         """Declare an event that a topic raises."""
-        entry = self._entry(written, TopicEventTable, key)
-        when = None if entry is None or entry.when is None else self._when(entry.when, f"{key}.when")
+        self._declare(name, self._entry(written, TopicEventTable, key), key)
+
+    def _declare(self, name: str, entry: Any, key: str) -> None:
+        when: Any = None if entry is None or entry.when is None else self._when(entry.when, f"{key}.when")
         if entry is None or (when is None and entry.when is not None):
             return
-        if self._link is None:
-            self._reading.predicates.event(name)
+        predicates = self._reading.predicates
+        if isinstance(entry, TopicEventTable):
+            predicates.event(name) if self._link is None else self._topic(entry).event(name, when)
+        elif self._link is None:
+            predicates.sensor(name, max_age=entry.max_age)
         else:
-            self._topic(entry).event(name, when)
-        self._reading.predicates.declared.tellers[name] = f"{entry.topic}: {entry.when or 'each message'}"
+            self._topic(entry).predicate(name, when, entry.max_age)
+        predicates.declared.tellers[name] = f"{entry.topic}: {entry.when or 'each message'}"
 
     def pose(self, written: dict[str, Any], places: Places, key: str) -> None:
         """Let a topic tell where the robot is."""
@@ -202,7 +203,8 @@ class Ros2Reader(TableReader):
         if entry is None:
             return None
         given = msgspec.structs.asdict(entry)
-        given[message] = self._function(given[message], f"{key}.{message}")
+        if isinstance(given[message], str):
+            given[message] = self._reading.functions.find(given[message], f"{key}.{message}")
         if "feedback" in given:
             given["feedback"] = self._feedback(given["feedback"], f"{entry.type}_Feedback", f"{key}.feedback")
         if len(self._reading.problems) > before:
@@ -222,12 +224,6 @@ class Ros2Reader(TableReader):
         stand_in.note = bound.note
         return stand_in
 
-    def extension(self) -> Extension | None:
-        """Return the link."""
-        return self._link
-
-    # -- Their parts ---------------------------------------------------------------------------------------------
-
     def _topic(self, entry: TopicTable) -> Topic:
         assert self._link is not None
         return self._link.topic(entry.topic, entry.type, entry.qos)
@@ -237,33 +233,62 @@ class Ros2Reader(TableReader):
         problems, before = self._reading.problems, len(self._reading.problems)
         if isinstance(written, dict) and isinstance(written.get("qos"), dict):
             problems.convert(written["qos"], Quality, f"{key}.qos")
-        return problems.convert(written, kind, key) if len(problems) == before else None
+        entry = problems.convert(written, kind, key) if len(problems) == before else None
+        if entry is not None:
+            role = next(role for role in _WHOLES if hasattr(entry, role))
+            problems.attempt(f"{key}.{role}", check_name, getattr(entry, role))
+            problems.attempt(f"{key}.type", parts_of, entry.type, _WHOLES[role])
+        return entry if len(problems) == before else None
 
-    def _function(self, given: Any, key: str) -> Any:
-        """Return the function that a text names; anything else as it is."""
-        return self._reading.functions.find(given, key) if isinstance(given, str) else given
-
-    def _when(self, text: str, key: str) -> Condition | Callable[..., Any] | None:
+    def _when(self, text: str, key: str) -> Any:
         """Return a condition, or the function that is named; None where it is none."""
         named = _FUNCTION.fullmatch(text)
-        return self._function(text, key) if named else self._reading.problems.attempt(key, Condition, text)
+        return (
+            self._reading.functions.find(text, key) if named else self._reading.problems.attempt(key, Condition, text)
+        )
 
-    def _feedback(self, given: dict[str, str] | str | None, kind: str, key: str) -> str | Callable[..., Any] | None:
+    def _feedback(self, given: dict[str, str] | str | None, kind: str, key: str) -> Any:
         """Return who hears feedback: a function, a field by its name, or a predicate by a condition."""
         if isinstance(given, str) and _FUNCTION.fullmatch(given):
-            found: Callable[..., Any] | None = self._function(given, key)
-            return found
+            return self._reading.functions.find(given, key)
         if not isinstance(given, dict):
             if given is not None and self._link is not None and given not in (known := self._link.wire.fields(kind)):
-                raise ConfigError(f"{kind} has no {given!r}{similar(given, known)}", key=key)
+                raise ConfigError(f"{kind} has no {given!r}{near(given, known)}", key=key)
             return given
         if given.keys() != {"predicate", "when"}:
             raise ConfigError("feedback has the keys 'predicate' and 'when'", key=key)
-        self._reading.predicates.declared.check_input(given["predicate"], "predicate")
-        when, sense = self._when(given["when"], f"{key}.when"), self._reading.predicates.sense
+        name, predicates, when = given["predicate"], self._reading.predicates, self._when(given["when"], f"{key}.when")
+        predicates.declared.check_input(name, "predicate")
         if isinstance(when, Condition) and self._link is not None:
             when.check(kind, self._link.wire.fields)
-        return None if when is None else lambda message: sense(given["predicate"], when(message))
+
+        def hear(message: Any) -> None:
+            predicates.sense(name, when(message))
+
+        vars(hear)["begin"] = getattr(when, "begin", nothing)
+        return hear
+
+
+def notes(document: Mapping[str, Any]) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Yield the keys and a sentence of each oddity of a table: services, and names in ``remap`` that nothing has."""
+    table = document["ros2"]
+    if table.get("services"):
+        yield ("ros2", "services"), "ros2.services: anybody on the ROS domain may call them, unless SROS2 is set up"
+    own = f"{table.get('node', 'mdm')}/"
+    space = namespace.strip("/") if isinstance(namespace := table.get("namespace", ""), str) else ""
+
+    def full(name: str) -> str:
+        return name if name[:1] == "/" else f"{f'/{space}' if space else ''}/{name.replace('~/', own)}"
+
+    def named(value: Any) -> Iterator[str]:
+        for key, each in value.items() if isinstance(value, dict) else ():
+            yield from [each] if key in _WHOLES and isinstance(each, str) else named(each)
+
+    ours = ("/diagnostics", "/navigate_to_pose", "~/decisions", "~/modes", *(f"~/{name}" for name in SERVICES))
+    used = {full(name) for name in (*ours, *named(document))}
+    for name in table.get("remap", ()):
+        if full(name) not in used:
+            yield ("ros2", "remap", name), f"ros2.remap: nothing in this file uses {name!r}"
 
 
 class _Unchecked:

@@ -6,15 +6,19 @@ answered on the event loop.
 
 from __future__ import annotations
 
+import re
+from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 import msgspec
 from msgspec import Meta
 
 from mdm.errors import Error
+from mdm.logic import similar
+from mdm.messages import Fault
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Mapping, Sequence
+    from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 
     from mdm.runtime import Runtime
 
@@ -25,6 +29,11 @@ SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 """How a goal ends: the codes of ``action_msgs/msg/GoalStatus``."""
 UNKNOWN, ENDED = 2, 3
 """Why a goal is not cancelled: the server knows none such, or it has ended; as in ``action_msgs/srv/CancelGoal``."""
+
+_PARTS = r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*"
+_FORMS = {"node": r"[A-Za-z_]\w*", "namespace": rf"/?({_PARTS})?/?", "name": rf"(~?/)?{_PARTS}"}
+_PART = r"Request|Response|Goal|Result|Feedback"
+_KIND = re.compile(rf"([a-z]\w*)/(msg|srv|action)/([A-Z][A-Za-z0-9]*)(?:_({_PART}))?", re.ASCII)
 
 
 class Quality(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -42,9 +51,8 @@ class Quality(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         if self.durability == "transient_local" and self.reliability == "best_effort":
-            raise ValueError(
-                "kept messages (transient_local) reach reliable subscriptions: say reliability = 'reliable'"
-            )
+            way = "say reliability = 'reliable'"
+            raise ValueError(f"kept messages (transient_local) reach reliable subscriptions: {way}")
 
 
 class WireError(Error):
@@ -65,55 +73,43 @@ class Peer(msgspec.Struct, frozen=True):
     quality: Quality | None = None
 
 
-class Publisher(Protocol):
-    """Publishes on one topic."""
-
-    def __call__(self, message: Any, /) -> None:
-        """Publish a message; from the event loop."""
-
-    @property
-    def matched(self) -> int:
-        """How many subscriptions there are."""
-
-
-class Client(Protocol):
-    """Calls one service."""
+class Handle(Protocol):
+    """This side of a topic that is published, a service or an action; called from the event loop."""
 
     @property
     def ready(self) -> bool:
-        """Whether a server is there."""
+        """Whether somebody is at the other end."""
 
-    def __call__(self, request: Any, /) -> Awaitable[Any]:
-        """Return the response; cancelled, it is no longer waited for."""
+
+class Caller(Handle, Protocol):
+    """Publishes on one topic, or calls one service."""
+
+    def __call__(self, message: Any, /) -> Any:
+        """Publish a message; or return, to be awaited, the response to a request."""
 
 
 class Goal(Protocol):
-    """A goal that a server has answered."""
+    """A goal that was sent; all may be awaited again, also after a cancellation."""
 
-    @property
-    def accepted(self) -> bool:
-        """Whether the server pursues it."""
+    def accepted(self) -> Awaitable[bool]:
+        """Return whether the server pursues it, when it has answered."""
 
     def end(self) -> Awaitable[tuple[int, Any]]:
-        """Return the status by which it ends and its result; may be awaited again, also after a cancellation."""
+        """Return the status by which it ends, 0 where it was not accepted, and its result."""
 
     def cancel(self) -> Awaitable[int]:
         """Ask the server to cancel it; return the code that it answers: 0, 1 (it refuses), `UNKNOWN` or `ENDED`."""
 
 
-class Goals(Protocol):
+class Goals(Handle, Protocol):
     """Sends goals to one action's server."""
 
-    @property
-    def ready(self) -> bool:
-        """Whether a server is there."""
-
-    def send(self, goal: Any, feedback: Callable[[Any], object], status: Callable[[int], object], /) -> Awaitable[Goal]:
-        """Send a goal; return when the server has answered. Shield it: a goal on its way is accepted all the same.
+    def send(self, goal: Any, feedback: Callable[[Any], object], status: Callable[[int], object], /) -> Goal:
+        """Send a goal.
 
         Args:
             goal: Its message.
-            feedback: Hears each feedback message of this goal, on the event loop.
+            feedback: Hears this goal's feedback, on the event loop: the newest in place of one that waits.
             status: Hears each status code of this goal, on the event loop.
         """
 
@@ -138,10 +134,10 @@ class Wire(Protocol):
     def subscribe(self, topic: str, kind: str, hear: Callable[[Any], object], quality: Quality, /) -> None:
         """Hear each message of a topic, in the wire's thread; an exception of ``hear`` is a fault, and nothing more."""
 
-    def publish(self, topic: str, kind: str, quality: Quality, /) -> Publisher:
+    def publish(self, topic: str, kind: str, quality: Quality, /) -> Caller:
         """Return a publisher on a topic."""
 
-    def call(self, service: str, kind: str, /) -> Client:
+    def call(self, service: str, kind: str, /) -> Caller:
         """Return a client of a service."""
 
     def action(self, name: str, kind: str, /) -> Goals:
@@ -161,3 +157,47 @@ class Wire(Protocol):
 
     async def close(self) -> None:
         """End, and give all back."""
+
+
+def check_name(name: str, role: str = "name") -> None:
+    """Refuse, as a `WireError`, a name that no topic, service or action can have; or no ``node`` or ``namespace``."""
+    if not re.fullmatch(_FORMS[role], name, re.ASCII):
+        raise WireError(
+            f"{name!r} cannot be a {role} of ROS 2: that has parts of letters, digits and _, none of which begins with "
+            "a digit, and one / between them"
+        )
+
+
+def check_node(node: str, namespace: str, remap: Mapping[str, str]) -> None:
+    """Refuse, as a `WireError`, a node's name, its namespace, or a name that stands for another, if it can be none."""
+    for name, role in (
+        (node, "node"),
+        (namespace, "namespace"),
+        *((each, "name") for each in (*remap, *remap.values())),
+    ):
+        check_name(name, role)
+
+
+def parts_of(kind: str, whole: str = "") -> tuple[str, str, str, str | None]:
+    """Return the package, folder, name and part that a type names, as in ``std_srvs/srv/SetBool_Response``.
+
+    Raises:
+        WireError: If it has another form; or, where a ``whole`` (msg, srv or action) is needed, is none.
+    """
+    found = _KIND.fullmatch(kind)
+    if found is None or (whole and (found[2] != whole or found[4])):
+        form = f"package/{whole or 'msg'}/Name"
+        raise WireError(f"{kind!r} does not name a type of ROS 2 that is needed here, which has the form {form}")
+    return found[1], found[2], found[3], found[4]
+
+
+def near(name: str, known: Iterable[str]) -> str:
+    """Return which name may have been meant, as the end of a sentence."""
+    names = [each for each in known if not each.startswith("_")]
+    return similar(name, names) or (f"; there are {', '.join(names)}" if names else "")
+
+
+def report(runtime: Runtime, name: str, kind: str, detail: str) -> None:
+    """Publish a fault of a topic, a service or an action; from any thread."""
+    with suppress(Error):  # another process's, after a fork
+        runtime.faults.publish(Fault(runtime.now(), f"ros2/{name.lstrip('/')}", kind, detail))

@@ -199,8 +199,8 @@ class _Publisher:
         self.wire.published[self.topic].append((asyncio.get_running_loop().time(), message))
 
     @property
-    def matched(self):
-        return self.wire.subscribers[self.topic]
+    def ready(self):
+        return bool(self.wire.subscribers[self.topic])
 
 
 class _Client:
@@ -401,12 +401,16 @@ class ServerGoal:
         self.over.set_result((status, self.result))
 
     def cancel(self, answered):
-        self.cancels += 1
-        if self.live and self.behaviour.brakes is not None:
-            self.tell(CANCELING)
-            self.server.after(self.behaviour.brakes, lambda: self.end(self.behaviour.cancelled))
+        if self.accepted is None:
+            code = UNKNOWN
+        else:
+            self.cancels += 1
+            if self.live and self.behaviour.brakes is not None:
+                self.tell(CANCELING)
+                self.server.after(self.behaviour.brakes, lambda: self.end(self.behaviour.cancelled))
+            code = ENDED if self.status is not None else 0 if self.behaviour.brakes is not None else 1
         if not answered.done():
-            answered.set_result(ENDED if self.status is not None else 0 if self.behaviour.brakes is not None else 1)
+            answered.set_result(code)
 
 
 class _Goals:
@@ -420,13 +424,10 @@ class _Goals:
         server = self.wire.servers.get(self.name)
         return server is not None and not server.gone
 
-    async def send(self, message, feedback, status):
-        if not self.ready:
-            await asyncio.get_running_loop().create_future()
+    def send(self, message, feedback, status):
         server = self.wire.servers[self.name]
         goal = ServerGoal(server, message, feedback, status)
         server.comes(lambda: server.take(goal))
-        await asyncio.shield(goal.answered)
         return _Goal(goal)
 
 
@@ -436,8 +437,8 @@ class _Goal:
     def __init__(self, goal):
         self._goal = goal
 
-    @property
-    def accepted(self):
+    async def accepted(self):
+        await asyncio.shield(self._goal.answered)
         return self._goal.accepted
 
     def end(self):

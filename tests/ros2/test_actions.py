@@ -272,6 +272,17 @@ def test_a_message_is_published_at_a_rate_until_a_predicate_is_true():
     run(lambda actions: actions.publish("/cmd_vel", TWIST, rate=10.0, until="IsStill"), scenario)
 
 
+def test_what_was_held_up_is_not_made_up_for():
+    async def scenario(bench):
+        bench.act()
+        await asyncio.sleep(0.15)
+        asyncio.get_running_loop()._virtual.now += 1_020_000_000  # as where the loop does something else for a second
+        await asyncio.sleep(0.45)
+        assert bench.sent("/cmd_vel") == [(at, 0) for at in (0, 0.1, 1.17, 1.27, 1.37, 1.47, 1.57)]
+
+    run(lambda actions: actions.publish("/cmd_vel", TWIST, rate=10.0), scenario)
+
+
 @pytest.mark.parametrize(("after", "sent", "end"), [(0.0, 3, "succeeded"), (1.05, 9, "succeeded"), (9.0, 3, "failed")])
 def test_what_nobody_has_heard_until_its_end_is_said_for_a_while_more_or_has_failed(after, sent, end):
     async def scenario(bench):

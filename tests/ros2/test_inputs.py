@@ -379,6 +379,21 @@ def test_an_uncertain_pose_is_told_once_and_places_are_unknown(covariance):
     assert [(fault.source, fault.kind) for fault in robot.faults] == [("ros2/pose", "pose"), ("places", "stale")]
 
 
+@pytest.mark.parametrize("frame", ["", "map", "/map", "robot1/map", "odom", "maps"])
+def test_a_pose_of_another_frame_than_the_map_is_told_once_and_taken(frame):
+    robot = located(STAMPED)
+
+    async def script(runtime):
+        for _ in range(3):
+            robot.send("/pose", header={"frame_id": frame}, **pose(2.0))
+            await asyncio.sleep(0.1)
+        assert robot.places.place == "Hall"
+
+    robot.run(script, robot.places)
+    text = f"poses in the frame {frame!r} are taken as of the map: there is no tf2 here"
+    assert [fault.detail for fault in robot.faults] == ([text] if frame in {"odom", "maps"} else [])
+
+
 def test_a_pose_that_came_before_the_start_counts_then():
     robot = located(AMCL, max_age=5.0)
 

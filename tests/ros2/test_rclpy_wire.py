@@ -221,6 +221,33 @@ def test_a_goal_succeeds_is_rejected_aborted_cancelled(ros, tmp_path):
 
 
 @slow
+def test_the_newest_feedback_takes_the_place_of_what_waits(ros, tmp_path):
+    async def main(here):
+        robot = await here.peer()
+        robot.tell(act="/count", type="test_msgs/action/Fibonacci")
+        async with wire(here, **FIBONACCI) as ours:
+            ours.tell(ready="/count")
+            await ours.hear("ready")
+            ours.tell(send="/count", goal={"order": 5}, number=1)
+            await ours.hear("accepted")
+            ours.tell(hold=str(tmp_path / "go_on"))
+            await ours.hear("holds")
+            for number in range(100):
+                robot.tell(feedback={"sequence": [number]})
+            robot.tell(echoed=1)
+            await robot.hear("echoed")
+            (tmp_path / "go_on").touch()
+            heard = []
+            while heard[-1:] != [[99]]:
+                heard.append((await ours.hear("feedback"))["feedback"]["sequence"])
+            assert len(heard) < 50  # all of them, if the loop was not held
+            robot.tell(finish=4)
+            assert (await ours.hear("ended"))["status"] == 4
+
+    run(ros, tmp_path, main)
+
+
+@slow
 def test_who_was_cancelled_still_gets_the_goal_and_its_end(ros, tmp_path):
     async def main(here):
         robot = await here.peer()

@@ -23,7 +23,7 @@ from mdm.config.recorded import attach_configuration
 from mdm.maps import save_graph
 from mdm.recording import Recorder
 from mdm.ros2 import Quality
-from mdm.ros2.tables import Ros2Reader
+from mdm.ros2.tables import Ros2Reader, notes
 from mdm.runtime import VirtualClock
 from mdm.team.transport.network import Network
 from mdm.testing import capture_decisions, probe, replay, run_virtual
@@ -387,6 +387,7 @@ def inline(value):
 
 BATTERY = {"topic": "/battery", "type": "sensor_msgs/msg/BatteryState", "when": "percentage < 0.2"}
 TWIST = "geometry_msgs/msg/Twist"
+DOCK = {"action": "/dock", "type": "nav2_msgs/action/DockRobot"}
 WRONG = [
     {"ros2": 3},
     {"ros2": {"nod": "x"}},
@@ -411,23 +412,25 @@ WRONG = [
     {"places": {"graph": "floor.xml", "reach": 1.9, "navigator": {"ros2": "/navigate"}}},
     {"events__Bumped": {**BATTERY, "max_age": 3.0}},
     {"ensembles__top__actions__Dock": {"action": "/dock"}},
-    {"ensembles__top__actions__Dock": {"action": "/dock", "type": "x", "goals": {}}},
-    {"ensembles__top__actions__Dock": {"action": "/dock", "type": "x", "goal": "robot_code:hom"}},
-    {
-        "ensembles__top__actions__Dock": {
-            "action": "/dock",
-            "type": "x",
-            "feedback": {"predicate": "Nearby", "when": "x"},
-        }
-    },
-    {"ensembles__top__actions__Dock": {"action": "/dock", "type": "x", "feedback": {"when": "x"}}},
-    {"ensembles__top__actions__Dock": {"service": "/dock", "type": "x", "silence": 3.0}},
-    {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": "x", "rate": 0}},
+    {"ensembles__top__actions__Dock": {**DOCK, "goals": {}}},
+    {"ensembles__top__actions__Dock": {**DOCK, "goal": "robot_code:hom"}},
+    {"ensembles__top__actions__Dock": {**DOCK, "feedback": {"predicate": "Nearby", "when": "x"}}},
+    {"ensembles__top__actions__Dock": {**DOCK, "feedback": {"when": "x"}}},
+    {"ros2": {"node": "my robot"}},
+    {"ros2": {"namespace": "/a//b"}},
+    {"ros2": {"remap": {"/scan": "/front scan"}}},
+    {"predicates__Low": {**BATTERY, "topic": "/2nd"}},
+    {"predicates__Low": {**BATTERY, "type": "sensor_msgs/BatteryState"}},
+    {"events__Bumped": {**BATTERY, "topic": "/robot//bumper", "type": "sensor_msgs/srv/BatteryState"}},
+    {"ensembles__top__actions__Dock": {**DOCK, "action": "/dock/"}},
+    {"ensembles__top__actions__Dock": {**DOCK, "type": "nav2_msgs/action/DockRobot_Goal"}},
+    {"ros2": {}, "places": {"graph": "floor.xml", "reach": 1.9, "navigator": {"ros2": {"action": "/to pose"}}}},
+    {"ensembles__top__actions__Dock": {"service": "/dock", "type": "std_srvs/srv/SetBool", "silence": 3.0}},
+    {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": TWIST, "rate": 0}},
     {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": TWIST, "until": 3.0}},
     {"ensembles__top__actions__Dock": {"publish": "/cmd_vel", "type": TWIST, "rate": 9.0, "until": "Lo"}},
     {"ensembles__top__safe_action": {"publish": "/cmd_vel", "type": TWIST, "rate": 9.0}},
 ]
-DOCK = {"action": "/dock", "type": "nav2_msgs/action/DockRobot"}
 UNCHECKED = [
     {"ros2": {"wire": "robot_code:home"}},
     {"predicates__Low": {**BATTERY, "type": "sensor_msgs/msg/Battery"}},
@@ -504,6 +507,47 @@ def test_the_options_of_an_action_are_those_of_its_binding(times, written, folde
     sequel = binding.sequel
     assert (binding.timeout, binding.grace) == (own["timeout"], own["grace"])
     assert (sequel.pause, sequel.attempts, sequel.then) == (own["pause"], own["attempts"], "decide")
+
+
+@pytest.mark.parametrize(
+    ("space", "remapped", "left"),
+    [
+        (
+            "",
+            ["/battery", "bumper", "/cmd_vel", "/dock_robot", "/brake", "~/start", "/patrol/stop", "/diagnostics"],
+            [],
+        ),
+        ("", ["/batteries", "battery/", "/start"], ["/batteries", "battery/", "/start"]),
+        ("/robot1", ["/battery", "battery", "/robot1/patrol/modes", "/patrol/modes"], ["battery", "/patrol/modes"]),
+        ({"a": "/ada"}, ["/battery", "/navigate_to_pose"], []),
+    ],
+)
+def test_of_remapped_names_those_are_told_that_nothing_has(space, remapped, left):
+    table = {"node": "patrol", "namespace": space, "remap": dict.fromkeys(remapped, "/other")}
+    expected = [(("ros2", "remap", name), f"ros2.remap: nothing in this file uses {name!r}") for name in left]
+    assert [*notes(changed(ros2=table))] == expected
+
+
+def test_a_predicate_by_feedback_knows_nothing_of_the_goal_before(folder):
+    wire = Peers()
+    wire.types["nav2_msgs/action/DockRobot_Feedback"] = {"count": "int32"}
+    feedback = {"predicate": "Charging", "when": "count > 2 until < 1"}
+    document = changed(ensembles__top__actions__Dock={**DOCK, "action": "/dock_robot", "feedback": feedback})
+    system = load_system(document, folder=folder, tables=reader_of(wire))
+
+    async def main(runtime):
+        await runtime.start(system)
+        told = []
+        for percentage in (0.1, 0.1, 0.5, 0.1):
+            wire.send("/battery", percentage=percentage)
+            await asyncio.sleep(0.1)
+            for goal in wire.dock.live:
+                for count in (2, 3, 2) if not told else (2,):
+                    goal.feed(count=count)
+                    told.append(system.predicates.value("Charging"))
+        return told
+
+    assert run_virtual(main) == [None, True, True, True, None]
 
 
 @pytest.mark.parametrize("silence", [0.5, 2.0])

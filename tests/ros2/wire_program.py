@@ -9,6 +9,7 @@ import json
 import sys
 import threading
 import time
+from pathlib import Path
 
 import rclpy
 
@@ -21,6 +22,12 @@ from mdm.ros2.wire import Quality
 def tell(**what):
     sys.stdout.write(json.dumps(what) + "\n")
     sys.stdout.flush()
+
+
+def held(file):
+    """Do nothing until there is a file."""
+    while not file.exists():
+        time.sleep(0.01)
 
 
 class Obey:
@@ -71,7 +78,7 @@ class Obey:
         tell(published=publish)
 
     async def matched(self, matched):
-        while not self.publishers[matched].matched:
+        while not self.publishers[matched].ready:
             await asyncio.sleep(0.01)
         tell(matched=matched)
 
@@ -85,19 +92,19 @@ class Obey:
         tell(response=plain(await self.clients[call](request)))
 
     async def send(self, send, goal, number, shielded=True):
-        sent = self.actions[send].send(
+        sent = self.goals[number] = self.actions[send].send(
             goal,
             lambda message: tell(feedback=plain(message), of=number),
             lambda code: tell(status=code, of=number),
         )
         self.tasks[number] = asyncio.current_task()
         try:
-            self.goals[number] = await asyncio.shield(sent)
+            accepted = await sent.accepted()
         except asyncio.CancelledError:
             tell(gave_up=number)
-            self.goals[number] = await sent
-        tell(accepted=self.goals[number].accepted, of=number)
-        if self.goals[number].accepted:
+            accepted = await sent.accepted()
+        tell(accepted=accepted, of=number)
+        if accepted:
             await self.end(number)
 
     async def give_up(self, give_up):
@@ -125,6 +132,11 @@ class Obey:
 
     async def threads(self, threads):
         tell(threads=[each.name for each in threading.enumerate()])
+
+    async def hold(self, hold):
+        """Hold the event loop until there is a file."""
+        tell(holds=True)
+        held(Path(hold))
 
     async def shut(self, shut):
         rclpy.shutdown(context=self.wire.node.context)

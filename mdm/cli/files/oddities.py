@@ -57,7 +57,7 @@ def oddities(file: str, ensembles: Iterable[Ensemble], *, imports: bool) -> Iter
     text = Path(file).read_text(encoding="utf-8-sig")
     document = tomllib.loads(text)
     positions = Positions(text)
-    ros: Iterable[Odd] = _of_ros(document.get("ros2"), imports=imports)
+    ros: Iterable[Odd] = _of_ros(document, imports=imports)
     for keys, told in (*ros, *of_document(document), *of_ensembles(ensembles)):
         line, column = positions.of(keys)
         yield f"{file}:{line}:{column}: {told}"
@@ -233,11 +233,12 @@ def _bound_twice(name: str, ensembles: dict[str, Any]) -> Iterator[Odd]:
             yield ("ensembles", name, "actions", bound[1]), f"ensemble {name!r}: {told}"
 
 
-def _of_ros(table: dict[str, Any] | None, *, imports: bool) -> Iterator[Odd]:
-    if table is None:
+def _of_ros(document: dict[str, Any], *, imports: bool) -> Iterator[Odd]:
+    if "ros2" not in document:
         return
-    if table.get("services"):
-        yield ("ros2", "services"), "ros2.services: anybody on the ROS domain may call them, unless SROS2 is set up"
+    from mdm.ros2.tables import notes  # noqa: PLC0415 - other files need nothing of it
+
+    yield from notes(document)
     if importlib.util.find_spec("rclpy") is None:
         yield ("ros2",), "types are unchecked: rclpy cannot be imported here"
     elif not imports:

@@ -39,3 +39,13 @@ def test_services_are_a_note_of_the_check(tmp_path, capsys):
         assert main(["check", str(file)]) == 0
         told = capsys.readouterr().out
         assert ("anybody on the ROS domain may call" in told) == noted
+
+
+def test_a_name_that_is_remapped_and_that_nothing_has_is_a_note_of_the_check(tmp_path, capsys):
+    for name in ("floor.xml", "patrol.mdp", "patrol.policy"):
+        (tmp_path / name).write_bytes((PATROL.parent / name).read_bytes())
+    file = tmp_path / "patrol.toml"
+    remap = '{ "/cmd_vel" = "/base", "/batery_state" = "/battery", "~/decisions" = "/decided" }'
+    file.write_text(PATROL.read_text().replace('node = "patrol"', f'node = "patrol"\nremap = {remap}'))
+    assert main(["check", str(file)]) == 0
+    assert "ros2.remap: nothing in this file uses '/batery_state'\n" in capsys.readouterr().out

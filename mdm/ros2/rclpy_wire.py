@@ -238,16 +238,19 @@ class RclpyWire:
                 create()
             node.create_timer(_LOOK, self._look)
             self.hand(self._name, _settle, begun, None)
-            while not self._closing.done():
+            while (
+                not self._closing.done() and context.ok()
+            ):  # between two turns a shutdown ends the spin without a word
                 try:
                     executor.spin_until_future_complete(self._closing)
                 except rclpy.executors.ExternalShutdownException:
-                    self.node = None  # before it is told: nobody asks it from then on
-                    self.report(self._name, "exception", "the program has shut rclpy down: nothing comes any more")
                     break
                 except Exception as error:
                     self.report(self._name, "exception", describe(error))
                     time.sleep(0.01)  # where it comes again at once, the event loop has its time
+            if not self._closing.done():
+                self.node = None  # before it is told: nobody asks it from then on
+                self.report(self._name, "exception", "the program has shut rclpy down: nothing comes any more")
         except Exception as error:
             self.hand(self._name, _settle, begun, WireError(f"the node {self._name!r} cannot begin: {error}"))
         finally:

@@ -145,6 +145,8 @@ def describe(ensembles: Sequence[Ensemble], member: Member | None = None) -> tup
     document: dict[str, Any] = {"ensembles": tables}
     if manager is not None:
         document |= _declared(manager.declared)
+        if manager.declared.aged - manager.declared.max_age.keys():
+            making.cannot.append("the map that predicates are told by is not in the record: a replay knows no places")
         place = manager.path.rpartition("/")[0]
         above[manager.name] = None if any(place == each.path for each in ensembles) else place
     if member is not None:

@@ -421,3 +421,10 @@ def test_who_is_not_there_is_not_explained():
             runtime.explain("rover")
 
     run_virtual(main)
+
+
+def test_a_map_that_tells_predicates_is_said_to_be_missing():
+    manager = declared()
+    manager.declared.age(["Far"], 5.0, "places")
+    described, _ = describe([Ensemble("robot", policy=VECTORS, model=TIGER, **ears(manager))])
+    assert described.cannot == ("the map that predicates are told by is not in the record: a replay knows no places",)

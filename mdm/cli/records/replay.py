@@ -182,7 +182,7 @@ def _summary(record: Record, result: Replayed) -> str:
     lines = [
         f"{until}{counted(result.recorded, 'decision')} recorded, {result.replayed} replayed{stopped}: {same} ({how})"
     ]
-    lines += record.flaws
+    lines += record.flaws + record.cannot
     if result.gap is not None:
         lines.append(
             f"before {_seconds(record, result.gap.until)} s messages of the record are lost: what was decided from "

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import import_module
@@ -44,7 +45,8 @@ def interface(kind: str, whole: str = "") -> Any:
         module = import_module(f"{package}.{folder}")
         loaded = getattr(module, name, None)
         if loaded is not None and getattr(loaded, "_TYPE_SUPPORT", None) is None:
-            loaded.__import_type_support__()
+            with warnings.catch_warnings(action="ignore"):  # about what ROS' own generators need
+                loaded.__import_type_support__()
             if getattr(loaded, "_TYPE_SUPPORT", None) is None:
                 raise ImportError("its library is not there")
     except Exception as error:

@@ -6,6 +6,7 @@ import array
 import math
 import sys
 import types
+import warnings
 
 import numpy as np
 import pytest
@@ -279,3 +280,20 @@ def test_what_is_made_is_told_again(values):
     made = messages.make(ALL, values)
     assert messages.plain(made) == values
     assert messages.plain(messages.filled(type(made), made)) == values
+
+
+def test_what_a_type_needs_by_itself_warns_nobody(monkeypatch, recwarn):
+    class Odd:
+        _TYPE_SUPPORT = None
+
+        @classmethod
+        def __import_type_support__(cls):
+            warnings.warn("module 'sre_parse' is deprecated", DeprecationWarning, stacklevel=2)
+            cls._TYPE_SUPPORT = object()
+
+    module = types.ModuleType("odd_msgs.msg")
+    module.Odd = Odd
+    for name in ("odd_msgs", "odd_msgs.msg"):
+        monkeypatch.setitem(sys.modules, name, module)
+    assert messages.interface("odd_msgs/msg/Odd") is Odd
+    assert not recwarn

@@ -97,11 +97,11 @@ class Pursuit:
             self.ask(secured, began)
         return bool(newer) and self.over.done()
 
-    def ask(self, secured: int, time: float) -> None:
-        """Have it end, as was decided at a time: at once, or when the server has answered."""
+    def ask(self, secured: int, time: float, *, silent: bool = False) -> None:
+        """Have it end, as was decided at a time: when the server has answered, or at once where it is silent."""
         if not self.over.done():
             self.asked, self.secured = time, secured
-            self._recall()
+            self._recall(silent)
 
     async def _carry(self) -> None:
         try:
@@ -131,13 +131,13 @@ class Pursuit:
         if self.asked is not None and self.heard - self._cancelled >= _MOMENT:
             self._recall()
 
-    def _recall(self, again: bool = False) -> None:
-        """Cancel it, when its server has answered or after a while, and every while until its end is heard."""
+    def _recall(self, unanswered: bool = False) -> None:
+        """Cancel it, unanswered too or when its server has answered, and every while until its end is heard."""
         if self._again is not None:
             self._again.cancel()
         if not self.over.done():
             self._again = self._loop.call_later(_AGAIN, self._recall, True)
-            if self._answered or again:
+            if self._answered or unanswered:
                 self._cancelled = self._loop.time()
                 self._server.run(self._cancel())
 
@@ -227,7 +227,7 @@ class Server:
             asked = " was asked to cancel the goal, and"
         if end is None:
             pursuit.group = None  # no other is sent beside it
-            pursuit.ask(secured(), asyncio.get_running_loop().time())
+            pursuit.ask(secured(), asyncio.get_running_loop().time(), silent=True)
             failure = AbandonedError if asked else Error  # the safe action runs first
             raise failure(f"the server of {self.name}{asked} told nothing for {silence:g} s: it may be held, or gone")
         if end.status != SUCCEEDED:

@@ -232,6 +232,7 @@ class Behaviour(SimpleNamespace):
         feeds: How often it gives feedback, with the field ``count``; None: never.
         brakes: After which time a goal that is cancelled ends; None: a cancellation is ignored.
         cancelled: By which status it then ends: 5, or 4, or 6.
+        mute: Whether nothing of what it tells of the goal arrives.
     """
 
     def __init__(self, **given):
@@ -244,6 +245,7 @@ class Behaviour(SimpleNamespace):
             "feeds": None,
             "brakes": 0.0,
             "cancelled": CANCELED,
+            "mute": False,
         }
         assert set(given) <= set(defaults), given
         super().__init__(**{**defaults, **given})
@@ -333,6 +335,9 @@ class Server:
         goal.live = goal.accepted = behaviour.accepts
         if goal.live:
             self.most = max(self.most, len(self.live) - (self.replaces and len(self.live) > 1))
+        if behaviour.mute:
+            goal.mute()
+            return
         goal.told = asyncio.get_running_loop().time()
         goal.answered.set_result(None)
         if not goal.live:
@@ -373,6 +378,10 @@ class ServerGoal:
         server.sent.append(self)
         self.answered, self.over = loop.create_future(), loop.create_future()
         self._feedback, self._status = feedback, status
+
+    def mute(self):
+        """Have nothing arrive of what is told."""
+        self._status = self._feedback = lambda told: None
 
     def tell(self, status):
         """Tell a status."""

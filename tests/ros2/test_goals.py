@@ -392,6 +392,19 @@ def test_a_goal_whose_request_was_lost_is_given_up_when_its_server_does_not_know
     bench(scenario, silence=silence, feeds=0.3, safe=False)
 
 
+def test_a_server_that_is_not_heard_is_asked_to_cancel_as_soon_as_its_goal_has_failed():
+    async def scenario(bench):
+        bench.server.next = [Behaviour(mute=True)]
+        bench.decide(DOCK)
+        await asyncio.sleep(0.9)
+        assert bench.server.live == bench.goals
+        await asyncio.sleep(0.2)
+        assert bench.told()[-1] == ("Dock", "failed")
+        assert (bench.goals[0].cancels, bench.server.live) == (1, [])
+
+    bench(scenario, silence=1.0, feeds=0.3, safe=False)
+
+
 def test_a_goal_that_was_given_up_is_cancelled_when_its_server_answers_after_all():
     async def scenario(bench):
         bench.server.next = [Behaviour(answers=30.0, feeds=0.3, brakes=2.0)]

@@ -69,6 +69,7 @@ def _robot(policy):
 def test_a_replay_of_the_same_robot_returns_how_many_decisions_there_are(tmp_path):
     robot = _switched(tmp_path / "run.mcap", [0, 1])
     assert replay(tmp_path / "run.mcap", robot) == 4
+    assert replay(tmp_path / "run.mcap") == 4  # by what the record holds of it
 
 
 def test_a_replay_of_another_robot_raises_the_first_difference(tmp_path):
@@ -107,8 +108,6 @@ def test_a_replay_that_cannot_be_is_refused(tmp_path):
     robot = _switched(tmp_path / "run.mcap", [0, 1])
     with refused(mdm.Error):
         replay(tmp_path / "run.mcap", robot, config="robot.toml")
-    with refused(mdm.Error):
-        replay(tmp_path / "run.mcap")
     with pytest.raises(mdm.Error, match="takes config, and no actors: each agent has its own"):
         replay(tmp_path, robot)
     (tmp_path / "none").mkdir()

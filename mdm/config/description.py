@@ -87,15 +87,18 @@ class Describer:
         """Describe the ensembles that there are by now."""
         actors, team = descendants(runtime.root), sys.modules.get("mdm.team.member")  # a robot alone has loaded none
         member = None if team is None else next((each for each in actors if isinstance(each, team.Member)), None)
-        future = self._threads.submit(describe, [each for each in actors if isinstance(each, Ensemble)], member)
-        self._waiting.append(future)
+        ensembles = [each for each in actors if isinstance(each, Ensemble)]
         if isinstance(runtime.clock, VirtualClock):
-            self.finish()
-        elif (loop := runtime.dispatcher.loop) is not None:
+            self._write(*describe(ensembles, member))
+            return
+        future = self._threads.submit(describe, ensembles, member)
+        self._waiting.append(future)
+        if (loop := runtime.dispatcher.loop) is not None:
             future.add_done_callback(lambda done: loop.call_soon_threadsafe(self._keep, done))
 
     def finish(self) -> None:
-        """Wait for descriptions that are being made, for some seconds at most."""
+        """Wait for descriptions that are being made, for some seconds at most; none is made from now on."""
+        self._threads.shutdown(wait=False)
         for future in (*self._waiting,):
             self._keep(future)
 
@@ -107,6 +110,9 @@ class Describer:
             found, files = future.result(_WAIT)
         except TimeoutError:
             found, files = Description({}, cannot=("model and policy took too long to write",)), {}
+        self._write(found, files)
+
+    def _write(self, found: Description, files: dict[str, bytes]) -> None:
         facts = {"cannot": msgspec.json.encode(found.cannot).decode()}
         facts |= {"configuration": CONFIGURATION} if found.system else {}
         facts |= {} if found.agent is None else {"agent": found.agent}

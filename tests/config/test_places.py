@@ -523,6 +523,6 @@ def test_functions_of_one_group_replace_each_other_without_a_stop(tmp_path):
     grouped = '{{ call = "arm:dance", group = "{}" }}'
     text = FILE.replace('{ place = "Hall", timeout = 60.0 }', grouped.format("base"))
     one, other = load_system(with_fetch(tmp_path, grouped.format("base"), text)).ensembles["robot"].action.bindings
-    assert one.group is other.group is not None
+    assert one.group == other.group is not None
     one, other = load_system(with_fetch(tmp_path, grouped.format("arm"), text)).ensembles["robot"].action.bindings
     assert one.group is not other.group

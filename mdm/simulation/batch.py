@@ -355,16 +355,20 @@ class EpisodeRunner:
     Args:
         model: The model.
         policy: The policy, of any kind.
+        endless: Whether episodes go on where no further reward is possible.
     """
 
-    def __init__(self, model: MDP, policy: Any) -> None:
+    def __init__(self, model: MDP, policy: Any, *, endless: bool = False) -> None:
         self._model = model
         self._controller = Controller(policy, model)
         self._sampler = Sampler(model)
-        self._ended = ended_states(Dynamics(model))
+        self._ended = np.zeros(len(model.state_space), dtype=bool) if endless else ended_states(Dynamics(model))
 
     def __call__(self, seed: int | np.random.SeedSequence | None) -> Iterator[EpisodeStep]:
-        """Yield the time steps of an episode until no further reward is possible; the caller may stop before."""
+        """Yield the time steps of an episode until no further reward is possible, or the plan has ended.
+
+        The caller may stop before.
+        """
         model, sampler, controller = self._model, self._sampler, self._controller
         sees, false_negative = controller.takes == "state", model.false_negative
         sampler.seed(seed)

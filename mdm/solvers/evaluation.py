@@ -17,7 +17,7 @@ import numpy as np
 
 from mdm.errors import ModelError
 from mdm.models import POMDP, in_time
-from mdm.models.matrices import csr, is_compressed
+from mdm.models.matrices import csr, csr_identity, is_compressed
 from mdm.models.units import check_steps
 from mdm.policies import mismatch
 
@@ -105,11 +105,16 @@ def state_values(
 
 def _chain(model: MDP, weights: Vector) -> tuple[Any, Vector]:
     """Return the transitions and rewards of the Markov chain under some probabilities of actions, A x S."""
+    return state_moves(model, weights), np.einsum("as,sa->s", weights, model.rewards)
+
+
+def state_moves(model: MDP, weights: Vector) -> Any:
+    """Return the transitions of the Markov chain under some probabilities of actions, A x S."""
     moves: Any = 0
     for action, weight in enumerate(weights):
         if weight.any():
             moves = moves + _scaled(model.transition_matrix(action), weight)
-    return moves, np.einsum("as,sa->s", weights, model.rewards)
+    return moves
 
 
 def controller_values(model: POMDP, controller: FiniteStateController, *, steps: int | None = None) -> Vector:
@@ -132,27 +137,48 @@ def controller_values(model: POMDP, controller: FiniteStateController, *, steps:
             f"the controller is for {controller.num_actions} actions and {controller.num_observations} observations, "
             f"but the model has {sizes[0]} and {sizes[1]}"
         )
+    moves, stays = controller_moves(model, controller)
+    rewards = model.rewards[:, list(controller.actions)].T.ravel()
+    total = _total(moves, stays, rewards, model.discount, steps)
+    return total.reshape(controller.num_nodes, len(model.state_space))
+
+
+def controller_moves(
+    model: POMDP, controller: FiniteStateController, *, ends: bool = False
+) -> tuple[Matrix, Matrix | None]:
+    """Return the transitions of the chain over pairs of a node and a state, N S x N S.
+
+    Args:
+        model: The model.
+        controller: The controller, of the model's sizes.
+        ends: Whether there is one more node for the end of the plan, in which a state stays as it is. By default
+            the moves to the end are left out.
+
+    Returns:
+        The probabilities of steps that end in a decision, and of those that do not; None where all do.
+    """
     size, nodes = len(model.state_space), controller.num_nodes
-    moves, stays = _Pairs(size, nodes), _Pairs(size, nodes)
+    moves, stays = _Pairs(size, nodes + ends), _Pairs(size, nodes + ends)
     waits = model.event_observations or model.false_negative is not None
+    ended = nodes if ends else None
     for action in set(controller.actions):
         at = [node for node in range(nodes) if controller.actions[node] == action]
         left: Any = csr(model.transition_matrix(action))
-        for observation in range(sizes[1]):
+        for observation in range(controller.num_observations):
             if observation == model.false_negative:
                 continue
             joint = csr(model.joint_matrix(action, observation))
             left = left - joint
             for node in at:
-                moves.add(node, controller.successors[node][observation], joint)
+                after = controller.successors[node][observation]
+                moves.add(node, ended if after is None else after, joint)
         if waits:
             left.data[left.data < _EXACT] = 0
             left.eliminate_zeros()
             for node in at:
                 stays.add(node, node, left)
-    rewards = model.rewards[:, list(controller.actions)].T.ravel()
-    total = _total(moves.matrix(), stays.matrix() if waits else None, rewards, model.discount, steps)
-    return total.reshape(nodes, size)
+    moves.add(nodes, ended, csr_identity(size))
+    return moves.matrix(), stays.matrix() if waits else None
 
 
 class _Pairs:

@@ -41,6 +41,7 @@ PACKAGES = (
     "mdm.maps",
     "mdm.simulation",
     "mdm.simulation.building",
+    "mdm.verification",
     "mdm.gym",
     "mdm.team",
     "mdm.recording",

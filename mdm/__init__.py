@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         solvers,
         team,
         testing,
+        verification,
     )
     from mdm.actors import (
         ActionLayer,
@@ -77,6 +78,7 @@ if TYPE_CHECKING:
     from mdm.simulation.world import simulate
     from mdm.solvers import solve
     from mdm.team.team import Team
+    from mdm.verification import verify
     from mdm.version import __version__
 
 
@@ -157,11 +159,13 @@ __all__ = [
     "solvers",
     "team",
     "testing",
+    "verification",
+    "verify",
 ]
 
 _PACKAGES = (
     *("beliefs", "maps", "models", "policies", "problems", "simulation", "solvers", "team", "testing"),
-    *("actors", "config", "estimation", "formats", "gym", "latency", "logic", "messages", "runtime"),
+    *("actors", "config", "estimation", "formats", "gym", "latency", "logic", "messages", "runtime", "verification"),
 )
 _HOMES = {
     "actors": (
@@ -184,6 +188,7 @@ _HOMES = {
     "simulation": ("World", "evaluate", "simulate"),
     "solvers": ("solve",),
     "team": ("Team",),
+    "verification": ("verify",),
     "version": ("__version__",),
 }
 TABLES = {"ros2": "mdm.ros2.tables:Ros2Reader"}

@@ -77,6 +77,20 @@ def _sarsop() -> None:
     solver._compiled()
 
 
+def _verification() -> None:
+    import numpy as np
+
+    from mdm.models.matrices import csr
+    from mdm.verification import choices, optimum
+
+    size = 500  # too many for a dense elimination
+    moves = csr(np.diag(np.full(size - 1, 0.5), 1))
+    with patch.object(choices, "LARGE", 0), patch.object(optimum, "LARGE", 0):
+        optimum.optimum(moves, np.arange(size), np.ones(size), greatest=True)
+        ways = choices.Choices(moves, np.ones(size), np.ones(size), np.arange(size), np.arange(size))
+        choices.Graph(ways).impossible()
+
+
 def _rows() -> None:
     from team.spaces import Space
     from team.sweep import Sweep
@@ -90,6 +104,7 @@ _KINDS: dict[str, tuple[str, Callable[[], None]]] = {
     "sweeps": ("mdm.solvers.mdp.sweeps", _sweeps),
     "search": ("mdm.solvers.online.kernel", _search),
     "sarsop": ("mdm.solvers.sarsop.search", _sarsop),
+    "verification": ("mdm.verification.kernels", _verification),
     "rows": ("team.rows", _rows),
 }
 """What a test may say that it needs: the module of the kernels, and the work that compiles them."""

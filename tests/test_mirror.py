@@ -30,6 +30,7 @@ UNTESTED_ALONE = {
     "beliefs/compressed.py": "with every other filter, against one computation: test_filter",
     "beliefs/kernels.py": "the loops of filters, which test_filter compares compiled and not",
     "policies/alpha_kernels.py": "the loops of AlphaVectors, compared compiled and not by its tests",
+    "verification/kernels.py": "the loops of choices and sweeps, compared compiled and not by test_optimum",
     "solvers/mdp/sweeps.py": "the loops of backups and of InformedBound, which tests of these compare compiled and not",
 }
 """Modules that have no tests of their own, and where they are tested."""
@@ -41,6 +42,7 @@ ACROSS = {
     "views/web/test_browser.py": "the page in a browser",
     "views/web/test_connection.py": "the page in a browser, where what it shows breaks, ends and begins anew",
     "views/web/test_keys.py": "the keys of the page in a browser",
+    "verification/test_storm.py": "all numbers, against those of another program",
     "cli/test_commands.py": "what all verbs have in common",
     "cli/records/test_bad_records.py": "what all verbs of records have in common",
     "cli/test_loading.py": "which modules the verbs load",

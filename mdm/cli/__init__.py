@@ -38,6 +38,7 @@ VERBS = {
     "simulate": ("policies", "simulate a policy in its model and print the mean return"),
     "solve": ("policies", "compute a policy for a model, certified by bounds"),
     "evaluate": ("policies", "compute the value of a policy, exactly or by simulation"),
+    "verify": ("policies", "say how probable it is that a policy does something wrong"),
     "compare": ("policies", "compare the values of several policies"),
     "plot": ("policies", "draw bounds over time, a policy, a belief over an episode, or a recorded run"),
     "replay": ("records", "run what a record has once more, and compare every decision"),

@@ -137,6 +137,28 @@ VERBS = {
         ),
         "policies.evaluate",
     ),
+    "verify": Verb(
+        "Say how probable it is that a policy brings about what a specification says, or how soon or how often: at the "
+        "initial belief, without any discount. Without a policy print the least and the greatest that are possible, "
+        "over policies that see the state. Specifications: 'P(reach X)', 'P(reach X within 50)', 'P(reach X before "
+        "Y)', 'P(always X)', 'E(steps until X)' and 'S(X)', the share of steps in the long run. X and Y are states, "
+        "patterns of them (pit-*), values of factors (position = stairs), actions (action = Grab), and formulas of "
+        "these with not, and, or. Policies over beliefs are simulated, and have an interval.",
+        "mdm verify grid.mdp grid.npz 'P(reach pit-* before goal)'",
+        (
+            Argument("model MODEL", "a model, or a TOML file"),
+            Argument("policy [POLICY]", "a policy for it, or the name of an ensemble of the file"),
+            Argument("specification SPECIFICATION", "what is asked"),
+            Argument("--from STATE", "begin in this state; by default at the model's initial belief", dest="start"),
+            Argument("-o --output POLICY", "keep a policy that attains the least; its suffix chooses the format"),
+            Argument("--greatest", "keep one that attains the greatest in its place"),
+            Argument("--episodes N", "simulate N episodes (10000; 1000 if they cannot run as a batch)", count),
+            SEED,
+            FALSE_NEGATIVE,
+            JSON,
+        ),
+        "policies.verify",
+    ),
     "compare": Verb(
         "Compare the values of several policies at the initial belief of a model. All are simulated with the same "
         "random numbers, so that their differences are known far better than their values. Differences are from the "

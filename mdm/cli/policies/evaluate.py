@@ -39,7 +39,7 @@ _LARGEST = 50_000
 def run(arguments: argparse.Namespace) -> int:
     """Evaluate; return the exit status."""
     if suffixes(arguments.model) == ".toml":
-        policy, world, durations = _of_ensemble(arguments)
+        policy, world, durations = of_ensemble(arguments)
     else:
         model = load(arguments.model, arguments.discount, arguments.discount_of)
         durations = load_durations_for(model, arguments.durations)
@@ -47,6 +47,10 @@ def run(arguments: argparse.Namespace) -> int:
     if (note := visibility(world, policy)) is not None:
         print(f"mdm evaluate: {note}", file=sys.stderr)
     verdict = judge(world, policy, arguments, durations)
+    from mdm.verification.dangers import avoidable_end  # noqa: PLC0415 - slow to import
+
+    if (danger := avoidable_end(world, policy)) is not None:
+        print(f"mdm evaluate: {danger}", file=sys.stderr)
     interrupted = arguments.interruption.number is not None
     if arguments.json:
         print(as_json(verdict.facts() | {"interrupted": interrupted}))
@@ -58,12 +62,12 @@ def run(arguments: argparse.Namespace) -> int:
     return arguments.interruption.status if interrupted else 0
 
 
-def _of_ensemble(arguments: argparse.Namespace) -> tuple[Any, MDP, Durations | None]:
+def of_ensemble(arguments: argparse.Namespace) -> tuple[Any, MDP, Durations | None]:
     """Return the policy of a TOML file's ensemble, the model that it is for, and how long actions take there."""
     from mdm.cli.robots.ensembles import load_ensembles  # noqa: PLC0415 - a model needs no actors
 
     for name in _OWN:
-        if getattr(arguments, name) is not None:
+        if getattr(arguments, name, None) is not None:
             raise UsageError(f"--{name.replace('_', '-')} is for a model's file; an ensemble has its own")
     system, name = load_ensembles(arguments.model, imports=False), arguments.policy
     if name not in system.ensembles:

@@ -66,6 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(as_json(facts))
     else:
         _print(solution, facts, arguments, saving)
+    _warn(world, solution)
     interrupted = solution.reason == "interrupted" or arguments.interruption.number is not None
     return arguments.interruption.status if interrupted else 0
 
@@ -96,6 +97,15 @@ def _solve(model: MDP, solver: str, options: dict[str, Any], arguments: argparse
         )
     finally:
         line.end()
+
+
+def _warn(model: MDP, solution: Solution) -> None:
+    """Print that the policy ends where it could be kept out of, if it does."""
+    from mdm.verification.dangers import avoidable_end  # noqa: PLC0415 - slow to import
+
+    danger = None if solution.reason == "interrupted" else avoidable_end(model, solution.policy)
+    if danger is not None:
+        print(f"mdm solve: {danger}", file=sys.stderr)
 
 
 def _check_options(given: dict[str, Any], solver: str) -> None:

@@ -1,0 +1,310 @@
+"""The numbers of a policy, or of all policies: `verify`.
+
+Nothing is discounted. Policies over states and finite-state controllers are verified exactly, by their Markov
+chains; policies over beliefs by simulation. Without a policy the numbers are the least and greatest over all
+policies that see the state: no policy over observations is outside of them.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
+import numpy as np
+
+from mdm.checks import check_seed, is_whole
+from mdm.errors import ConfigError, ModelError
+from mdm.loading import model_of, policy_of
+from mdm.policies import DeterministicPolicy, Policy, StagedPolicy, mismatch
+from mdm.verification import reaching, shares
+from mdm.verification.chains import Chain, chain_of_policy
+from mdm.verification.choices import Choices, Graph
+from mdm.verification.specification import Specification
+from mdm.verification.ways import Decision, Way, likeliest_way, worst_decision
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from mdm.loading import GivenModel, GivenPolicy
+    from mdm.models import MDP
+    from mdm.models.matrices import Vector
+    from mdm.models.space import Symbol
+    from mdm.verification.reaching import Reached
+
+_LONGEST = 10_000
+"""Steps of an episode that has no other end."""
+_STAGED = 20_000_000
+"""The numbers of a policy by stages that is kept."""
+
+
+class Exact(msgspec.Struct, frozen=True):
+    """A number that is computed.
+
+    Attributes:
+        value: A probability, an expected number of steps (infinite where X is not certain), or a share of steps.
+        error: How far it may be from the truth.
+    """
+
+    value: float
+    error: float
+
+
+class Estimate(msgspec.Struct, frozen=True):
+    """A number that is estimated by simulation.
+
+    Attributes:
+        lower: The lower end of its interval.
+        upper: The upper end.
+        confidence: The probability with which such intervals hold the truth.
+        episodes: How many were simulated.
+        undecided: In how many it is not known whether they ever reach X: they count for both ends.
+        seed: The seed, for the same episodes again.
+    """
+
+    lower: float
+    upper: float
+    confidence: float
+    episodes: int
+    undecided: int
+    seed: int
+
+
+class Verification(msgspec.Struct, frozen=True, kw_only=True):
+    """The answer to a specification.
+
+    Attributes:
+        kind: ``P`` for a probability, ``E`` for an expectation of steps, ``S`` for a share of steps.
+        result: The policy's number; None where no policy is given.
+        least: The least number of any policy that sees the state; None where a policy is given.
+        greatest: The greatest.
+        way: The most probable way into X, under the policy or one that attains the greatest; None if there is none.
+        decision: The decision that contributes most to reaching X; None if no other lowers the probability.
+        policies: Policies that attain the least and the greatest.
+    """
+
+    kind: Literal["P", "E", "S"]
+    result: Exact | Estimate | None = None
+    least: Exact | None = None
+    greatest: Exact | None = None
+    way: Way | None = None
+    decision: Decision | None = None
+    policies: tuple[Policy | None, Policy | None] = (None, None)
+
+    def facts(self) -> dict[str, Any]:
+        """Return the numbers, ready for JSON, where an infinite one is the text ``infinite``."""
+
+        def told(each: Exact | Estimate) -> dict[str, Any]:
+            if isinstance(each, Estimate):
+                return {key: _finite(getattr(each, key)) for key in ("lower", "upper", "confidence")}
+            return {"probability" if self.kind == "P" else "value": _finite(each.value), "error": _finite(each.error)}
+
+        if self.result is not None:
+            return told(self.result)
+        assert self.least is not None
+        assert self.greatest is not None
+        return {"least": told(self.least), "greatest": told(self.greatest)}
+
+
+def _finite(number: float) -> float | str:
+    return number if np.isfinite(number) else "infinite"
+
+
+def verify(
+    model: GivenModel,
+    specification: str,
+    policy: GivenPolicy | None = None,
+    *,
+    start: Symbol | None = None,
+    episodes: int | None = None,
+    seed: int | None = None,
+    progress: Callable[[int, int], object] | None = None,
+) -> Verification:
+    """Return how probable, how soon or how often something is, under a policy or at least and at most.
+
+    Specifications, with X and Y for formulas over states and actions:
+
+    - ``P(reach X)``, ``P(reach X within 50)``, ``P(reach X before Y)``: the probability that X ever holds, within so
+      many steps, or at a step before which Y has not held;
+    - ``P(always X)``: that X holds at each step for ever;
+    - ``E(steps until X)``: the expected steps before the first at which X holds, infinite where it may never hold;
+    - ``S(X)``: the share of steps at which X holds, in the long run.
+
+    Args:
+        model: The model, or the path of its file. Its discount is of no effect.
+        specification: The question.
+        policy: A policy of any kind, see `Controller`; by default all policies that see the state.
+        start: A state to begin in; by default the initial belief of the model.
+        episodes: How many to simulate, for a policy over beliefs; by default 10,000, or 1,000 if they run one by one.
+        seed: The same seed gives the same estimate; by default it is random.
+        progress: Called with how many episodes have ended, and of how many; where it returns True there are no more.
+
+    Raises:
+        FormatError: If the specification does not parse.
+        ModelError: If the model has no such name, or the number cannot be found for this kind of policy.
+        ConfigError: If the policy does not fit the model.
+
+    Example::
+
+        answer = mdm.verify("grid.mdp", "P(reach pit-* before goal)", policy)
+        answer.result.value  # .034
+        answer = mdm.verify("grid.mdp", "P(reach pit-* before goal)")
+        answer.least.value, answer.greatest.value  # 0.0, 1.0
+    """
+    model = model_of(model)
+    asked = Specification.of(specification, model)
+    if start is not None:
+        model = _begun(model, model.state_space.index(start))
+    if policy is None:
+        return _over_all(model, asked)
+    found: Any = policy_of(policy, model)
+    wrong = mismatch(found, model)
+    if wrong is not None:
+        raise ConfigError(wrong)
+    chain = chain_of_policy(model, found)
+    if chain is None:
+        return _simulated(model, found, asked, episodes, seed, progress)
+    return _under(model, found, asked, chain)
+
+
+def _begun(model: MDP, state: int) -> MDP:
+    """Return the same model with a certain first state."""
+    first = np.zeros(len(model.state_space))
+    first[state] = 1
+    first.setflags(write=False)
+    other = copy.copy(model)
+    if model.network is None:
+        other._initial_belief = first  # noqa: SLF001 - a model of the same kind
+    else:
+        other.__dict__["initial_belief"] = first
+    return other
+
+
+# -- Under a policy ----------------------------------------------------------------------------------------------------
+
+
+def _under(model: MDP, policy: Any, asked: Specification, chain: Chain) -> Verification:
+    if asked.kind == "S":
+        counts, none = chain.chances(asked.target), np.zeros(len(chain.state))
+        choices = Choices.of_chain(chain.moves, none, none)
+        return Verification(kind="S", result=_at(chain.start, shares.share(choices, counts, greatest=True)))
+    choices = chain.before(asked)
+    if asked.kind == "E":
+        return Verification(kind="E", result=_at(chain.start, reaching.steps(choices, greatest=True)))
+    if asked.within is not None:
+        result = _in_time(chain.start, choices, asked.within, greatest=True)[0]
+        return Verification(kind="P", result=_turned(result, asked), way=_way(model, chain, choices, asked.within))
+    found = reaching.reach(choices, greatest=True)
+    decision = worst_decision(model, policy, asked, chain, found.values)
+    way = _way(model, chain, choices)
+    return Verification(kind="P", result=_turned(_at(chain.start, found), asked), way=way, decision=decision)
+
+
+def _at(start: Vector, found: Reached) -> Exact:
+    """Return the number at an initial distribution."""
+    value = float(start[start > 0] @ found.values[start > 0])
+    return Exact(value, found.error if np.isfinite(value) else 0.0)
+
+
+def _turned(number: Exact, asked: Specification) -> Exact:
+    return Exact(1 - number.value, number.error) if asked.always else number
+
+
+def _in_time(start: Vector, choices: Choices, most: int, *, greatest: bool) -> tuple[Exact, list[Vector]]:
+    values, worth = reaching.within(choices, most, greatest=greatest)
+    rounding = np.finfo(float).eps * len(worth) * (2 + int(np.diff(choices.moves.indptr).max(initial=0)))
+    return Exact(float(start @ values), float(rounding)), worth
+
+
+def _way(model: MDP, chain: Chain, choices: Choices, most: int | None = None) -> Way | None:
+    way = likeliest_way(model, chain, choices)
+    return None if way is None or (most is not None and len(way.actions) > most) else way
+
+
+# -- Under all policies ------------------------------------------------------------------------------------------------
+
+
+def _over_all(model: MDP, asked: Specification) -> Verification:
+    target = np.zeros_like(asked.target) if asked.kind == "S" else asked.target
+    choices = Choices.of_model(model, target, asked.before)
+    found: list[tuple[Exact, Policy | None]] = []
+    way = None
+    for greatest in (False, True):
+        if asked.kind == "P" and asked.within is not None:
+            number, worth = _in_time(model.initial_belief, choices, asked.within, greatest=greatest)
+            found.append((number, _staged(model, choices, worth, asked.within, greatest=greatest)))
+            continue
+        if asked.kind == "S":
+            its = shares.share(choices, asked.target[choices.state, choices.action].astype(float), greatest=greatest)
+        else:
+            its = (reaching.steps if asked.kind == "E" else reaching.reach)(choices, greatest=greatest)
+        policy = DeterministicPolicy(choices.action[its.chosen].tolist(), len(model.action_space))
+        policy.state_space = model.state_space
+        found.append((_at(model.initial_belief, its), policy))
+        if greatest and asked.kind == "P":
+            chain = chain_of_policy(model, policy)
+            assert chain is not None
+            way = _way(model, chain, choices.subset(its.chosen))
+    if asked.always:
+        found = [(_turned(number, asked), policy) for number, policy in reversed(found)]
+    (least, first), (most, last) = found
+    return Verification(kind=asked.kind, least=least, greatest=most, way=way, policies=(first, last))
+
+
+def _staged(model: MDP, choices: Choices, worth: list[Vector], most: int, *, greatest: bool) -> Policy | None:
+    """Return a policy by stages that attains a number within some steps; None where it would be too large."""
+    size, count = len(model.state_space), len(model.action_space)
+    if (most + 1) * size * count > _STAGED:
+        return None
+    values = np.full((most + 1, size, count), -np.inf)
+    for stage in range(most + 1):
+        its = worth[min(most - stage, len(worth) - 1)]
+        values[stage, choices.state, choices.action] = its if greatest else -its
+    policy = StagedPolicy(values)
+    policy.state_space = model.state_space
+    return policy
+
+
+# -- By simulation -----------------------------------------------------------------------------------------------------
+
+
+def _simulated(
+    model: MDP,
+    policy: Any,
+    asked: Specification,
+    episodes: int | None,
+    seed: int | None,
+    progress: Callable[[int, int], object] | None,
+) -> Verification:
+    from mdm.verification.sampling import CONFIDENCE, HIT, MISS, outcomes  # noqa: PLC0415 - loads what runs episodes
+
+    if asked.kind == "S":
+        raise ModelError(
+            "the long-run share of a policy over beliefs is not known by simulation: ask P(reach …) or E(steps until "
+            "…), or verify a finite-state controller"
+        )
+    if episodes is not None and not (is_whole(episodes) and episodes >= 1):
+        raise ConfigError(f"a simulation needs at least 1 episode, not {episodes}")
+    check_seed(seed)
+    seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
+    until = np.where(asked.target, HIT, 0).astype(np.int8)
+    if asked.before is not None:
+        until[asked.before & ~asked.target] = MISS
+    graph = Graph(Choices.of_model(model, asked.target, asked.before))
+    never, sure = graph.impossible(), graph.unavoidable()[0]
+    until[(until == 0) & never[:, None]] = MISS
+    if asked.kind == "P" and asked.within is None:
+        until[(until == 0) & sure[:, None]] = HIT
+    until[until[:, -1] == 0, -1] = MISS  # the plan has ended, and nothing more happens
+    longest = _LONGEST if asked.within is None else asked.within
+    its = outcomes(model, policy, until, longest=longest, episodes=episodes, seed=seed, progress=progress)
+    if not len(its.codes):
+        raise ModelError("no episode has ended: nothing is known of the policy")
+    if asked.within is not None:
+        its.codes[its.codes == 0] = MISS
+    low, high = its.share() if asked.kind == "P" else its.steps()
+    if asked.always:
+        low, high = 1 - high, 1 - low
+    undecided = int((its.codes == 0).sum())
+    result = Estimate(low, high, CONFIDENCE, len(its.codes), undecided, seed)
+    return Verification(kind=asked.kind, result=result)

@@ -1,0 +1,94 @@
+"""All numbers of random decision processes and of their policies against Storm, which computes them in fractions."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from random_processes import model_of_rows, random_rows, under
+from verification.storm import answers, interpreter
+
+from mdm.errors import ModelWarning
+from mdm.policies import FiniteStateController
+from mdm.verification import verify
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+
+ASKED = [
+    ("P(reach s1 or s2)", 'P{}=? [F "x"]'),
+    ("P(reach s1 or s2 before s3 or s4)", 'P{}=? [!"y" U "x"]'),
+    ("P(reach s1 or s2 within 7)", 'P{}=? [F<=7 "x"]'),
+    ("P(reach s1 or s2 before s3 or s4 within 3)", 'P{}=? [!"y" U<=3 "x"]'),
+    ("P(always not (s1 or s2))", 'P{}=? [G !"x"]'),
+    ("E(steps until s1 or s2)", 'R{{"steps"}}{}=? [F "x"]'),
+    ("S(s1 or s2 or s3)", 'LRA{}=? ["z"]'),
+]
+
+
+@pytest.fixture(scope="module")
+def storm(tmp_path_factory):
+    return interpreter(tmp_path_factory.getbasetemp().parent)
+
+
+def question(rows, *ends):
+    return {
+        "rows": [[[(after, str(chance)) for after, chance in choice.items()] for choice in state] for state in rows],
+        "start": 0,
+        "labels": {"x": [1, 2], "y": [3, 4], "z": [1, 2, 3]},
+        "formulas": [formula.format(end) for _, formula in ASKED for end in ends],
+    }
+
+
+def assert_close(number, text):
+    wanted = math.inf if text == "inf" else float(Fraction(text))
+    assert number.value == wanted or abs(number.value - wanted) <= number.error + 1e-15 * max(1, abs(wanted))
+    assert number.error <= 1e-8 * max(1, 0 if math.isinf(wanted) else wanted)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_numbers_of_random_processes(storm, seed):
+    random = np.random.default_rng(seed)
+    made = [random_rows(random, int(random.integers(5, 30)), int(random.integers(2, 4))) for _ in range(10)]
+    chosen = [random.integers(0, len(rows[0]), len(rows)).tolist() for rows in made]
+    asked = [question(rows, "min", "max") for rows in made]
+    asked += [question(under(rows, actions), "min") for rows, actions in zip(made, chosen, strict=True)]
+    told = answers(storm, asked)
+    for place, (rows, actions) in enumerate(zip(made, chosen, strict=True)):
+        model = model_of_rows(rows)
+        both, one = iter(told[place]), iter(told[len(made) + place])
+        for text, _ in ASKED:
+            answer = verify(model, text)
+            assert_close(answer.least, next(both))
+            assert_close(answer.greatest, next(both))
+            assert_close(verify(model, text, actions).result, next(one))
+
+
+def test_numbers_of_random_controllers(storm):
+    random = np.random.default_rng(9)
+    cases, asked = [], []
+    for _ in range(30):
+        rows = random_rows(random, int(random.integers(5, 12)), 2)
+        nodes, seen = int(random.integers(1, 4)), random.integers(0, 2, len(rows)).tolist()
+        actions = random.integers(0, 2, nodes).tolist()
+        after = random.integers(0, nodes, (nodes, 2)).tolist()
+        pairs = [
+            [{after[node][seen[state]] * len(rows) + state: chance for state, chance in choices[actions[node]].items()}]
+            for node in range(nodes)
+            for choices in rows
+        ]
+        its = question(pairs, "min")
+        its["labels"] = {
+            name: [node * len(rows) + state for node in range(nodes) for state in states]
+            for name, states in its["labels"].items()
+        }
+        asked.append(its)
+        cases.append((rows, seen, FiniteStateController(actions, after, 2)))
+    for (rows, seen, controller), told in zip(cases, answers(storm, asked), strict=True):
+        model = model_of_rows(rows, seen)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", ModelWarning)
+            for (text, _), number in zip(ASKED, told, strict=True):
+                assert_close(verify(model, text, controller).result, number)

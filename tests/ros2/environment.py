@@ -121,7 +121,8 @@ class Program(Peer):
             async for event in self.lines():
                 if any(name in event for name in wanted) and where(event):
                     return event
-        raise AssertionError(f"the process ended; it said {self.heard[-20:]} and {self.said.read_text()}")
+        status = await self.process.wait()
+        raise AssertionError(f"the process ended with {status}; it said {self.heard[-20:]} and {self.said.read_text()}")
 
     async def lines(self):
         """Yield what it prints until its end."""
@@ -204,6 +205,10 @@ class Domain:
             "ROS_LOG_DIR": str(folder / "logs"),
         }
         self._started = []
+
+    def leave_shared_memory(self):
+        """Have programs speak over UDP: killed amid Fast DDS's shared memory, one may hold up or silence the others."""
+        self.environment["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
 
     async def start(self, *arguments, **environment):
         """Start a program by the arguments of its interpreter."""

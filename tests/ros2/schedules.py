@@ -237,7 +237,7 @@ async def play(python, folder, seed):
     """Play a schedule; return the seconds that the safe action took to reach the base, each time."""
     schedule = Schedule(seed)
     async with programs(python, folder) as here:
-        here.environment["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"  # killed amid shared memory, one may silence the rest
+        here.leave_shared_memory()
         run = Run(here, schedule)
         try:
             await run.play()

@@ -51,6 +51,7 @@ COUNT = {"act": "/count", "type": "test_msgs/action/Fibonacci"}
 async def minded(ros, folder, **options):
     """Give a server, and a robot that decides as it is told, whose goals fail after a second of silence."""
     async with programs(ros, folder) as domain:
+        domain.leave_shared_memory()
         peer = await domain.peer()
         peer.tell(**COUNT, **options)
         given = {"seed": 0, "decisions": 0, "silence": 1.0}

@@ -298,6 +298,7 @@ def test_a_goal_whose_status_comes_was_accepted_though_the_answer_was_lost(ros, 
 @slow
 def test_a_killed_server_answers_nothing_and_the_wire_closes(ros, tmp_path):
     async def main(here):
+        here.leave_shared_memory()
         robot = await here.peer()
         robot.tell(act="/count", type="test_msgs/action/Fibonacci")
         async with wire(here, **FIBONACCI) as ours:

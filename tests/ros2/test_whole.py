@@ -194,6 +194,7 @@ def test_a_goal_ends_in_each_way_that_a_server_has(ros, nav2, tmp_path):
 
     async def main():
         async with programs(ros, tmp_path, nav2) as here:
+            here.leave_shared_memory()
             robot, sensor = Watched(await here.peer()), Watched(await here.peer("sensor"))
             act = {"act": "/dock_robot", "type": "nav2_msgs/action/DockRobot", "beat": 20}
             robot.tell(**act)

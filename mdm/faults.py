@@ -107,7 +107,8 @@ KINDS: Final[dict[str, FaultKind]] = {
     # -- Decisions -----------------------------------------------------------------------------------------------
     "waiting": FaultKind(
         "An ensemble should decide and cannot: its state is not known, or its team is not there.",
-        "The detail names the predicates or agents; `statistics().waiting` lists them, `mdm info` says who tells them.",
+        "The detail names the predicates or agents; `statistics().waiting` lists them, `mdm info` says who tells them. "
+        "A number between the two bounds of a threshold leaves it unknown at the start: give it `initial`.",
     ),
     "idle": FaultKind(
         "An ensemble decides and has nothing to do: its action has ended, and nothing decides again.",

@@ -70,6 +70,8 @@ def _items(given: Any) -> dict[Any, Any]:
 
 
 def _named(names: Iterable[str], keys: Mapping[Any, Any], kind: str) -> dict[Any, Any]:
+    if not isinstance(names, Iterable):
+        raise ModelError(f"names of {kind}s are a list of texts, not {type(names).__name__}")
     given = [*names] or [*keys]
     if len(given) != len(keys):
         raise ModelError(f"names of {kind}s: as many as the environment has, {len(keys)}, are needed, not {len(given)}")

@@ -154,6 +154,7 @@ def test_what_is_wrong_in_a_table_is_said():
         (made(LOOP), {"initial": {0: 0.5}}),
         (made(LOOP), {"initial": 0, "states": ["here"]}),
         (made(LOOP), {"initial": 0, "actions": ["go", "stay"]}),
+        (made(LOOP), {"initial": 0, "actions": mdm.models.Space([mdm.models.Factor("ada", ["x"])])}),
         (Resets(0, 1), {}),
         (made(LOOP), {"initial": 0, "discount": 2}),
     ):

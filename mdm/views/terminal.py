@@ -211,6 +211,7 @@ class Terminal:
 
     def _last(self, time: float, most: int) -> Any:
         table = self._table(4)
+        table.expand, table.columns[-1].ratio = True, 1  # a long sentence is cut, not all that stands before it
         past = (event for event in reversed(self._events) if event.time <= time + 1e-6)
         for event in [*islice(past, most)][::-1]:
             style = "red" if event.kind == "fault" or event.status in {"failed", "timed_out", "abandoned"} else ""

@@ -85,6 +85,12 @@ def test_where_something_begins_to_look_odd_is_an_event_with_its_words():
     assert re.search(r"00:20.0 top +\? looks odd no more", text)
 
 
+def test_a_long_sentence_leaves_time_and_source_whole():
+    terminal = Terminal(SCENE)
+    terminal.hear([Event(1, 10.0, "fault", "top", "waiting", detail="cannot decide while all is unknown " * 9)])
+    assert re.search(r"00:10.0 top +⚠ waiting +cannot decide .*…", printed(terminal, width=60))
+
+
 def test_the_choice_stays_within_the_list_and_the_lines_within_the_width():
     terminal = Terminal(SCENE)
     terminal.choose(-1)

@@ -157,6 +157,21 @@ def lines_with(text, part):
     return [line for line in text.splitlines() if part in line]
 
 
+def test_the_top_level_of_the_demo_guarantees_what_the_page_says():
+    model = mdm.load_model(PATROL.parent / "top.pomdpx")
+    policy = mdm.load_policy(PATROL.parent / "top.policy", model)
+    page = (ROOT / "docs" / "examples.md").read_text()
+    rows = re.findall(
+        r"^\| `([PES]\(.*\))`(?: `--from \"(.*)\"`)?.* \| (\S+) \| (\S+) and (\S+) \|$", page, re.MULTILINE
+    )
+    assert len(rows) == 6
+    for asked, start, *said in rows:
+        its = mdm.verify(model, asked, policy, start=start or None).result
+        every = mdm.verify(model, asked, start=start or None)
+        found = [its.value, every.least.value, every.greatest.value]
+        assert [math.inf if each == "infinite" else float(each) for each in said] == pytest.approx(found, rel=2e-3)
+
+
 def test_tiger():
     lines = run("tiger.py").splitlines()
     assert len(lines) == 20

@@ -1,6 +1,6 @@
 """Verification: how probable it is that a policy ever brings a robot somewhere, and how probable it could be."""
 
-from mdm.verification.specification import Specification
+from mdm.models.specification import Specification
 from mdm.verification.verification import Estimate, Exact, Verification, verify
 from mdm.verification.ways import Decision, Way
 

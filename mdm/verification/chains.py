@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP
     from mdm.models.matrices import Matrix, Vector
-    from mdm.verification.specification import Mask, Specification
+    from mdm.models.specification import Mask, Specification
 
     Indices = npt.NDArray[np.integer]
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from mdm.models import MDP
     from mdm.models.matrices import Matrix, Vector
-    from mdm.verification.specification import Mask
+    from mdm.models.specification import Mask
 
     Indices = npt.NDArray[np.integer]
 

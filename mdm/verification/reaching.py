@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from mdm.models.matrices import Vector
-    from mdm.verification.specification import Mask
+    from mdm.models.specification import Mask
 
     Indices = npt.NDArray[np.integer]
 

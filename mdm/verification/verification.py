@@ -16,11 +16,11 @@ import numpy as np
 from mdm.checks import check_seed, is_whole
 from mdm.errors import ConfigError, ModelError
 from mdm.loading import model_of, policy_of
+from mdm.models.specification import Specification
 from mdm.policies import DeterministicPolicy, Policy, StagedPolicy, mismatch
 from mdm.verification import reaching, shares
 from mdm.verification.chains import Chain, chain_of_policy
 from mdm.verification.choices import Choices, Graph
-from mdm.verification.specification import Specification
 from mdm.verification.ways import Decision, Way, likeliest_way, worst_decision
 
 if TYPE_CHECKING:

@@ -17,8 +17,8 @@ from mdm.verification.reaching import reach
 if TYPE_CHECKING:
     from mdm.models import MDP
     from mdm.models.matrices import Vector
+    from mdm.models.specification import Specification
     from mdm.verification.choices import Choices
-    from mdm.verification.specification import Specification
 
 _TRIED = 8
 """Decisions whose alternatives are computed exactly."""

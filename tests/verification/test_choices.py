@@ -4,8 +4,8 @@ from enumerated import closure, policies
 from random_processes import model_of_rows, random_rows
 
 from mdm.models.matrices import csr
+from mdm.models.specification import Specification
 from mdm.verification.choices import Choices, Graph, components, end_components, graph_of
-from mdm.verification.specification import Specification
 
 RANDOM = np.random.default_rng(11)
 CASES = [random_rows(RANDOM, 5, 2) for _ in range(15)]

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from random_processes import model_of_rows, random_rows
 
+from mdm.models.specification import Specification
 from mdm.verification import verify
 from mdm.verification.choices import Choices
 from mdm.verification.reaching import within
-from mdm.verification.specification import Specification
 
 TARGET, BEFORE = {1, 2}, {3}
 

@@ -11,7 +11,7 @@ import difflib
 import re
 import warnings
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -26,8 +26,9 @@ if TYPE_CHECKING:
 
     Mask = npt.NDArray[np.bool_]
 
-_TOKEN = re.compile(r"""\s*(?:(?P<sign>[()])|"(?P<double>[^"]*)"|'(?P<single>[^']*)'|(?P<word>[^\s()"'][^\s()]*)|\Z)""")
-_WORDS = frozenset({"not", "and", "or", "within", "before"})
+_TOKEN = re.compile(r"""\s*(?:([()])|(?P<quote>["'])(?P<quoted>.*?)(?P=quote)|([^\s()"'][^\s()]*)|\Z)""", re.DOTALL)
+_END, _MORE = "the end", "'and', 'or' or ')'"
+_RESERVED = frozenset({"not", "and", "or", "within", "before", "(", ")", _END})
 _DEEPEST = 100
 _COMPARED = 10_000
 """The names that an unknown one is compared with."""
@@ -54,8 +55,8 @@ class Specification(NamedTuple):
     always: bool = False
 
     @classmethod
-    def of(cls, text: str, model: MDP) -> Specification:
-        """Parse a specification for a model.
+    def of(cls, text: str, model: MDP, *, until: bool = False) -> Specification:
+        """Parse a specification for a model, or with ``until`` what may stand behind ``reach``.
 
         Warns of a formula that holds nowhere.
 
@@ -68,27 +69,22 @@ class Specification(NamedTuple):
             asked = Specification.of("P(reach position = stairs before goal within 50)", model)
             asked.target[:, 0]  # the states at the stairs
         """
-        return _Parser(text, model).whole()
+        return _Parser(text, model).whole(until=until)
+
+    @property
+    def miss(self) -> Mask:
+        """Where Y holds and X does not."""
+        return np.zeros_like(self.target) if self.before is None else self.before & ~self.target
 
 
 class _Token(NamedTuple):
-    kind: str
     text: str
     column: int
+    quoted: bool = False
 
-
-def _tokens(text: str) -> list[_Token]:
-    tokens, position = [], 0
-    while (match := _TOKEN.match(text, position)) is not None and match.lastgroup is not None:
-        kind, found = match.lastgroup, match[match.lastgroup]
-        if kind == "sign" or (kind == "word" and found in _WORDS):
-            kind = found
-        tokens.append(_Token(kind, found, match.start(match.lastgroup) + 1))
-        position = match.end()
-    if match is None:
-        column = len(text) - len(text[position:].lstrip()) + 1
-        raise _unparsed(f"the quotation that begins with {text[column - 1 :][:10]!r} has no end", column)
-    return [*tokens, _Token("end", "the end", len(text) + 1)]
+    @property
+    def is_name(self) -> bool:
+        return self.quoted or self.text not in _RESERVED
 
 
 def _unparsed(problem: str, column: int) -> FormatError:
@@ -99,129 +95,128 @@ class _Parser:
     """A recursive-descent parser that evaluates formulas on the way."""
 
     def __init__(self, text: str, model: MDP) -> None:
-        self._text = text
-        self._model = model
-        self._tokens = _tokens(text)
-        self._at = 0
-        self._depth = 0
+        self._text, self._model = text, model
+        self._at = self._depth = position = 0
+        self._tokens: list[_Token] = []
+        while (match := _TOKEN.match(text, position)) is not None and match.lastindex is not None:
+            group = match.lastindex
+            self._tokens.append(_Token(match[group], match.start(group) + 1, match["quote"] is not None))
+            position = match.end()
+        if match is None:
+            column = len(text) - len(text[position:].lstrip()) + 1
+            raise _unparsed(f"the quotation that begins with {text[column - 1 :][:10]!r} has no end", column)
+        self._tokens.append(_Token(_END, len(text) + 1))
 
-    def whole(self) -> Specification:
-        kind = self._keyword("P", "E", "S")
-        self._expect("(")
-        found = Specification(self._text, "S", np.empty(0, dtype=np.bool_))
-        if kind == "S":
-            found = found._replace(target=self._formula())
-        elif kind == "E":
-            self._keyword("steps")
-            self._keyword("until")
-            found = found._replace(kind="E", target=self._formula())
-        elif self._keyword("reach", "always") == "always":
-            found = found._replace(kind="P", target=~self._formula(told=False), always=True)
+    def whole(self, *, until: bool) -> Specification:
+        kind = "P" if until else self._take("P", "E", "S")
+        if not until:
+            self._take("(")
+        found = Specification(self._text, kind, np.empty(0, dtype=np.bool_))
+        if kind == "E":
+            self._take("steps")
+            self._take("until")
+        if kind == "P" and not until and self._take("reach", "always") == "always":
+            found = found._replace(target=~self._formula(told=False), always=True)
         else:
-            found = found._replace(kind="P", target=self._formula())
-            while self._tokens[self._at].kind in {"within", "before"}:
-                if self._next().kind == "before":
+            found = found._replace(target=self._formula())
+            while kind == "P" and self._is("within", "before"):
+                if self._take("within", "before") == "before":
                     found = found._replace(before=self._formula())
-                else:
-                    found = found._replace(within=self._number())
-        self._expect(")", "'and', 'or' or ')'")
-        self._expect("end", "the end")
+                    continue
+                most = self._next()
+                if not (most.text.isascii() and most.text.isdecimal()):
+                    raise self._refuse("a whole number of steps", most)
+                found = found._replace(within=int(most.text))
+        if not until:
+            self._take(")", expected=_MORE)
+        self._take(_END, expected=_END)
         return found
+
+    def _is(self, *words: str) -> bool:
+        token = self._tokens[self._at]
+        return token.text in words and not token.quoted
 
     def _next(self) -> _Token:
         token = self._tokens[self._at]
-        self._at += token.kind != "end"
+        self._at += self._at < len(self._tokens) - 1
         return token
 
-    def _refuse(self, expected: str, token: _Token) -> FormatError:
-        found = token.text if token.kind == "end" else repr(token.text)
-        return _unparsed(f"{expected} was expected, not {found}", token.column)
-
-    def _keyword(self, *words: str) -> str:
-        token = self._next()
-        if token.text not in words or token.kind != "word":
-            raise self._refuse(" or ".join(map(repr, words)), token)
+    def _take(self, *words: str, expected: str = "") -> Any:
+        """Take one of some words."""
+        known, token = self._is(*words), self._next()
+        if not known:
+            raise self._refuse(expected or " or ".join(map(repr, words)), token)
         return token.text
 
-    def _expect(self, kind: str, expected: str = "") -> None:
-        token = self._next()
-        if token.kind != kind:
-            raise self._refuse(expected or repr(kind), token)
-
-    def _number(self) -> int:
-        token = self._next()
-        if not (token.text.isascii() and token.text.isdecimal()):
-            raise self._refuse("a whole number of steps", token)
-        return int(token.text)
+    def _refuse(self, expected: str, token: _Token) -> FormatError:
+        found = token.text if token is self._tokens[-1] else repr(token.text)
+        return _unparsed(f"{expected} was expected, not {found}", token.column)
 
     def _formula(self, *, told: bool = True) -> Mask:
         """Return where a formula holds, and warn where that is nowhere."""
         first = self._tokens[self._at]
         found = self._either()
-        size, actions = len(self._model.state_space), len(self._model.action_space)
-        whole = np.broadcast_to(found, (size, actions + 1))
         if told and not found.any():
             part = self._text[first.column - 1 : self._tokens[self._at].column - 1].strip()
             warnings.warn(f"nothing in the model satisfies {part}", ModelWarning, stacklevel=5)
-        return whole
+        return np.broadcast_to(found, (len(self._model.state_space), len(self._model.action_space) + 1))
 
     def _either(self) -> Mask:
         found = self._both()
-        while self._tokens[self._at].kind == "or":
+        while self._is("or"):
             self._next()
             found = found | self._both()
         return found
 
     def _both(self) -> Mask:
         found = self._negation()
-        while self._tokens[self._at].kind == "and":
+        while self._is("and"):
             self._next()
             found = found & self._negation()
         return found
 
     def _negation(self) -> Mask:
+        if not self._is("not", "("):
+            return self._atom(self._next())
         token = self._next()
-        if token.kind not in {"not", "("}:
-            return self._atom(token)
         self._depth += 1
         if self._depth > _DEEPEST:
             raise _unparsed(f"formulas nest at most {_DEEPEST} deep", token.column)
-        if token.kind == "not":
+        if token.text == "not":
             found = ~self._negation()
         else:
             found = self._either()
-            self._expect(")", "'and', 'or' or ')'")
+            self._take(")", expected=_MORE)
         self._depth -= 1
         return found
 
     def _atom(self, token: _Token) -> Mask:
-        if token.kind not in {"word", "double", "single"}:
+        if not token.is_name:
             raise self._refuse("a state, 'factor = value', 'action = NAME', 'not' or '('", token)
-        if self._tokens[self._at].text == "=" and self._tokens[self._at].kind == "word":
+        if self._is("="):
             self._next()
             value = self._next()
-            if value.kind not in {"word", "double", "single"}:
+            if not value.is_name:
                 raise self._refuse(f"a value of {token.text!r}", value)
             return self._value(token.text, value)
         names = self._model.state_space.names
-        if token.kind == "word" and "=" in token.text and token.text not in names:
-            name, _, text = token.text.partition("=")
-            if name and text:
-                return self._value(name, _Token("word", text, token.column))
+        name, _, text = token.text.partition("=")
+        if name and text and not token.quoted and token.text not in names:
+            return self._value(name, _Token(text, token.column))
         return self._chosen(names, token, "state", self._model.state_space.index)[:, None]
 
     def _value(self, name: str, value: _Token) -> Mask:
-        """Return where a factor has a value, or an action, or an agent's part of it, is taken."""
-        model = self._model
-        for space, is_state in ((model.state_space, True), (model.action_space, False)):
+        """Return where a factor has a value, or an action, or an agent's part of it, is taken: not where plans end."""
+        states, actions = self._model.state_space, self._model.action_space
+        for space in (states, actions):
             for place, factor in enumerate(space.factors):
                 if factor.name == name:
                     chosen = self._chosen(factor.names, value, "value", factor.index, f" of {name!r}")
                     part = np.arange(len(space)) // int(np.prod(space.shape[place + 1 :])) % len(factor)
-                    return chosen[part][:, None] if is_state else _taken(chosen[part])
+                    return chosen[part][:, None] if space is states else np.append(chosen[part], False)[None, :]
         if name == "action":
-            return _taken(self._chosen(model.action_space.names, value, "action", model.action_space.index))
-        known = [factor.name for space in (model.state_space, model.action_space) for factor in space.factors]
+            return np.append(self._chosen(actions.names, value, "action", actions.index), False)[None, :]
+        known = [factor.name for space in (states, actions) for factor in space.factors]
         raise ModelError(f"the model has no factor {name!r}; {_nearest(name, [*known, 'action'])}")
 
     def _chosen(
@@ -233,21 +228,14 @@ class _Parser:
         try:
             chosen[index(text)] = True
         except ModelError:
-            if token.kind != "word" or not any(sign in text for sign in "*?["):
+            if token.quoted or not any(sign in text for sign in "*?["):
                 raise ModelError(f"the model has no {what} {text!r}{of}; {_nearest(text, names)}") from None
             chosen[[place for place, name in enumerate(names) if fnmatchcase(name, text)]] = True
         return chosen
 
 
-def _taken(chosen: Mask) -> Mask:
-    """Return a mask of actions, where no action is taken behind a plan's end."""
-    return np.append(chosen, False)[None, :]
-
-
 def _nearest(name: str, names: Sequence[str]) -> str:
     """Return the names that are like an unknown one, or some of them, as the end of a sentence."""
-    close = difflib.get_close_matches(name, list(names[:_COMPARED]), n=3)
-    if close:
+    if close := difflib.get_close_matches(name, list(names[:_COMPARED]), n=3):
         return f"did you mean {' or '.join(map(repr, close))}?"
-    more = ", …" if len(names) > 10 else ""
-    return f"it has {', '.join(map(repr, names[:10]))}{more}"
+    return f"it has {', '.join(map(repr, names[:10]))}{', …' if len(names) > 10 else ''}"

@@ -1,7 +1,8 @@
-"""All numbers of random decision processes and of their policies against Storm, which computes them in fractions."""
+"""All numbers of decision processes, random and of the field, and of their policies against Storm's fractions."""
 
 from __future__ import annotations
 
+import functools
 import math
 import warnings
 from fractions import Fraction
@@ -9,6 +10,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from random_processes import model_of_rows, random_rows, under
+from verification.field import FIELD
 from verification.storm import answers, interpreter
 
 from mdm.errors import ModelWarning
@@ -33,13 +35,42 @@ def storm(tmp_path_factory):
     return interpreter(tmp_path_factory.getbasetemp().parent)
 
 
-def question(rows, *ends):
+def question(rows, *ends, labels=None, asked=ASKED):
     return {
         "rows": [[[(after, str(chance)) for after, chance in choice.items()] for choice in state] for state in rows],
         "start": 0,
-        "labels": {"x": [1, 2], "y": [3, 4], "z": [1, 2, 3]},
-        "formulas": [formula.format(end) for _, formula in ASKED for end in ends],
+        "labels": labels or {"x": [1, 2], "y": [3, 4], "z": [1, 2, 3]},
+        "formulas": [formula.format(end) for _, formula in asked for end in ends],
     }
+
+
+OF_FIELD = [("s1 or s2 or s3", "x* or y*"), ("s1 or s2", "x*"), ("s3 or s4", "y*")]
+
+
+@pytest.mark.parametrize("name", FIELD)
+def test_numbers_of_the_field(storm, name):
+    """Least and greatest are Storm's, and so are those of the policies that attain them."""
+    process = FIELD[name]()
+    model, rows = process.model(), process.rows
+    labels = {"x": process.reached, "y": process.avoided, "z": process.reached + process.avoided}
+    cases, asked = [], [question(rows, "min", "max", labels=labels)]
+    for each in ASKED:
+        text = functools.reduce(lambda text, change: text.replace(*change), OF_FIELD, each[0])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModelWarning)  # nothing in the tiger's model is avoided
+            answer = verify(model, text)
+            for number, policy in zip((answer.least, answer.greatest), answer.policies, strict=True):
+                cases.append((number, verify(model, text, policy).result, None))
+                if policy.horizon is None:
+                    actions = [policy.action(state) for state in range(len(rows))]
+                    cases[-1] = (*cases[-1][:2], len(asked))
+                    asked.append(question(under(rows, actions), "min", labels=labels, asked=[each]))
+    told = answers(storm, asked)
+    for (best, its, chain), wanted in zip(cases, told[0], strict=True):
+        assert_close(best, wanted)
+        assert_close(its, wanted)
+        if chain is not None:
+            assert_close(its, told[chain][0])
 
 
 def assert_close(number, text):

@@ -17,7 +17,7 @@ from mdm.config.tables import EventTable, PredicateTable, Problems
 from mdm.errors import ConfigError, Error
 from mdm.formats.archive.npz import is_archive
 from mdm.formats.files import beginning, holds_policy
-from mdm.logic import Formula, parse, similar
+from mdm.logic import Formula, Monitor, parse, similar
 from mdm.messages import Fault
 from mdm.options import Seconds
 from mdm.runtime import Actor, ActorFailure
@@ -463,6 +463,7 @@ def _takes_one(function: Callable[..., Any]) -> bool:
 _KEYS = {
     "sensor": ("sensor", "when", "max_age", "initial"),
     "formula": ("formula", "held_for"),
+    "monitor": ("monitor",),
     "latch": ("set", "reset", "initial"),
 }
 
@@ -522,6 +523,8 @@ class Declarations:
         _refuse_mixture(table, written)
         if table.formula is not None:
             self.manager.define(name, self._formula(table.formula, key), held_for=table.held_for)
+        elif table.monitor is not None:
+            self.manager.monitor(name, self._formula(Monitor(table.monitor).formula, key))
         elif table.set is not None and table.reset is not None:
             on, off = self._formula(table.set, key), self._formula(table.reset, key)
             self.manager.latch(name, set=on, reset=off, initial=bool(table.initial))
@@ -536,8 +539,8 @@ class Declarations:
         if table is not None:
             self.manager.event(name, None if table.formula is None else self._formula(table.formula, key))
 
-    def _formula(self, text: str, key: str) -> Formula:
-        formula = parse(text)
+    def _formula(self, given: Formula | str, key: str) -> Formula:
+        formula = parse(given) if isinstance(given, str) else given
         if self._share is not None:
             formula = self._share.formula(formula)
         self._formulas.append((key, formula))
@@ -575,7 +578,11 @@ class Declarations:
 def _refuse_mixture(table: PredicateTable, keys: Iterable[str]) -> None:
     """Refuse a mixture of keys of a sensor, a formula and a latch."""
     latch = table.set is not None or table.reset is not None
-    kind = "latch" if latch else "sensor" if table.formula is None else "formula"
+    kind = (
+        "latch"
+        if latch
+        else next((each for each in ("formula", "monitor") if getattr(table, each) is not None), "sensor")
+    )
     if latch and table.formula is not None:
         raise ConfigError("a predicate has either a formula or 'set' and 'reset', not both")
     if latch and (table.set is None or table.reset is None):
@@ -583,7 +590,7 @@ def _refuse_mixture(table: PredicateTable, keys: Iterable[str]) -> None:
     if kind == "sensor" and table.held_for is not None:
         raise ConfigError("held_for needs a formula: it is the time for which that must be true")
     if kind == "sensor" and not table.sensor:
-        raise ConfigError("a predicate that is not a sensor needs a 'formula', or 'set' and 'reset'")
+        raise ConfigError("a predicate that is not a sensor needs a 'formula', a 'monitor', or 'set' and 'reset'")
     for key in keys:
         if key not in _KEYS[kind]:
             raise ConfigError(f"a {kind} has no key {key!r}; its keys are {', '.join(_KEYS[kind])}")

@@ -283,12 +283,7 @@ def _declared(declared: Declarations) -> dict[str, Any]:
     """Return the tables of predicates and events."""
     tables: dict[str, Any] = {"predicates": {}, "events": {}}
     for name, kind in declared.names.items():
-        formulas = [str(each) for each in declared.formulas(name)]
-        keys = ("formula",) if len(formulas) == 1 else ("set", "reset")
-        found: dict[str, Any] = dict(zip(keys, formulas, strict=False))
-        times = {"held_for": declared.held_for, "max_age": declared.max_age}
-        found |= {key: nanoseconds[name] / 1e9 for key, nanoseconds in times.items() if name in nanoseconds}
-        found |= {"when": str(declared.thresholds[name])} if name in declared.thresholds else {}
+        found: dict[str, Any] = declared.written(name)
         found |= {"initial": declared.initial[name]} if name in declared.initial else {}
         tables[f"{kind}s"][name] = found
     for name in declared.used:  # a file declares teammates' predicates by the names of its own

@@ -22,13 +22,14 @@ T = TypeVar("T")
 
 
 class PredicateTable(Options, frozen=True):
-    """A predicate set by code, also by numbers, or one derived by ``formula``, or by ``set`` and ``reset``.
+    """A predicate set by code, also by numbers, or one derived by ``formula``, ``monitor``, or ``set`` and ``reset``.
 
     Attributes:
-        sensor: False for a predicate that no code sets: it has a formula, or is a latch.
+        sensor: False for a predicate that no code sets: it has a formula, or is a latch or a monitor.
         when: When it holds, of numbers that code sets: ``< 0.2 until > 0.3``; without ``until`` one comparison.
         formula: Of other predicates and events, in propositional logic; short form: the formula alone.
         held_for: Seconds that the formula has to hold before the predicate is true.
+        monitor: A formula in time, such as ``G(not Stairs) and F(Dock)``: false once that is false for ever, else true.
         max_age: Seconds after which a value that was not told again is unknown.
         set: A predicate or event that makes it true, and it stays so.
         reset: A predicate or event that makes it false again.
@@ -39,6 +40,7 @@ class PredicateTable(Options, frozen=True):
     when: str | None = None
     formula: str | None = None
     held_for: Seconds | None = None
+    monitor: str | None = None
     max_age: Seconds | None = None
     set: str | None = None
     reset: str | None = None

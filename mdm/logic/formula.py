@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _BARE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(?:[./:][A-Za-z0-9_]+)*")
 _DEEPEST = 270
-_WORDS = frozenset({"and", "or", "not", "xor", "implies", "true", "false"})
+_WORDS = frozenset({"and", "or", "not", "xor", "implies", "true", "false", "X", "F", "G", "U"})
 FALSE, UNKNOWN, TRUE = 0, 1, 2
 CODES = {False: FALSE, None: UNKNOWN, True: TRUE}
 _PAIRS = [(left, right) for left in range(3) for right in range(3)]
@@ -130,7 +130,7 @@ class P(Formula):
     """
 
     __slots__ = ("name",)
-    _level = 6
+    _level = 7
 
     def __init__(self, name: str) -> None:
         super().__init__()
@@ -153,7 +153,7 @@ class Constant(Formula):
     """The constant true or false."""
 
     __slots__ = ("value",)
-    _level = 6
+    _level = 7
 
     def __init__(self, value: bool) -> None:
         super().__init__()
@@ -174,7 +174,7 @@ class Not(Formula):
     """True if its part is false."""
 
     __slots__ = ()
-    _level = 5
+    _level = 6
 
     def evaluate(self, values: Mapping[str, bool | None]) -> bool | None:
         """Return the opposite of the part, or unknown if that is unknown."""
@@ -182,7 +182,7 @@ class Not(Formula):
         return None if value is None else not value
 
     def __str__(self) -> str:
-        return f"not {self._text(self.parts[0], 5)}"
+        return f"not {self._text(self.parts[0], 6)}"
 
 
 class _Binary(Formula):

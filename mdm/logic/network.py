@@ -15,6 +15,7 @@ import msgspec
 
 from mdm.errors import Error, FormatError
 from mdm.logic.formula import CODES, FALSE, TRUE, UNKNOWN, Formula, compile_formula, compile_hold, compile_latch
+from mdm.logic.monitor import Monitor
 from mdm.logic.parser import parse
 
 if TYPE_CHECKING:
@@ -73,6 +74,10 @@ class Declarations:
         """Declare a predicate equal to its formula, except that it becomes true only when its time has elapsed."""
         self._declare(Declaration(name, "hold", (_tree(name, formula),)))
 
+    def monitor(self, name: str, formula: Formula | str) -> None:
+        """Declare a predicate that is false where a formula in time is so for ever, else true: see `Monitor`."""
+        self._declare(Declaration(name, "monitor", (Monitor(formula).formula,)))
+
     def rise(self, name: str, formula: Formula | str) -> None:
         """Declare an event that occurs when a formula changes from false or unknown to true.
 
@@ -94,7 +99,7 @@ class Declarations:
                     if other is None:
                         hint = similar(name, self._nodes)
                         raise Error(f"{node.name!r} uses {name!r}, which is not declared{hint}")
-                    if other.is_event and node.kind in {"define", "hold"}:
+                    if other.is_event and node.kind in {"define", "hold", "monitor"}:
                         raise Error(
                             f"{node.name!r} uses the event {name!r}, which has no lasting value: store it in a latch"
                         )
@@ -292,10 +297,14 @@ _STAYS: Final = 3
 
 
 class Network(Declarations):
-    """Input and derived predicates and events: declare them, `compile`, then `update`."""
+    """Input and derived predicates and events: declare them, `compile`, then `update`.
+
+    Attributes:
+        monitors: The monitors by their predicates; each update that changes one of theirs is a valuation.
+    """
 
     # What each decision reads or writes, close together: among many ensembles what is far apart is not in the cache.
-    __slots__ = ("_plans", "_raisings", "_readings", "_values")
+    __slots__ = ("_plans", "_raisings", "_readings", "_values", "monitors")
 
     def __init__(self) -> None:
         super().__init__()
@@ -310,6 +319,7 @@ class Network(Declarations):
         self._flags: dict[str, int] = {}
         self._rises: dict[int, int] = {}
         self._special: frozenset[int] = frozenset()
+        self.monitors: dict[str, Monitor] = {}
         self._ended: dict[int, tuple[int, ...]] = {}
         # What recurs: inputs and events, by what was given; what changes touch, and how many changes this has made.
         self._inputs = Inputs(self._nodes, self._index)
@@ -359,6 +369,9 @@ class Network(Declarations):
             self._functions[index] = compile_formula(node.formulas[0], self._index)
         elif node.kind == "latch":
             self._functions[index] = compile_latch(node.formulas[0], node.formulas[1], self._index, index)
+        elif node.kind == "monitor":
+            self.monitors[node.name] = Monitor(node.formulas[0])
+            self._functions[index] = self.monitors[node.name].compiled(self._index)
         elif node.kind in {"hold", "rise"}:
             self._functions[formula] = compile_formula(node.formulas[0], self._index)
             if node.kind == "hold":

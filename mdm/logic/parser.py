@@ -8,7 +8,7 @@ and ``:`` inside; other names need quotes.
 from __future__ import annotations
 
 import re
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from mdm.errors import FormatError
 from mdm.logic.formula import And, Constant, Formula, Implies, Not, Or, P, Xor
@@ -25,7 +25,6 @@ _TOKEN = re.compile(
 )
 _SAME = {"&": "and", "&&": "and", "|": "or", "||": "or", "^": "xor", "~": "not", "!": "not"}
 _SAME |= {"->": "implies", "=>": "implies", ">>": "implies"}
-_WORDS = frozenset({"and", "or", "not", "xor", "implies"})
 _BINARY: tuple[tuple[str, type[Formula]], ...] = (("or", Or), ("xor", Xor), ("and", And))
 _DEEPEST = 100
 _LONGEST = 250
@@ -48,10 +47,10 @@ def parse(text: str) -> Formula:
     Raises:
         FormatError: If the text is not a formula, with the column and the expected symbols.
     """
-    return _Parser(_tokens(text)).whole()
+    return Parser.parse(text)
 
 
-def _tokens(text: str) -> list[_Token]:
+def _tokens(text: str, words: frozenset[str]) -> list[_Token]:
     tokens: list[_Token] = []
     position = 0
     while True:
@@ -68,14 +67,24 @@ def _tokens(text: str) -> list[_Token]:
         if kind == "operator":
             tokens.append(_Token(_SAME.get(found, found), found, column))
         elif kind == "name":
-            tokens.append(_Token(found if found in _WORDS else "name", found, column))
+            tokens.append(_Token(found if found in words else "name", found, column))
         else:
             tokens.append(_Token("quoted", re.sub(r"\\(.)", r"\1", found, flags=re.DOTALL), column))
         position = match.end()
 
 
-class _Parser:
-    """A recursive-descent parser with a method per level of precedence."""
+class Parser:
+    """A recursive-descent parser with a method per level of precedence.
+
+    Attributes:
+        words: The words that are no names.
+        prefixes: Those that come before a formula, with the formulas that they make.
+        between: Those that may follow one, for a sentence.
+    """
+
+    words: ClassVar[frozenset[str]] = frozenset({"and", "or", "not", "xor", "implies"})
+    prefixes: ClassVar[dict[str, type[Formula]]] = {"not": Not}
+    between: ClassVar[str] = "'and', 'or', 'xor', 'implies'"
 
     def __init__(self, tokens: list[_Token]) -> None:
         self._tokens = tokens
@@ -83,9 +92,12 @@ class _Parser:
         self._depth = 0
         self._links = 0
 
-    def whole(self) -> Formula:
-        formula = self._implication()
-        self._expect("end", "'and', 'or', 'xor', 'implies' or the end")
+    @classmethod
+    def parse(cls, text: str) -> Formula:
+        """Parse a whole text."""
+        parser = cls(_tokens(text, cls.words))
+        formula = parser._implication()
+        parser._expect("end", f"{cls.between} or the end")
         return formula
 
     def _next(self) -> _Token:
@@ -122,7 +134,7 @@ class _Parser:
 
     def _binary(self, level: int) -> Formula:
         if level == len(_BINARY):
-            return self._negation()
+            return self._operand()
         word, kind = _BINARY[level]
         formula = self._binary(level + 1)
         while self._take(word):
@@ -136,13 +148,18 @@ class _Parser:
             formula = kind(formula, self._binary(level + 1))
         return formula
 
-    def _negation(self) -> Formula:
-        if self._take("not"):
-            self._deeper()
-            formula: Formula = Not(self._negation())
-            self._depth -= 1
-            return formula
-        return self._atom()
+    def _operand(self) -> Formula:
+        return self._prefixed()
+
+    def _prefixed(self) -> Formula:
+        kind = self.prefixes.get(self._tokens[self._position].kind)
+        if kind is None:
+            return self._atom()
+        self._position += 1
+        self._deeper()
+        formula = kind(self._prefixed())
+        self._depth -= 1
+        return formula
 
     def _atom(self) -> Formula:
         token = self._next()
@@ -154,4 +171,7 @@ class _Parser:
             return P(token.text)
         if token.kind == "name":
             return Constant(token.text == "true") if token.text in {"true", "false"} else P(token.text)
-        raise FormatError(f"a name, 'not' or '(' was expected, not {token.text!r}", column=token.column)
+        raise FormatError(
+            f"a name, {', '.join(map(repr, self.prefixes))} or '(' was expected, not {token.text!r}",
+            column=token.column,
+        )

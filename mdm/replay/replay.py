@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from mdm.messages import Decision
+    from mdm.actors import PredicateManager
+    from mdm.messages import Decision, PredicateUpdate, StateChange
     from mdm.recording.reader import Recorded
     from mdm.stimuli import Stimulus
 
@@ -155,6 +156,25 @@ def replay(
     run(main, virtual=True)
     run_again.check_ticks()
     return run_again.replayed()
+
+
+def replay_predicates(
+    record: Record, actors: Actor, manager: PredicateManager, transports: Mapping[str, ReplayTransport] = {}
+) -> tuple[Replayed, list[tuple[int, dict[str, bool | None]]]]:
+    """Replay a record; return the result, and all values of predicates at a start, and those that change, by times."""
+    found: list[tuple[int, dict[str, bool | None]]] = []
+
+    def update(message: PredicateUpdate) -> None:
+        changed = dict.fromkeys(message.rising, True) | dict.fromkeys(message.falling, False)
+        found.append((message.time, changed | dict.fromkeys(message.unknown)))
+
+    def start(change: StateChange) -> None:
+        if change.actor == manager.path and change.state == "running":
+            if not found:  # and not at a restart
+                manager.updates.subscribe(update)
+            found.append((change.time, manager.values()))
+
+    return replay(record, actors, most=1, transports=transports, listen=lambda of: of.lives.subscribe(start)), found
 
 
 def replay_together(

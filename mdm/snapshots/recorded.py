@@ -15,10 +15,10 @@ import msgspec
 import numpy as np
 
 from mdm.errors import Error
-from mdm.messages import ActionLife, Decision, Fault, Idle, Journey, Mode, PoseUpdate, PredicateUpdate, StateChange
+from mdm.messages import ActionLife, Decision, Fault, Idle, Journey, Mode, PoseUpdate
 from mdm.models import Space
 from mdm.recording.table import Names, names_of
-from mdm.replay import replay
+from mdm.replay.replay import replay_predicates
 from mdm.snapshots.beliefs import chances_of
 from mdm.snapshots.events import event_of, predicate_event, spell_event
 from mdm.snapshots.frame import Detail, Frame, PredicateScene, Scene, StatisticsFrame
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from mdm.maps import Places
     from mdm.recording.reader import Record
     from mdm.replay.exchange import ReplayTransport
-    from mdm.runtime import Actor, Runtime
+    from mdm.runtime import Actor
     from mdm.snapshots.events import Event
     from mdm.snapshots.frame import EnsembleScene
     from mdm.snapshots.oddities import Told
@@ -226,23 +226,10 @@ class RecordedRun:
         manager = self._manager
         if self._system is None or manager is None:
             return
+        told, changes = replay_predicates(self._record, self._system, manager, transports or {})
         found = {name: Track() for name in manager.values()}
-        heard: list[object] = []
-
-        def update(message: PredicateUpdate) -> None:
-            for names, value in ((message.rising, True), (message.falling, False), (message.unknown, None)):
-                _take(found, message.time, dict.fromkeys(names, value))
-
-        def start(change: StateChange) -> None:
-            if change.actor == manager.path and change.state == "running":
-                if not heard:  # and not at a restart
-                    heard.append(manager.updates.subscribe(update))
-                _take(found, change.time, manager.values())
-
-        def listen(runtime: Runtime) -> None:
-            runtime.lives.subscribe(start)
-
-        told = replay(self._record, self._system, most=1, transports=transports or {}, listen=listen)
+        for time, values in changes:
+            _take(found, time, values)
         if not told.same:
             at = told.differences[0].recorded or told.differences[0].replayed
             until = "" if at is None else f" up to second {self._seconds(at.time):g}"

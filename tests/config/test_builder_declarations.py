@@ -56,6 +56,32 @@ def test_what_cannot_be_declared_is_told(tables, words):
     assert words in str(caught.value)
 
 
+def test_a_monitor_is_declared_by_its_formula():
+    table = {"monitor": "G(not Stairs) and F(Dock)"}
+    known = declared(predicates={"Stairs": {}, "Dock": {}, "Careful": table}).manager.declared
+    assert known.definition("Careful") == "false once G(not Stairs) and F(Dock) is false for ever"
+    assert known.written("Careful") == table
+    assert known.inputs_of("Careful") == {"Careful", "Stairs", "Dock"}
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        {"monitor": "G(not Stair)"},
+        {"monitor": "G(not Stairs"},
+        {"monitor": "true"},
+        {"monitor": "G(Seen)"},
+        {"monitor": "G(Stairs)", "held_for": 2.0},
+        {"monitor": "G(Stairs)", "formula": "Stairs"},
+        {"monitor": "G(Stairs)", "set": "Stairs", "reset": "not Stairs"},
+        {"sensor": False},
+    ],
+)
+def test_what_is_no_monitor_is_refused(table):
+    with refused(ConfigError):
+        declared(predicates={"Stairs": {}, "Careful": table}, events={"Seen": {}})
+
+
 def test_ends_of_actions_are_those_of_the_ensembles():
     problems = Problems(Path("robot.toml"))
     declarations = Declarations(problems)

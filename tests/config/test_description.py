@@ -48,6 +48,8 @@ Low = { max_age = 5.0, initial = false }
 Close = { when = "< 0.2 until > 0.3" }
 Near = { formula = "Close & ~Low", held_for = 0.25 }
 Far = "~Near"
+Careful = { monitor = "G(not Near) U \\"G\\" or F(Low)" }
+G = {}
 Held = { set = "HearLeft", reset = "HearRight & Low", initial = true }
 [events]
 HearLeft = {}
@@ -62,6 +64,8 @@ def declared():
     manager.sensor("Close", when="< 0.2 until > 0.3")
     manager.define("Near", "Close & ~Low", held_for=0.25)
     manager.define("Far", "~Near")
+    manager.monitor("Careful", 'G(not Near) U "G" or F(Low)')
+    manager.sensor("G")
     manager.latch("Held", set="HearLeft", reset="HearRight & Low", initial=True)
     manager.event("HearLeft")
     manager.event("HearRight")

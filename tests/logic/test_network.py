@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from mdm.errors import Error
-from mdm.logic import Formula, Network, P, parse
+from mdm.logic import Formula, Monitor, Network, P, parse
 from mdm.logic.formula import Constant
 
 values = st.sampled_from([True, False, None])
@@ -159,6 +159,29 @@ def test_glitch_free():
         assert change is not None
         assert "never" not in change.rising
         assert change.events == ()
+
+
+@given(st.lists(st.lists(st.tuples(st.sampled_from("abc"), values), max_size=3).map(tuple), max_size=8))
+def test_a_monitor_takes_each_valuation_that_an_update_brings_about(updates):
+    """Also of derived predicates; what changes others alone is none."""
+    formula, network = "G(a implies X both) and (not b U a)", Network()
+    for name in "abc":
+        network.add_input(name, False)
+    network.monitor("watched", formula)
+    network.define("both", "a and b")
+    network.define("last", "not watched or c")
+    network.compile()
+    alone = Monitor(formula)
+    before = None
+    for inputs in ((), *updates):
+        change = network.update(inputs)
+        told = network.values()
+        if (valuation := {name: told[name] for name in alone.names}) != before:
+            alone.update(valuation)
+            before = valuation
+        assert network.monitors["watched"].verdict is alone.verdict
+        assert told["watched"] is (alone.verdict is not False)
+        assert change is None or "watched" not in change.unknown
 
 
 def test_hold_waits_falls_at_once_and_starts_anew():

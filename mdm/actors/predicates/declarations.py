@@ -39,11 +39,12 @@ class Declarations:
         thresholds: When a predicate holds that is told by numbers.
         tellers: In words, who sets a predicate or raises an event in the place of code.
         initial: The values that predicates begin with, where these were given.
+        monitors: The predicates that monitor a formula in time.
     """
 
     __slots__ = (
         *("_ages", "_formulas", "_kinds", "_parts", "_sensors", "_used"),
-        *("held_for", "initial", "max_age", "tellers", "thresholds"),
+        *("held_for", "initial", "max_age", "monitors", "tellers", "thresholds"),
     )
 
     def __init__(self) -> None:
@@ -57,6 +58,7 @@ class Declarations:
         self.thresholds: dict[str, Threshold] = {}
         self.tellers: dict[str, str] = {}
         self.initial: dict[str, bool] = {}
+        self.monitors: set[str] = set()
         self._ages: dict[str, tuple[float, str]] = {}
 
     def add(
@@ -169,6 +171,8 @@ class Declarations:
         if len(formulas) == 2:
             return f"set by {formulas[0]}, reset by {formulas[1]}"
         if formulas:
+            if name in self.monitors:
+                return f"false once {formulas[0]} is false for ever"
             held = f", held for {self.held_for[name] / 1e9:g} s" if name in self.held_for else ""
             return f"{formulas[0]}{held}"
         if name in self._ages:
@@ -181,7 +185,7 @@ class Declarations:
     def written(self, name: str) -> dict[str, str | float]:
         """Return a declaration as a table of a file has it, times in seconds."""
         formulas = self._formulas[name]
-        keys = ("set", "reset") if len(formulas) == 2 else ("formula",)
+        keys = ("set", "reset") if len(formulas) == 2 else ("monitor" if name in self.monitors else "formula",)
         table: dict[str, str | float] = dict(zip(keys, map(str, formulas), strict=False))
         table |= {"when": str(self.thresholds[name])} if name in self.thresholds else {}
         times = {"held_for": self.held_for, "max_age": self.max_age}

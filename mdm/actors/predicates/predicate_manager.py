@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 from mdm.actors.predicates.declarations import ACTION_END, Declarations
 from mdm.actors.predicates.sources import Backlog, Batch, Batches, EventSource, Follower, NumberSensor, Sensor, truth
 from mdm.errors import ConfigError, Error
-from mdm.logic import Formula, Network, parse, parse_threshold
+from mdm.logic import Formula, Monitor, Network, parse, parse_threshold, similar
 from mdm.messages import EventUpdate, PredicateMap, PredicateUpdate, SensorUpdate
 from mdm.runtime import Actor
 from mdm.runtime.channel import Topics
@@ -193,6 +193,16 @@ class PredicateManager(Actor):
         )
         self.declared.initial[name] = bool(initial)
 
+    def monitor(self, name: str, formula: Formula | str) -> None:
+        """Declare a predicate by a formula in time, see `mdm.logic.Monitor`: false where that is for ever, else true.
+
+        The first valuation is that of the start. The next one is there when an update changes a predicate of the
+        formula, also to unknown and back. A start after a failure begins with a first one.
+        """
+        tree = Monitor(formula).formula
+        self._declare(name, "predicate", lambda network: network.monitor(name, tree), tree)
+        self.declared.monitors.add(name)
+
     def event(self, name: str, formula: Formula | str | None = None) -> EventSource:
         """Declare an event: raised through the handle returned, or when a formula becomes true."""
         if formula is None:
@@ -239,6 +249,17 @@ class PredicateManager(Actor):
             return {name: None for name, kind in self.declared.names.items() if kind == "predicate"}
         values = self._network.values()
         return dict.fromkeys(values) if self._lost else values
+
+    def verdict(self, name: str) -> bool | None:
+        """Return what is known of a monitor's formula: true or false for ever, or None where that is open.
+
+        Raises:
+            Error: If there is no monitor of that name.
+        """
+        if name not in self.declared.monitors:
+            raise Error(f"there is no monitor {name!r}{similar(name, self.declared.monitors)}")
+        monitor = self._network.monitors.get(name)
+        return None if monitor is None else monitor.verdict
 
     def batch(self) -> Batch:
         """Make all changes that are reported inside the block one update.

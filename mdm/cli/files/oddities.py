@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.files.positions import Positions
-from mdm.logic import P, parse, parse_threshold
+from mdm.logic import Monitor, P, parse, parse_threshold
 from mdm.texts import texts_in
 
 if TYPE_CHECKING:
@@ -97,6 +97,8 @@ def of_document(document: dict[str, Any]) -> Iterator[Odd]:
         for name, given in document.get(kind, {}).items():
             table = {"formula": given} if isinstance(given, str) else given
             definitions[name] = tuple(parse(table[key]) for key in ("formula", "set", "reset") if key in table)
+            if "monitor" in table:
+                definitions[name] = (Monitor(table["monitor"]).formula,) * 2  # as a latch's: no present value
             if not definitions[name]:
                 sensors[kind, name] = table
     yield from _times(document, ())

@@ -454,3 +454,70 @@ def test_how_long_a_condition_has_held_is_counted_anew_after_a_restart(again):
         assert risen == ([] if since is None else [since + 2.0])
 
     run_virtual(main)
+
+
+def test_a_monitor_is_false_once_its_formula_is_for_ever():
+    async def main(runtime):
+        manager = PredicateManager(supervision=Restart(backoff=0.5))
+        stairs, dock = manager.sensor("Stairs", initial=False), manager.sensor("Dock")
+        manager.monitor("Careful", "G(not Stairs) and F(Dock)")
+        manager.monitor("Docked", "F(Dock)")
+        manager.event("Fell", "not Careful")
+        assert (manager.verdict("Careful"), manager.value("Careful")) == (None, None)
+        await runtime.start(manager)
+        events = probe(runtime.channel("predicates/events", EventUpdate))
+
+        def told():
+            return [(manager.value(name), manager.verdict(name)) for name in ("Careful", "Docked")]
+
+        assert told() == [(True, None), (True, None)]  # never unknown, as the dock is
+        dock.set(True)
+        assert told() == [(True, None), (True, True)]
+        stairs.set(None)
+        assert told() == [(True, None), (True, True)]
+        stairs.set(True)
+        stairs.set(False)
+        assert told() == [(False, False), (True, True)]
+        assert [update.events for update in events] == [("Fell",)]
+        crash(manager)
+        dock.set(False)
+        stairs.set(False)
+        await asyncio.sleep(1.0)
+        assert told() == [(True, None), (True, None)]  # from the first valuation on
+
+    run_virtual(main)
+
+
+def test_reports_of_a_batch_are_one_valuation():
+    async def main(runtime):
+        manager = PredicateManager()
+        first, second = manager.sensor("A", initial=False), manager.sensor("B", initial=False)
+        manager.monitor("Together", "G(A implies B)")
+        manager.monitor("Next", "X X A")
+        await runtime.start(manager)
+        with manager.batch():
+            first.set(True)
+            second.set(True)
+        assert (manager.verdict("Together"), manager.verdict("Next")) == (None, None)
+        second.set(True)  # nothing new, and no valuation
+        second.set(False)
+        assert (manager.verdict("Together"), manager.verdict("Next")) == (False, None)
+        first.set(False)
+        assert manager.verdict("Next") is False
+
+    run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    "declare",
+    [
+        lambda m: m.monitor("A", "G(not"),
+        lambda m: (m.monitor("A", "G(not B)"), m.network().compile()),
+        lambda m: (m.event("B"), m.monitor("A", "G(not B)"), m.network().compile()),
+        lambda m: (m.monitor("A", "G(not A)"), m.network().compile()),
+        lambda m: (m.monitor("Careful", "G(not B)"), m.verdict("Carefull")),
+    ],
+)
+def test_what_cannot_be_monitored_is_refused(declare):
+    with refused(Error):
+        declare(PredicateManager())

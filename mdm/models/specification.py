@@ -108,7 +108,7 @@ class _Parser:
         self._tokens.append(_Token(_END, len(text) + 1))
 
     def whole(self, *, until: bool) -> Specification:
-        kind = "P" if until else self._take("P", "E", "S")
+        kind: Any = "P" if until else self._take("P", "E", "S")
         if not until:
             self._take("(")
         found = Specification(self._text, kind, np.empty(0, dtype=np.bool_))

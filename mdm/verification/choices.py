@@ -58,21 +58,14 @@ class Choices(NamedTuple):
         hit = target[:, :-1]
         miss = np.zeros_like(hit) if before is None else before[:, :-1] & ~hit
         rows = vstack([csr(model.transition_matrix(each)) for each in range(count)], format="csr")
-        ends = (hit | miss)[state, action]
-        moves = rows[action * size + state]
-        moves.data[np.repeat(ends, np.diff(moves.indptr))] = 0
-        moves.eliminate_zeros()
-        return cls(moves, hit[state, action].astype(float), miss[state, action].astype(float), state, action)
+        hits, misses = hit[state, action].astype(float), miss[state, action].astype(float)
+        return cls(_ended(rows[action * size + state], hits + misses), hits, misses, state, action)
 
     @classmethod
     def of_chain(cls, moves: Matrix, target: Vector, before: Vector) -> Choices:
         """Return those of a chain, in whose states X and Y have probabilities."""
-        size = moves.shape[0]
-        goes = np.maximum(1 - target - before, 0)
-        rows = csr(moves)
-        rows.data *= np.repeat(goes, np.diff(rows.indptr))
-        rows.eliminate_zeros()
-        return cls(rows, target, before, np.arange(size), np.zeros(size, dtype=np.intp))
+        none = np.zeros(len(target), dtype=np.intp)
+        return cls(_ended(moves, target + before), target, before, np.arange(len(target)), none)
 
     @property
     def size(self) -> int:
@@ -109,12 +102,14 @@ class Graph:
         Only open choices may be made, by default all; with ``every`` they are reached by all choices.
         """
         its = self._choices
-        opened = np.ones(len(its.state), dtype=bool) if opened is None else opened
-        inside, by = states.copy(), np.full(its.size, -1, dtype=np.int64)
+        opened = np.ones(len(its.state), dtype=bool) if opened is None else opened.copy()
         left = np.bincount(its.state[opened], minlength=its.size) if every else np.ones(its.size, dtype=np.int64)
-        indices = self._reverse.indptr.astype(np.int64), self._reverse.indices.astype(np.int64)
-        self._attract(indices, its.state, opened, inside, choices & opened, left.astype(np.int64), by)
-        return inside, by
+        # The choices are the ways into a state more, which is inside.
+        ways = np.concatenate([self._reverse.indices, np.flatnonzero(choices)]).astype(np.int64)
+        before = np.append(self._reverse.indptr, len(ways)).astype(np.int64)
+        inside, by = np.append(states, True), np.full(its.size, -1, dtype=np.int64)
+        self._attract(before, ways, its.state, opened, inside, left.astype(np.int64), by)
+        return inside[:-1], by
 
     def impossible(self) -> Mask:
         """Return from which states X is never reached by any choices."""
@@ -143,6 +138,14 @@ class Graph:
                 return found, opened, by
 
 
+def _ended(moves: Matrix, ends: Vector) -> Matrix:
+    """Return the rows of moves, less the probability that each ends before."""
+    rows = csr(moves)
+    rows.data *= np.repeat(np.maximum(1 - ends, 0), np.diff(rows.indptr))
+    rows.eliminate_zeros()
+    return rows
+
+
 def loops(moves: Matrix) -> ModuleType:
     """Return the kernels for some choices: compiled where these are many and it is possible, else plain."""
     return (kernels if moves.nnz > LARGE else plain)("mdm.verification.kernels")
@@ -168,19 +171,20 @@ def end_components(choices: Choices, opened: Mask) -> tuple[Indices, Mask]:
     """Return the maximal end components: for each state the number of its own, or -1, and the choices that stay there.
 
     An end component is a set of states in which some choices stay for ever, and by which each can be reached from each.
-    Open choices alone count; none of them leads to a state without any.
+    Open choices alone count.
     """
-    opened = opened & (choices.hit == 0) & (choices.miss == 0)
-    entries = np.repeat(np.arange(len(choices.state)), np.diff(choices.moves.indptr))
-    while opened.any():
+    graph, opened = Graph(choices), opened & (choices.hit == 0) & (choices.miss == 0)
+    entries, leaves = np.repeat(np.arange(len(choices.state)), np.diff(choices.moves.indptr)), ~opened
+    while True:
+        opened &= ~leaves
+        without = np.bincount(choices.state[opened], minlength=choices.size) == 0
+        opened &= ~choices.lead_to(graph.attracted(without, leaves & False, opened=opened, every=True)[0])
         labels = components(graph_of(choices.moves[opened], choices.state[opened]))
         leaves = np.zeros(len(choices.state), dtype=bool)
         leaves[entries[labels[choices.moves.indices] != labels[choices.state[entries]]]] = True
-        if not (leaves & opened).any():
+        leaves &= opened
+        if not leaves.any():
             break
-        opened &= ~leaves
-    numbers = np.full(choices.size, -1)
-    inside = np.unique(choices.state[opened])
-    if len(inside):
-        numbers[inside] = np.unique(labels[inside], return_inverse=True)[1]
+    numbers, inside = np.full(choices.size, -1), np.unique(choices.state[opened])
+    numbers[inside] = np.unique(labels[inside], return_inverse=True)[1]
     return numbers, opened

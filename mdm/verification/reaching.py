@@ -7,7 +7,7 @@ systems*, 1997; K. Chatterjee and M. Henzinger, SODA 2011). All the rest ends fo
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,86 +16,44 @@ from mdm.verification.choices import Choices, Graph, end_components
 from mdm.verification.optimum import Optimum, optimum
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from mdm.models.matrices import Vector
-    from mdm.models.specification import Mask
-
-    Indices = npt.NDArray[np.integer]
 
 
-class Reached(NamedTuple):
-    """Numbers for each state.
-
-    Args:
-        values: Probabilities, or expected steps, infinite where X is not certain.
-        chosen: A choice for each state that attains it.
-        error: The largest error of the values that are neither certain nor infinite.
-    """
-
-    values: Vector
-    chosen: Indices
-    error: float
-
-
-def reach(choices: Choices, *, greatest: bool) -> Reached:
+def reach(choices: Choices, *, greatest: bool) -> Optimum:
     """Return the least or greatest probability of reaching X from each state."""
-    graph, values = Graph(choices), np.zeros(choices.size)
-    chosen = choices.firsts[:-1].copy()
+    graph, chosen = Graph(choices), choices.firsts[:-1].copy()
     if greatest:
-        none = graph.impossible()
-        sure, _, by = graph.certain()
+        none, (sure, _, by) = graph.impossible(), graph.certain()
         chosen = np.where(sure, by, chosen)
     else:
         none, avoiding = graph.avoiding()
         which = np.flatnonzero(avoiding)[::-1]
         chosen[choices.state[which]] = which
         sure = graph.unavoidable()[0]
-    values[sure] = 1
-    open_ = ~none & ~sure
+    values, open_ = sure.astype(float), ~none & ~sure
     if not open_.any():
-        return Reached(values, chosen, 0.0)
-    rows = np.flatnonzero(open_[choices.state])
-    part = choices.subset(rows)
-    constant = part.hit + np.asarray(part.moves @ sure.astype(float))
-    if greatest and len(rows) > open_.sum():
-        found = _collapsed(choices, open_, rows, constant)
-    else:
-        number = np.cumsum(open_) - 1
-        found = optimum(part.moves[:, open_], number[part.state], constant, greatest=greatest)
-        found = found._replace(chosen=rows[found.chosen])
-    values[open_] = np.clip(found.values, 0, 1)
-    chosen[open_] = found.chosen
-    return Reached(values, chosen, found.error)
-
-
-def _collapsed(choices: Choices, open_: Mask, rows: Indices, constant: Vector) -> Optimum:
-    """Return the greatest values of open states, whose end components are made one state each, and the choices."""
-    inside = np.zeros(len(choices.state), dtype=bool)
-    inside[rows] = True
+        return Optimum(values, chosen, 0.0)
+    inside = open_[choices.state]
     component, stays = end_components(choices, inside & ~choices.lead_to(~open_))
-    count = int(component.max(initial=-1)) + 1
-    node = np.where(component >= 0, component, 0)
     alone = open_ & (component < 0)
-    node[alone] = count + np.arange(int(alone.sum()))
-    kept = np.flatnonzero(~stays[rows])
-    kept = kept[np.argsort(node[choices.state[rows[kept]]], kind="stable")]
-    its, places = rows[kept], np.flatnonzero(open_)
-    merging = csr((np.ones(len(places)), node[places], np.arange(len(places) + 1)), (len(places), count + alone.sum()))
-    moves = csr(choices.moves[its][:, places] @ merging)
-    found = optimum(moves, node[choices.state[its]], constant[kept], greatest=True)
-    leaving = its[found.chosen]
-    chosen = np.zeros(choices.size, dtype=np.int64)
+    node = np.where(alone, component.max() + np.cumsum(alone), component)
+    rows, places = np.flatnonzero(inside & ~stays), np.flatnonzero(open_)
+    rows = rows[np.argsort(node[choices.state[rows]], kind="stable")]
+    merging = csr((np.ones(len(places)), (places, node[places])), (choices.size, int(node.max()) + 1))
+    part = choices.subset(rows)
+    constant = part.hit + np.asarray(part.moves @ values)
+    found = optimum(csr(part.moves @ merging), node[part.state], constant, greatest=greatest)
+    values[open_] = np.clip(found.values[node[open_]], 0, 1)
+    leaving, doors = rows[found.chosen], np.zeros(choices.size, dtype=bool)
+    doors[choices.state[leaving]] = True
     chosen[choices.state[leaving]] = leaving
-    if count:
-        doors = np.zeros(choices.size, dtype=bool)
-        doors[choices.state[leaving]] = True
-        _, by = Graph(choices).attracted(doors, np.zeros(len(choices.state), dtype=bool), opened=stays)
+    if stays.any():
+        _, by = graph.attracted(doors, np.zeros(len(choices.state), dtype=bool), opened=stays)
         chosen = np.where(by >= 0, by, chosen)
-    return Optimum(found.values[node[open_]], chosen[open_], found.error)
+    return Optimum(values, chosen, found.error)
 
 
-def steps(choices: Choices, *, greatest: bool) -> Reached:
+def steps(choices: Choices, *, greatest: bool) -> Optimum:
     """Return the least or greatest expected number of steps until X, infinite where it is not certain."""
     graph, values = Graph(choices), np.full(choices.size, np.inf)
     chosen = choices.firsts[:-1].copy()
@@ -111,12 +69,10 @@ def steps(choices: Choices, *, greatest: bool) -> Reached:
         chosen = np.where(sure, by, chosen)
     rows = np.flatnonzero(opened)
     part = choices.subset(rows)
-    number = np.cumsum(sure) - 1
-    begin = np.searchsorted(rows, chosen[sure])
+    number, begin = np.cumsum(sure) - 1, np.searchsorted(rows, chosen[sure])
     found = optimum(part.moves[:, sure], number[part.state], 1 - part.hit, greatest=greatest, chosen=begin)
-    values[sure] = found.values
-    chosen[sure] = rows[found.chosen]
-    return Reached(values, chosen, found.error)
+    values[sure], chosen[sure] = found.values, rows[found.chosen]
+    return Optimum(values, chosen, found.error)
 
 
 def within(choices: Choices, most: int, *, greatest: bool) -> tuple[Vector, list[Vector]]:

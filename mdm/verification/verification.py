@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from mdm.models import MDP
     from mdm.models.matrices import Vector
     from mdm.models.space import Symbol
-    from mdm.verification.reaching import Reached
+    from mdm.verification.optimum import Optimum
 
 _LONGEST = 10_000
 """Steps of an episode that has no other end."""
@@ -200,7 +200,7 @@ def _under(model: MDP, policy: Any, asked: Specification, chain: Chain) -> Verif
     return Verification(kind="P", result=_turned(_at(chain.start, found), asked), way=way, decision=decision)
 
 
-def _at(start: Vector, found: Reached) -> Exact:
+def _at(start: Vector, found: Optimum) -> Exact:
     """Return the number at an initial distribution."""
     value = float(start[start > 0] @ found.values[start > 0])
     return Exact(value, found.error if np.isfinite(value) else 0.0)

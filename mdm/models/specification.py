@@ -56,7 +56,7 @@ class Specification(NamedTuple):
 
     @classmethod
     def of(cls, text: str, model: MDP, *, until: bool = False) -> Specification:
-        """Parse a specification for a model, or with ``until`` what may stand behind ``reach``.
+        """Parse a specification for a model, or with ``until`` the part behind ``reach``.
 
         Warns of a formula that holds nowhere.
 

@@ -136,7 +136,7 @@ def _swept(
 def _valued(chain: Matrix, constant: Vector, guess: Vector, order: Order | None) -> tuple[Vector, float, float]:
     """Return the values of a chain, a bound of its expected steps, and one of the values' error.
 
-    Of a small chain by elimination, else by what is enough: the guess with sweeps, iteration, sparse elimination.
+    Of a small chain by elimination, else by the first that is good: the guess and sweeps, iteration, elimination.
     """
     size, both = len(constant), np.column_stack([constant, np.ones(len(constant))])
     rounding = float(np.finfo(float).eps) * (2 + int(np.diff(chain.indptr).max()))

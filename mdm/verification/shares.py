@@ -46,7 +46,7 @@ def share(choices: Choices, counts: Vector, *, greatest: bool) -> Optimum:
     its = choices.subset(rows)
     own = its._replace(moves=csr(its.moves[:, ends]), state=(np.cumsum(component >= 0) - 1)[its.state])
     gain, staying, error = _gains(own, counts[rows], component[ends])
-    # A choice more of each state that may stay ends there, and counts what its component is worth.
+    # A choice more of each state that may stay ends there, and earns the share of its component.
     state = np.concatenate([choices.state, ends])
     order = np.argsort(state, kind="stable")
     worth, last = np.concatenate([none, gain[component[ends]]]), np.concatenate([none, np.ones(len(ends))])

@@ -78,7 +78,7 @@ if TYPE_CHECKING:
     from mdm.simulation.world import simulate
     from mdm.solvers import solve
     from mdm.team.team import Team
-    from mdm.verification import verify
+    from mdm.verification import shield, verify
     from mdm.version import __version__
 
 
@@ -153,6 +153,7 @@ __all__ = [
     "runtime",
     "save_model",
     "save_policy",
+    "shield",
     "simulate",
     "simulation",
     "solve",
@@ -188,7 +189,7 @@ _HOMES = {
     "simulation": ("World", "evaluate", "simulate"),
     "solvers": ("solve",),
     "team": ("Team",),
-    "verification": ("verify",),
+    "verification": ("shield", "verify"),
     "version": ("__version__",),
 }
 TABLES = {"ros2": "mdm.ros2.tables:Ros2Reader"}

@@ -8,6 +8,7 @@ from mdm.policies.alpha_vectors import AlphaVectors, MaskedAlphaVectors, MixedAl
 from mdm.policies.baselines import ConstantPolicy, RandomPolicy
 from mdm.policies.finite_state_controller import FiniteStateController, JointController
 from mdm.policies.policy import BeliefPolicy, Deliberating, Policy, Scores, StatePolicy, mismatch
+from mdm.policies.shielded import BudgetedTable, ShieldedTable
 from mdm.policies.table import DeterministicPolicy, QTable, StagedPolicy, StochasticPolicy
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ __all__ = [
     "PACKABLE",
     "AlphaVectors",
     "BeliefPolicy",
+    "BudgetedTable",
     "ConstantPolicy",
     "Deliberating",
     "DeterministicPolicy",
@@ -28,6 +30,7 @@ __all__ = [
     "QTable",
     "RandomPolicy",
     "Scores",
+    "ShieldedTable",
     "StagedPolicy",
     "StatePolicy",
     "StochasticPolicy",
@@ -38,12 +41,14 @@ PACKABLE: dict[str, type[Packable]] = {
     kind.kind: kind
     for kind in (
         AlphaVectors,
+        BudgetedTable,
         DeterministicPolicy,
         FiniteStateController,
         JointController,
         MaskedAlphaVectors,
         MixedAlphaVectors,
         QTable,
+        ShieldedTable,
         StagedPolicy,
         StochasticPolicy,
     )

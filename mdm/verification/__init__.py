@@ -1,7 +1,8 @@
 """Verification: how probable it is that a policy ever brings a robot somewhere, and how probable it could be."""
 
 from mdm.models.specification import Specification
+from mdm.verification.shield import shield
 from mdm.verification.verification import Estimate, Exact, Verification, verify
 from mdm.verification.ways import Decision, Way
 
-__all__ = ["Decision", "Estimate", "Exact", "Specification", "Verification", "Way", "verify"]
+__all__ = ["Decision", "Estimate", "Exact", "Specification", "Verification", "Way", "shield", "verify"]

@@ -9,7 +9,6 @@ import numpy as np
 
 from mdm.actors.control.naming import Naming
 from mdm.beliefs import Support
-from mdm.beliefs.information import DrawnInformation
 from mdm.messages import Action, Belief, Decision, Reward
 from mdm.runtime import Latencies
 from mdm.runtime.statistics import FULL
@@ -169,13 +168,13 @@ class Output:
     @property
     def draws(self) -> str:
         """The state of the random numbers by which the policy draws its actions; empty where it does not."""
-        information = self._controller.information
-        return information.draws if isinstance(information, DrawnInformation) else ""
+        draws: str = getattr(self._controller.information, "draws", "")
+        return draws
 
     def draw_from(self, draws: str) -> None:
         """Let the policy draw on from that state."""
-        information = self._controller.information
-        if isinstance(information, DrawnInformation):
+        information: Any = self._controller.information
+        if hasattr(information, "draws"):
             information.draws = draws
 
     @property

@@ -1,0 +1,338 @@
+"""Shields: how a policy is kept from ever bringing a robot where it must not be.
+
+The states from which X can be avoided for certain, and the actions that keep that so, come from the graph of the model
+(C. Baier and J.-P. Katoen, *Principles of model checking*, 2008, section 10.6); such masks of policies are known as
+shields (M. Alshiekh et al., *Safe reinforcement learning via shielding*, AAAI 2018). With stages all is over pairs of a
+stage and a state. The cost is that of a search of the graph, and with a budget or ``keep`` of sparse linear solves.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.sparse import eye_array, kron, vstack
+
+from mdm.errors import ConfigError, FormatError, ModelError, ModelWarning
+from mdm.loading import model_of, policy_of
+from mdm.models import MDP
+from mdm.models.matrices import csr
+from mdm.models.specification import Specification
+from mdm.policies import BudgetedTable, Policy, ShieldedTable, mismatch
+from mdm.policies.table import Staged
+from mdm.solvers import solve
+from mdm.solvers.evaluation import state_values
+from mdm.verification.choices import Choices, Graph
+from mdm.verification.reaching import reach
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    import numpy.typing as npt
+
+    from mdm.loading import GivenModel, GivenPolicy
+    from mdm.models.matrices import Vector
+    from mdm.models.space import Symbol
+    from mdm.models.specification import Mask
+
+    Margin = Iterable[Sequence[Symbol]] | Callable[[MDP], Iterable[Sequence[Symbol]]]
+
+_ROUNDING = 1e-9
+_FAR = 0.999
+"""The discount that values have in place of 1, where without it they have no bound."""
+
+
+def shield(
+    policy: GivenPolicy,
+    model: GivenModel,
+    *,
+    avoid: str,
+    keep: str | None = None,
+    probability: float = 0.0,
+    resolve: bool = False,
+    margin: Margin = (),
+) -> Policy:
+    """Return a policy that does as another does, except where that may lead to X.
+
+    An action is allowed if X can still be avoided for certain after it. Where the policy wants another, the best
+    allowed one is taken: by the policy's own scores, and for a policy without them by the values of actions in the
+    model if the policy goes on after them (for which it is evaluated once). In states from which X cannot be avoided
+    for certain, the actions that make it least probable are allowed; at X itself, those that lead away from it so.
+
+    Args:
+        policy: A policy of any kind. The result keeps it, as ``policy``.
+        model: The model, or the path of its file.
+        avoid: X, a formula over states and actions as in `mdm.verify`, such as ``position = stairs``.
+        keep: Stays possible: such as ``reach goal-*`` or ``reach goal before lift``. Where the policy
+            under the shield attains less than the greatest probability that the allowed actions leave, an action is
+            taken that attains it. Without it a robot may wait for ever before the first forbidden action.
+        probability: A budget for the probability that a whole run ever reaches X, spent as the run goes; see
+            `mdm.policies.BudgetedTable`. By default 0.
+        resolve: Whether the model is solved again with the allowed actions; else the policy decides wherever it
+            may.
+        margin: Transitions that the world may have although the model has none, each a state, an action and a state,
+            by name or index; or a function of the model that returns them. The shield avoids X also where they happen.
+
+    Raises:
+        ConfigError: If an option is wrong, the policy is for another model, no state at the start can be kept from X,
+            the least probability of X is above the budget, or the shield makes ``keep`` impossible or lets the robot
+            stand for ever in a state that the policy would leave.
+        ModelError: If the model has no such name, or the policy or model cannot be shielded.
+
+    Example::
+
+        safe = mdm.shield("grid.policy", "grid.mdp", avoid="pit-*", keep="reach goal")
+        mdm.verify("grid.mdp", "P(reach pit-*)", safe).result.value  # 0.0
+        safe.wanted(7)  # the action that the policy itself would have taken in state 7, where it is another
+    """
+    model = model_of(model)
+    original: Any = policy_of(policy, model)
+    if (wrong := mismatch(original, model)) is not None:
+        raise ConfigError(wrong, key="policy")
+    if isinstance(probability, bool) or not isinstance(probability, int | float) or not 0 <= probability <= 1:
+        raise ConfigError(f"a budget is a probability from 0 to 1, not {probability!r}", key="probability")
+    target = _asked(model, avoid, f"P(reach {avoid})", "avoid")
+    kept = None if keep is None else _asked(model, keep, f"P({keep})", "keep")
+    if target.before is not None:
+        raise ConfigError(f"X is avoided for ever, and {avoid!r} has a 'before'", key="avoid")
+    added = _triples(model, margin)
+    made: Any
+    if getattr(original, "input", "belief") == "state" and not getattr(original, "deliberates", False):
+        made = _Maker(model, original, target, added, float(probability)).shielded(kept, resolve=resolve)
+    else:
+        raise ConfigError(
+            f"a {type(original).__name__} is no table over states, which alone are shielded", key="policy"
+        )
+    made.avoid, made.keep, made.probability = avoid, keep, float(probability)
+    result: Policy = made
+    return result
+
+
+def _asked(model: MDP, given: str, text: str, key: str) -> Specification:
+    if not isinstance(given, str):
+        raise ConfigError(f"a formula is a text such as 'reach goal', not {given!r}", key=key)
+    try:
+        asked = Specification.of(text, model)
+    except FormatError as error:
+        raise ConfigError(f"{text}: {error}", key=key) from None
+    if asked.kind != "P" or asked.always or asked.within is not None:
+        raise ConfigError(f"{given!r} has to be without 'always' and 'within', as a shield counts no steps", key=key)
+    return asked
+
+
+def _triples(model: MDP, margin: Margin) -> list[tuple[int, int, int]]:
+    """Return the indices of transitions."""
+    states, actions, found = model.state_space, model.action_space, []
+    for each in margin(model) if callable(margin) else margin:
+        if isinstance(each, str) or len(each) != 3:
+            raise ConfigError(f"a margin is of transitions [state, action, state], not {each!r}", key="margin")
+        found.append((states.index(each[0]), actions.index(each[1]), states.index(each[2])))
+    return found
+
+
+class _Maker:
+    """Makes the shield of a policy over states.
+
+    All arrays are over places, which are states, or stages and states: those of a stage one after the other, and one
+    more stage for the end.
+    """
+
+    def __init__(
+        self, model: MDP, policy: Any, avoid: Specification, margin: list[tuple[int, int, int]], probability: float
+    ) -> None:
+        self._model, self._policy, self._avoid, self._budget = model, policy, avoid.text[8:-1], probability
+        target = avoid.target
+        self._size, self._count, self._stages = len(model.state_space), len(model.action_space), policy.horizon
+        information = policy.information(model)
+        if getattr(information, "takes", "observation") != "state" or not hasattr(policy, "weights"):
+            raise ModelError(f"a {type(policy).__name__} keeps more than states in mind, and cannot be shielded")
+        self._its, self._free = self._choices(target, None), self._choices(np.zeros_like(target), None)
+        self._start = np.zeros(self._its.size)
+        self._start[: self._size] = model.initial_belief
+        self._wants = np.zeros((self._its.size, self._count))
+        for stage in range(self._stages or 1):
+            self._wants[stage * self._size : (stage + 1) * self._size] = policy.weights(stage).T
+        self._wants[-self._size :, 0][self._wants[-self._size :].sum(axis=1) == 0] = 1  # behind the last stage
+        self._least = reach(self._its, greatest=False)
+        self._worth = self._its.hit + np.asarray(self._its.moves @ self._least.values)
+        self._allowed = self._mask(margin)
+
+    def _choices(self, target: Mask, before: Mask | None) -> Choices:
+        """Return the choices, over stages if there are any."""
+        its = Choices.of_model(self._model, target, before)
+        if self._stages is None:
+            return its
+        size, stages = self._size, self._stages
+        ended = target[:, -1], np.zeros(size, dtype=bool) if before is None else before[:, -1] & ~target[:, -1]
+        stay = eye_array(size, format="csr") * (~(ended[0] | ended[1]))[:, None]
+        last = np.zeros((1, stages + 1))
+        last[0, -1] = 1
+        moves = vstack([kron(eye_array(stages, stages + 1, k=1), its.moves), kron(last, stay)], format="csr")
+        hit, miss = (
+            np.concatenate([np.tile(of, stages), end]) for of, end in zip((its.hit, its.miss), ended, strict=True)
+        )
+        places = (np.arange(stages)[:, None] * size + its.state).ravel()
+        action = np.concatenate([np.tile(its.action, stages), np.zeros(size, dtype=its.action.dtype)])
+        return Choices(csr(moves), hit, miss, np.concatenate([places, stages * size + np.arange(size)]), action)
+
+    def _mask(self, margin: list[tuple[int, int, int]]) -> Mask:
+        """Return which choices are allowed."""
+        its, least = self._its, self._least
+        outside = np.where(its.hit > 0, np.asarray(self._free.moves @ least.values), self._worth)
+        lowest = np.minimum.reduceat(outside, its.firsts[:-1])
+        allowed: Mask = outside <= lowest[its.state] + least.error + _ROUNDING
+        avoids, avoiding = Graph(its).avoiding()
+        allowed = np.where(avoids[its.state], avoiding, allowed)
+        if margin:
+            wider = its.moves.tolil()
+            for state, action, after in margin:
+                rows = np.flatnonzero((its.state % self._size == state) & (its.action == action) & (its.hit == 0))
+                for row in rows[: len(rows) if self._stages is None else self._stages].tolist():
+                    stage = its.state[row] // self._size + (self._stages is not None)
+                    wider[row, stage * self._size + after] = 1.0
+            avoids, avoiding = Graph(its._replace(moves=csr(wider))).avoiding()
+            allowed = np.where(avoids[its.state], avoiding, allowed)
+        begins = self._start > 0
+        self._check_start(float(self._start @ least.values), avoids[begins], wider=bool(margin))
+        return allowed
+
+    def _check_start(self, least: float, avoids: Mask, *, wider: bool) -> None:
+        if self._budget and least > self._budget + _ROUNDING:
+            raise ConfigError(
+                f"X is reached with probability {least:.6g} at least, which is more than the budget of "
+                f"{self._budget:g}",
+                key="probability",
+            )
+        if self._budget == 0 and not avoids.all():
+            where = f"it is reached with probability {least:.6g} at least"
+            where = "with the margin no action is certain to avoid it" if wider else where
+            if not avoids.any():
+                raise ConfigError(f"no action keeps the start from {self._avoid!r}: {where}", key="avoid")
+            states = f"{(~avoids).sum()} of the {len(avoids)} first states from {self._avoid!r}: {where}"
+            warnings.warn(f"no action keeps {states}", ModelWarning, stacklevel=5)
+
+    def _by_action(self, numbers: Any, otherwise: float, kind: type) -> npt.NDArray[Any]:
+        """Return numbers of choices as an array, places x actions."""
+        array: npt.NDArray[Any] = np.full((self._its.size, self._count), otherwise, dtype=kind)
+        array[self._its.state, self._its.action] = numbers
+        return array
+
+    def _under(self, choices: Choices, weights: Vector) -> Choices:
+        """Return the chain of some weights, places x actions."""
+        its = weights[choices.state, choices.action]
+        mixed = csr((its, np.arange(len(its)), choices.firsts), (choices.size, len(its)))
+        moves, hit, miss = (mixed @ each for each in (choices.moves, choices.hit, choices.miss))
+        return Choices(csr(moves), hit, miss, np.arange(choices.size), np.zeros(choices.size, dtype=np.intp))
+
+    def _taken(self, wants: Vector, taken: npt.NDArray[np.int32]) -> Vector:
+        weights = np.zeros_like(wants)
+        np.add.at(weights, (np.arange(len(wants))[:, None], taken), wants)
+        return weights
+
+    def shielded(self, kept: Specification | None, *, resolve: bool) -> Policy:
+        """Return the policy."""
+        wants, allowed = self._wants, self._by_action(self._allowed, False, bool)
+        taken = np.tile(np.arange(self._count, dtype=np.int32), (len(wants), 1))
+        best = self._solved(allowed) if resolve else self._best(allowed)
+        taken = np.where(resolve | ~allowed, best[:, None], taken).astype(np.int32)
+        follows = np.ones_like(allowed)
+        if kept is not None:
+            choices = self._choices(kept.target, kept.before)
+            attains = reach(choices.subset(self._allowed), greatest=True)
+            if not self._start @ attains.values > 0:
+                raise ConfigError(f"the shield leaves no way to {kept.text}", key="keep")
+            own = reach(self._under(choices, self._taken(wants, taken)), greatest=True)
+            short = own.values < attains.values - attains.error - own.error - _ROUNDING
+            taken[short] = choices.action[self._allowed][attains.chosen[short]][:, None]
+            if self._budget:
+                follows = self._keeping(choices, attains.values)
+        elif self._stages is None:
+            self._check_stands(self._taken(wants, taken))
+        size = (self._stages or 1) * self._size
+        arrays: dict[str, Any] = {"taken": taken[:size], "allowed": allowed[:size].astype(np.uint8)}
+        if not self._budget:
+            return ShieldedTable(self._policy, arrays)
+        return BudgetedTable(self._policy, arrays | self._budgets(follows, size))
+
+    def _best(self, allowed: Mask) -> npt.NDArray[np.intp]:
+        """Return the best allowed action of each place where the policy may want another."""
+        best: npt.NDArray[np.intp] = allowed.argmax(axis=1)
+        values: Vector | None = None
+        for place in np.flatnonzero(((self._wants > 0) & ~allowed).any(axis=1)).tolist():
+            stage, state = divmod(place, self._size)
+            these = np.flatnonzero(allowed[place])
+            scores = self._policy.scores(state if self._stages is None else Staged(state, stage))
+            if scores is None or (scores.by == "chance" and not scores.numbers[these].any()):
+                values = self._values() if values is None else values
+                best[place] = these[values[state, these].argmax()]
+            else:
+                best[place] = these[scores.numbers[these].argmax()]
+        return best
+
+    def _values(self) -> Vector:
+        """Return the value of each action in each state, if the policy goes on after it."""
+        model = self._model
+        try:
+            values = state_values(model, self._policy)
+        except ModelError:
+            model = model.with_discount(_FAR)
+            values = state_values(model, self._policy)
+        after = [np.asarray(model.transition_matrix(action) @ values) for action in range(self._count)]
+        found: Vector = model.rewards + model.discount * np.stack(after, axis=1)
+        return found
+
+    def _solved(self, allowed: Mask) -> npt.NDArray[np.intp]:
+        """Return the actions of the model's solution with the allowed actions alone."""
+        if self._stages is not None:
+            raise ConfigError("a policy by stages is not solved again: solve without a horizon", key="resolve")
+        model, spaces = self._model, (self._model.state_space, self._model.action_space)
+        moves = [model.transition_matrix(action) for action in range(self._count)]
+        rest = MDP(
+            moves,
+            model.rewards,
+            discount=model.discount,
+            states=spaces[0],
+            actions=spaces[1],
+            initial_belief=model.initial_belief,
+            available=allowed,
+        )
+        policy = solve(rest).policy
+        return np.array([policy.action(state) for state in range(self._size)])
+
+    def _keeping(self, choices: Choices, attains: Vector) -> Mask:
+        """Return which actions of the original are followed, so that no less is kept than without a budget."""
+        own = reach(self._under(choices, self._wants), greatest=True)
+        after = choices.hit + np.asarray(choices.moves @ attains)
+        enough = own.values[choices.state] >= attains[choices.state] - own.error - _ROUNDING
+        return self._by_action(enough & (after >= attains[choices.state] - _ROUNDING), False, bool)
+
+    def _budgets(self, follows: Mask, size: int) -> dict[str, Any]:
+        """Return the arrays of a budget, see `BudgetedTable`."""
+        least = self._least.values
+        needed = np.maximum(reach(self._under(self._its, self._wants), greatest=True).values, least)
+        left, spread = max(0.0, self._budget - float(self._start @ least)), float(self._start @ (needed - least))
+        share = 1.0 if left >= spread else left / spread
+        begin = np.minimum(1.0, least + share * (needed - least) + max(0.0, left - spread))
+        return {
+            "least": least, "needed": needed, "begin": begin[: self._size],
+            "worth": self._by_action(self._worth, np.inf, float)[:size],
+            "spread": self._by_action(np.asarray(self._its.moves @ (needed - least)), 0.0, float)[:size],
+            "follows": follows[:size].astype(np.uint8),
+        }  # fmt: skip
+
+    def _check_stands(self, weights: Vector) -> None:
+        """Refuse a shield under which a run is certain to end in a state for ever that the policy would leave."""
+        stays = [self._under(self._free, each).moves.diagonal() for each in (weights, self._wants)]
+        stands = (stays[0] >= 1 - _ROUNDING) & (stays[1] < 1 - _ROUNDING)
+        if not stands.any():
+            return
+        chain = self._under(self._free, weights)
+        ends = self._start @ reach(chain._replace(hit=stands.astype(float)), greatest=True).values
+        if ends >= 1 - _ROUNDING:
+            name = self._model.state_space.names[int(np.flatnonzero(stands)[0])]
+            raise ConfigError(
+                f"the robot would stand for ever where the policy goes on, as in {name!r}: say with keep where it "
+                f"has to go, or solve again with resolve",
+                key="avoid",
+            )

@@ -71,7 +71,7 @@ def optimum(
         return least._replace(values=-least.values)
     firsts = np.searchsorted(state, np.arange(size + 1))
     found = firsts[:-1].copy() if chosen is None else chosen.copy()
-    values, order = np.zeros(size), None
+    values, order, way = np.zeros(size), None, 0
     if moves.nnz > LARGE and can_compile():
         order = _ordered(moves, state)
         values = _swept(moves, firsts, constant, order, found)
@@ -81,9 +81,9 @@ def optimum(
             values = np.maximum.reduceat(worth, firsts[:-1])
         found = first_best(worth, state, values)
     for _ in range(_IMPROVED):
-        values, steps, error = _valued(csr(moves[found]), constant[found], values, order)
+        values, steps, error, way = _valued(csr(moves[found]), constant[found], values, order, way)
         if chosen is not None and not np.isfinite(error):
-            found, chosen, values = chosen, None, np.zeros(size)
+            found, chosen, values, way = chosen, None, np.zeros(size), 0
             continue
         worth = constant + moves @ values
         best = np.maximum.reduceat(worth, firsts[:-1])
@@ -133,16 +133,18 @@ def _swept(
     return np.asarray(values[rank])
 
 
-def _valued(chain: Matrix, constant: Vector, guess: Vector, order: Order | None) -> tuple[Vector, float, float]:
-    """Return the values of a chain, a bound of its expected steps, and one of the values' error.
+def _valued(
+    chain: Matrix, constant: Vector, guess: Vector, order: Order | None, first: int
+) -> tuple[Vector, float, float, int]:
+    """Return the values of a chain, a bound of its expected steps, one of the values' error, and the way they came.
 
-    Of a small chain by elimination, else by the first that is good: the guess and sweeps, iteration, elimination.
+    Of a small chain by elimination, else by the first way that is good: the guess and sweeps, iteration, elimination.
     """
     size, both = len(constant), np.column_stack([constant, np.ones(len(constant))])
     rounding = float(np.finfo(float).eps) * (2 + int(np.diff(chain.indptr).max()))
     system = csr(eye_array(size) - chain)
-    best = np.zeros(size), np.inf, np.inf
-    for way in range(3):
+    best = np.zeros(size), np.inf, np.inf, 2
+    for way in range(first, 3):
         if size <= _DENSE:
             solved = np.linalg.solve(system.toarray(), both)
         elif way == 0:
@@ -163,7 +165,7 @@ def _valued(chain: Matrix, constant: Vector, guess: Vector, order: Order | None)
         steps = float(times.max()) / (1 - max(short, 0.0)) if short < 1 and (times >= 0).all() else np.inf
         error = (float(np.abs(rest[:, 0]).max()) + rounding * scale) * steps
         if error < best[2]:
-            best = values, steps, error
+            best = values, steps, error, way
         if best[2] <= _GOOD * scale or size <= _DENSE:
             break
     return best

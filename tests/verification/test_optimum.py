@@ -2,6 +2,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from scipy.sparse.linalg import bicgstab, splu
 
 from mdm.models.matrices import csr
 from mdm.verification import choices, optimum as module
@@ -36,6 +37,21 @@ def test_the_best_of_two_walks(greatest):
     found = optimum(moves, np.repeat(np.arange(size), 2), constant, greatest=greatest)
     assert found.values == pytest.approx(line(size, 0.6 if greatest else 0.3)[1], abs=1e-11)
     assert (found.chosen % 2 == greatest).all()
+
+
+def test_a_way_that_failed_for_one_policy_is_not_tried_for_the_next():
+    size = 500
+    walks = [line(size, up)[0].toarray() for up in (0.5, 0.499)]
+    moves = csr(np.stack(walks, axis=1).reshape(2 * size, size))
+    with (
+        patch.object(module, "bicgstab", wraps=bicgstab) as iterated,
+        patch.object(module, "splu", wraps=splu) as solved,
+    ):
+        found = optimum(moves, np.repeat(np.arange(size), 2), np.ones(2 * size), greatest=True)
+    places = np.arange(1, size + 1)
+    assert (found.values >= places * (size + 1 - places) - found.error).all()
+    assert iterated.call_count == 2
+    assert solved.call_count > 1
 
 
 def test_nothing_to_find():

@@ -78,7 +78,8 @@ if TYPE_CHECKING:
     from mdm.simulation.world import simulate
     from mdm.solvers import solve
     from mdm.team.team import Team
-    from mdm.verification import shield, verify
+    from mdm.verification import verify
+    from mdm.verification.shield import shield
     from mdm.version import __version__
 
 

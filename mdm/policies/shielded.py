@@ -225,7 +225,8 @@ class BudgetedTable(Shielded):
     So sum P(s'|s, a) b(s') <= b, and b(s') >= m(s'): the budget is a supermartingale that bounds the probability of X
     from each state on, and that of a whole run by the first one. Where the budget does not cover the original's action,
     the action of the shield without a budget is taken, for which w(s, a) = m(s). With ``keep`` that is so from then on,
-    and also where the original would make ``keep`` less probable than that shield does.
+    and also where the original attains less of "keep or X" than that shield, or would lessen it: the run then attains
+    ``keep`` at most by the budget less probably than without one.
 
     Example::
 

@@ -142,7 +142,7 @@ class _Maker:
         self, model: MDP, policy: Any, avoid: Specification, margin: list[tuple[int, int, int]], probability: float
     ) -> None:
         self._model, self._policy, self._avoid, self._budget = model, policy, avoid.text[8:-1], probability
-        target = avoid.target
+        self._target = target = avoid.target
         self._size, self._count, self._stages = len(model.state_space), len(model.action_space), policy.horizon
         information = policy.information(model)
         if getattr(information, "takes", "observation") != "state" or not hasattr(policy, "weights"):
@@ -242,12 +242,14 @@ class _Maker:
             attains = reach(choices.subset(self._allowed), greatest=True)
             if not self._start @ attains.values > 0:
                 raise ConfigError(f"the shield leaves no way to {kept.text}", key="keep")
+            if self._budget:
+                choices = self._choices(kept.target | self._target, kept.before)
+                attains = reach(choices.subset(self._allowed), greatest=True)
+                follows = self._keeping(choices, attains.values)
             own = reach(self._under(choices, self._taken(wants, taken)), greatest=True)
             short = own.values < attains.values - attains.error - own.error - _ROUNDING
             taken[short] = choices.action[self._allowed][attains.chosen[short]][:, None]
-            if self._budget:
-                follows = self._keeping(choices, attains.values)
-        elif self._stages is None:
+        elif self._stages is None and not self._budget:
             self._check_stands(self._taken(wants, taken))
         size = (self._stages or 1) * self._size
         arrays: dict[str, Any] = {"taken": taken[:size], "allowed": allowed[:size].astype(np.uint8)}
@@ -301,7 +303,7 @@ class _Maker:
         return np.array([policy.action(state) for state in range(self._size)])
 
     def _keeping(self, choices: Choices, attains: Vector) -> Mask:
-        """Return which actions of the original are followed, so that no less is kept than without a budget."""
+        """Return which actions of the original may be followed, see `BudgetedTable`."""
         own = reach(self._under(choices, self._wants), greatest=True)
         after = choices.hit + np.asarray(choices.moves @ attains)
         enough = own.values[choices.state] >= attains[choices.state] - own.error - _ROUNDING

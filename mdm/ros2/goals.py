@@ -234,9 +234,11 @@ class Server:
             raise Error(f"the server of {self.name}{asked} {end}")
 
     def _check(self, group: object, secured: Callable[[], int], *, secures: bool) -> None:
+        lost = 0
         for old in self.open:
             if old.asked is not None and old.heard <= old.asked and (secures or secured() > old.secured):
-                continue  # nothing was heard since, and the robot is stopped
+                lost += 1  # nothing was heard since, and the robot is stopped
+                continue
             if group is not None and old.group == group:
                 continue
             if old.asked is None:
@@ -245,6 +247,8 @@ class Server:
                 f"the server of {self.name} may go on with an older goal, whose end was not heard: no new one is sent "
                 f"until it is, or the safe action has run"
             )
+        if lost > 1 and not secures:
+            raise Error(f"the server of {self.name} may go on with two older goals: no third is sent until one ends")
 
 
 async def ready(handle: Handle, seconds: float | None) -> bool:

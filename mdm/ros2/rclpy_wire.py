@@ -238,9 +238,7 @@ class RclpyWire:
                 create()
             node.create_timer(_LOOK, self._look)
             self.hand(self._name, _settle, begun, None)
-            while (
-                not self._closing.done() and context.ok()
-            ):  # between two turns a shutdown ends the spin without a word
+            while not self._closing.done() and context.ok():  # a shutdown between two turns ends the spin untold
                 try:
                     executor.spin_until_future_complete(self._closing)
                 except rclpy.executors.ExternalShutdownException:

@@ -242,10 +242,9 @@ class Ros2Reader(TableReader):
 
     def _when(self, text: str, key: str) -> Any:
         """Return a condition, or the function that is named; None where it is none."""
-        named = _FUNCTION.fullmatch(text)
-        return (
-            self._reading.functions.find(text, key) if named else self._reading.problems.attempt(key, Condition, text)
-        )
+        if _FUNCTION.fullmatch(text):
+            return self._reading.functions.find(text, key)
+        return self._reading.problems.attempt(key, Condition, text)
 
     def _feedback(self, given: dict[str, str] | str | None, kind: str, key: str) -> Any:
         """Return who hears feedback: a function, a field by its name, or a predicate by a condition."""

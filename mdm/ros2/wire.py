@@ -170,12 +170,10 @@ def check_name(name: str, role: str = "name") -> None:
 
 def check_node(node: str, namespace: str, remap: Mapping[str, str]) -> None:
     """Refuse, as a `WireError`, a node's name, its namespace, or a name that stands for another, if it can be none."""
-    for name, role in (
-        (node, "node"),
-        (namespace, "namespace"),
-        *((each, "name") for each in (*remap, *remap.values())),
-    ):
-        check_name(name, role)
+    check_name(node, "node")
+    check_name(namespace, "namespace")
+    for name in (*remap, *remap.values()):
+        check_name(name)
 
 
 def parts_of(kind: str, whole: str = "") -> tuple[str, str, str, str | None]:

@@ -318,6 +318,32 @@ def test_a_goal_is_sent_beside_one_whose_end_was_not_heard_when_the_safe_action_
     bench(scenario, silence=1.0, feeds=0.3)
 
 
+def test_beside_two_goals_whose_ends_were_not_heard_no_third_is_sent():
+    async def scenario(bench):
+        bench.server.hold()
+        for action, sent in ((DOCK, 1), (AGAIN, 2), (DOCK, 2)):
+            bench.decide(action)
+            bench.robot.release()
+            await asyncio.sleep(2)
+            assert (bench.robot.mode, len(bench.server.sent)) == ("safe", sent)
+        assert "may go on with two older goals" in bench.details()[-1]
+        ours = bench.actions.server("/dock", KIND)
+        safe = pursue(ours, bench, silence=1.0, secures=True)
+        await asyncio.sleep(0.1)
+        assert len(bench.server.sent) == 3  # the safe action's own is sent all the same
+        bench.server.wake()
+        await asyncio.sleep(6)
+        safe.cancel()
+        await asyncio.sleep(4)
+        assert [goal.status for goal in bench.goals] == [5, 5, 5]
+        bench.decide(AGAIN)
+        bench.robot.release()
+        await asyncio.sleep(0.5)
+        assert bench.told()[-1] == ("Again", "running")
+
+    bench(scenario, silence=1.0, feeds=0.3, brakes=3.0)
+
+
 @pytest.mark.parametrize("feeds", [0.3, None])
 def test_no_goal_is_sent_beside_one_that_goes_on_though_the_safe_action_has_run(feeds):
     async def scenario(bench):
@@ -546,7 +572,8 @@ def test_of_a_group_a_chain_of_goals_leaves_the_last():
 
 
 def watched(bench, servers):
-    """Hold the two rules against all that was sent and told."""
+    """Hold the rules against all that was sent and told."""
+    assert all(server.most <= 2 for server in servers)
     goals = {goal.message.dock_id: goal for server in (*servers, bench.lift) for goal in server.sent}
     for goal in goals.values():
         for other, heard in goal.beside:
@@ -753,10 +780,12 @@ drawn = given(
     silence=st.sampled_from([None, 0.5, 2.0]),
     safe=st.booleans(),
 )
+LOST = [step for action in (DOCK, AGAIN, DOCK) for step in (("decide", action), ("release",), ("sleep", 4.9))]
 
 
 @settings(max_examples=200, deadline=None)
 @drawn
+@example([("hold",), *LOST, ("wake",), ("sleep", 7.0)], [{"brakes": 7.0}] * 3, 2.0, True)
 def test_never_two_goals_of_a_server_are_live_and_each_ends_once(schedule, served, silence, safe):
     hold_the_rules(schedule, served, silence, safe)
 

@@ -232,7 +232,7 @@ class Behaviour(SimpleNamespace):
         feeds: How often it gives feedback, with the field ``count``; None: never.
         brakes: After which time a goal that is cancelled ends; None: a cancellation is ignored.
         cancelled: By which status it then ends: 5, or 4, or 6.
-        mute: Whether nothing of what it tells of the goal arrives.
+        mute: Whether its answer, feedback and statuses are lost on the way.
     """
 
     def __init__(self, **given):

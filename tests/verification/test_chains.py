@@ -46,7 +46,7 @@ def test_where_nothing_is_detected_the_action_goes_on():
     quiet = problems.tiger().with_false_negatives("hear-left")
     policy = FiniteStateController([0, 1], [[1, 1], [1, 1]], 3)
     steps = verify(quiet, "E(steps until action = open-left)", policy).result.value
-    # Behind the left door 15 % of the steps tell of the right one; behind the right door 85 %.
+    # With the tiger behind the left door, 15 % of the steps hear it behind the right one; behind the right door, 85 %.
     assert steps == pytest.approx((1 / 0.15 + 1 / 0.85) / 2)
 
 

@@ -1,4 +1,4 @@
-"""Records of programs: a stranger's program, and all that the command tells of its record."""
+"""Records of programs: what each command says of a record that a Python program made."""
 
 from __future__ import annotations
 

@@ -28,6 +28,23 @@ from ros2.nav2 import DEFINITIONS
 WHEELS = [f"ros-kilted-{name}" for name in ("rclpy", "rmw-fastrtps-cpp", "common-interfaces", "test-msgs")]
 HERE = Path(__file__).parent
 DOMAINS = range(30, 60)
+UDP = """<?xml version="1.0" encoding="UTF-8"?>
+<profiles xmlns="http://www.eprosima.com">
+  <transport_descriptors>
+    <transport_descriptor>
+      <transport_id>udp</transport_id>
+      <type>UDPv4</type>
+      <interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>
+    </transport_descriptor>
+  </transport_descriptors>
+  <participant profile_name="udp" is_default_profile="true">
+    <rtps>
+      <userTransports><transport_id>udp</transport_id></userTransports>
+      <useBuiltinTransports>false</useBuiltinTransports>
+    </rtps>
+  </participant>
+</profiles>
+"""
 
 
 @contextmanager
@@ -164,6 +181,7 @@ class Watched:
             async with asyncio.timeout(PATIENCE):
                 while not holds():
                     if self._reading.done():
+                        await self.program.process.wait()
                         raise AssertionError(f"the program has ended; {self}")
                     self._news.clear()
                     await self._news.wait()
@@ -171,7 +189,8 @@ class Watched:
             raise AssertionError(f"it was not said; {self}") from None
 
     def __str__(self):
-        return f"it said {self.said[-20:]} and {self.program.said.read_text()}"
+        status = self.program.process.returncode
+        return f"its status is {status}, it said {self.said[-20:]} and {self.program.said.read_text()}"
 
     async def says(self, *names, since=0, where=lambda event: True):
         """Wait until an event has one of these names, since so many were said; return it."""
@@ -199,6 +218,7 @@ class Domain:
         ours = [folder, *paths, ROOT, ROOT / "tests", *{sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}]
         self.environment = {
             **os.environ,
+            "PYTHONFAULTHANDLER": "1",
             "PYTHONPATH": os.pathsep.join(map(str, ours)),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "ROS_DOMAIN_ID": str(number),
@@ -207,8 +227,15 @@ class Domain:
         self._started = []
 
     def leave_shared_memory(self):
-        """Have programs speak over UDP: killed amid Fast DDS's shared memory, one may hold up or silence the others."""
-        self.environment["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
+        """Have programs speak over UDP: killed amid Fast DDS's shared memory, one may hold up or silence the others.
+
+        ROS' range LOCALHOST would add shared memory, whatever FASTDDS_BUILTIN_TRANSPORTS says: Fast DDS' own profile is
+        this machine's alone, too.
+        """
+        profile = self.folder / "udp.xml"
+        profile.write_text(UDP)
+        options = {"FASTDDS_DEFAULT_PROFILES_FILE": str(profile), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT"}
+        self.environment.update(options)
 
     async def start(self, *arguments, **environment):
         """Start a program by the arguments of its interpreter."""

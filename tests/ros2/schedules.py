@@ -218,7 +218,8 @@ class Run:
                 robot.tell(finish=5)
         await self.base.says("heard", since=heard)
         self.delays.append(time.monotonic() - begin)
-        assert await self.driver.ended() == 128 + signal.SIGTERM, self.driver.program.said.read_text()
+        status = await self.driver.ended()
+        assert status == 128 + signal.SIGTERM, f"it ended with status {status}"
         assert "Traceback" not in self.driver.program.said.read_text()
         assert "ended" in self.driver.said[-1]
         if state == "held":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 
 import pytest
 from ros2.environment import programs
@@ -47,6 +48,26 @@ def test_two_peers_speak_to_each_other(ros, tmp_path):
             assert await one.hear("request") == {"request": "/lamp", "fields": {"data": True}}
             answered = await other.hear("response")
             assert answered == {"response": "/lamp", "fields": {"success": True, "message": "on"}}
+
+    asyncio.run(main())
+
+
+def mapped(number):
+    """Return what of memory a process has mapped."""
+    return Path(f"/proc/{number}/maps").read_text()
+
+
+@pytest.mark.parametrize("leaves", [True, False])
+def test_programs_may_leave_fast_dds_shared_memory(ros, tmp_path, leaves):
+    async def main():
+        async with programs(ros, tmp_path) as here:
+            if leaves:
+                here.leave_shared_memory()
+            one, other = await asyncio.gather(here.peer("one"), here.peer("other"))
+            one.tell(publish="/level", type="std_msgs/msg/Float64", message={"data": 0.5}, rate=20)
+            other.tell(echo="/level", type="std_msgs/msg/Float64")
+            await other.hear("heard")
+            assert ("/dev/shm/fast" in mapped(other.process.pid)) is not leaves
 
     asyncio.run(main())
 

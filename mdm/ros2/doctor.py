@@ -142,11 +142,10 @@ def surroundings() -> dict[str, str]:
         WireError: If rclpy cannot be imported.
     """
     RclpyWire("mdm")
-    middleware = importlib.import_module("rclpy.utilities").get_rmw_implementation_identifier()
     versions = [each.version for each in metadata.distributions() if each.name in {"rclpy", "ros-rclpy"}]
     return {
         "rclpy": versions[0] if versions else "unknown",
-        "middleware": middleware,
+        "middleware": importlib.import_module("rclpy.utilities").get_rmw_implementation_identifier(),
         "distribution": os.environ.get("ROS_DISTRO", "unknown (ROS_DISTRO is not set)"),
         "domain": os.environ.get("ROS_DOMAIN_ID", "0"),
         "discovery": os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET"),

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _DOMAINS = 232
 """The last domain: with a greater one Fast DDS ends the process."""
 _PATIENCE = 8.0
-"""Seconds in which the node begins."""
+"""Seconds in which the node begins, and in which it ends where it could not."""
 _LOOK = 5.0
 """Seconds between two looks at the types of publishers."""
 
@@ -99,7 +99,8 @@ class RclpyWire:
                 response = filled(loaded.Response, answer(request))
             finally:
                 answered.set_result(response)
-                self.node.executor.wake()
+                if self.node is not None:
+                    self.node.executor.wake()
 
         async def asked(request: Any, response: Any) -> Any:
             answered = self.rclpy.task.Future()
@@ -137,7 +138,8 @@ class RclpyWire:
         try:
             await asyncio.wait_for(begun, _PATIENCE)
         except BaseException as error:
-            self._closing.set_result(None)
+            with suppress(TimeoutError):  # a thread that hangs is left
+                await asyncio.wait_for(self.close(), _PATIENCE)
             if isinstance(error, TimeoutError):
                 raise WireError(f"the node {self._name!r} has not begun within {_PATIENCE:g} s") from None
             raise

@@ -425,3 +425,18 @@ def test_what_cannot_be_is_refused_where_it_is_made(ros, tmp_path, options):
         assert await program.end() == 0
 
     run(ros, tmp_path, main)
+
+
+@slow
+def test_a_node_that_cannot_begin_leaves_no_thread(ros, tmp_path):
+    """rclpy refuses so long a name when the node begins."""
+
+    async def main(here):
+        program = await here.start(PROGRAM, json.dumps({"topics": {f"/{'a' * 300}": "std_msgs/msg/Bool"}}))
+        told = await program.hear("refused", "opened")
+        assert "the node 'ours' cannot begin" in told["refused"]
+        assert "mdm:ros2" not in told["threads"]
+        assert await program.end() == 0
+        assert program.said.read_text() == ""
+
+    run(ros, tmp_path, main)

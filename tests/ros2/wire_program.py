@@ -175,7 +175,7 @@ async def main():
                 tasks.add(task)
         tell(over=True)
     except mdm.Error as error:
-        tell(refused=str(error))
+        tell(refused=str(error), threads=[each.name for each in threading.enumerate()])
 
 
 asyncio.run(main())

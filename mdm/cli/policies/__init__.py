@@ -143,18 +143,21 @@ VERBS = {
         "over policies that see the state. Specifications: 'P(reach X)', 'P(reach X within 50)', 'P(reach X before "
         "Y)', 'P(always X)', 'E(steps until X)' and 'S(X)', the share of steps in the long run. X and Y are states, "
         "patterns of them (pit-*), values of factors (position = stairs), actions (action = Grab), and formulas of "
-        "these with not, and, or. Policies over beliefs are simulated, and have an interval.",
+        "these with not, and, or. Policies over beliefs are simulated, and have an interval. Of a record, "
+        "SPECIFICATION is a formula in time over predicates, as of a monitor: print whether it is true for ever, false "
+        "for ever or open, and how a violation came about. The exit status is 1 where it is violated.",
         "mdm verify grid.mdp grid.npz 'P(reach pit-* before goal)'",
         (
-            Argument("model MODEL", "a model, or a TOML file"),
+            Argument("model MODEL", "a model, a TOML file, or a record"),
             Argument("policy [POLICY]", "a policy for it, or the name of an ensemble of the file"),
-            Argument("specification SPECIFICATION", "what is asked"),
+            Argument("specification SPECIFICATION", "what is asked, such as 'G(not Stairs)' of a record"),
             Argument("--from STATE", "begin in this state; by default at the model's initial belief", dest="start"),
             Argument("-o --output POLICY", "keep a policy that attains the least; its suffix chooses the format"),
             Argument("--greatest", "keep one that attains the greatest in its place"),
             Argument("--episodes N", "simulate N episodes (10000; 1000 if they cannot run as a batch)", count),
             SEED,
             FALSE_NEGATIVE,
+            Argument("--config FILE.toml", "of a record without one: the configuration of its run"),
             JSON,
         ),
         "policies.verify",

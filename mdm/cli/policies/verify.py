@@ -30,6 +30,10 @@ _NOUNS = {"P": "probability", "E": "expected steps", "S": "share of steps"}
 
 def run(arguments: argparse.Namespace) -> int:
     """Verify; return the exit status."""
+    if suffixes(arguments.model) == ".mcap":
+        from mdm.cli.records.monitored import run as run_record  # noqa: PLC0415 - models need no replay
+
+        return run_record(arguments)
     _check_usage(arguments)
     model, policy = _given(arguments)
     if (note := _note(model, policy)) is not None:

@@ -172,6 +172,20 @@ def test_the_top_level_of_the_demo_guarantees_what_the_page_says():
         assert [math.inf if each == "infinite" else float(each) for each in said] == pytest.approx(found, rel=2e-3)
 
 
+def test_the_shielded_robot_does_not_fall_down_the_stairs(tmp_path):
+    """The best policy's numbers by paths: three places beside the stairs, and by each a slip of .1 down them."""
+    lines = run("stairs.py", str(tmp_path / "stairs.svg")).splitlines()
+    told = [[float(each) for each in re.findall(r"-?\d+\.\d+", line)] for line in lines if "falls" in line]
+    chances = [each[:2] for each in told]
+    assert chances[1:] == [[0, 1]] * 2
+    beside = 0.8 / 0.9  # by each place beside them, where a slip to the wall leaves the robot there: on, else down
+    assert chances[0] == pytest.approx([1 - beside**3, beside**3], abs=5e-4)
+    assert told[1][2] < told[2][2] < told[0][2]
+    drawn = (tmp_path / "stairs.svg").read_text()
+    assert drawn == (PICTURES / "stairs.svg").read_text()
+    assert "pictures/stairs.svg" in (ROOT / "docs" / "how-to.md").read_text()
+
+
 def test_tiger():
     lines = run("tiger.py").splitlines()
     assert len(lines) == 20

@@ -19,7 +19,7 @@ from mdm.policies.policy import Kind, StatePolicy
 from mdm.policies.table import DeterministicPolicy, QTable, Staged, StagedPolicy, StochasticPolicy
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -48,6 +48,8 @@ class Shielded(Kind):
         avoid: X, the formula of `mdm.verify` that is to be avoided.
         keep: The specification that is kept possible, such as ``reach goal``; None if none is.
         probability: The budget of a run.
+        resolve: Whether the model was solved again; unknown, as False, of a shield from a file.
+        margin: Transitions that were added; unknown, as none, of one from a file.
     """
 
     kind: ClassVar[str]
@@ -58,6 +60,8 @@ class Shielded(Kind):
     avoid: str = ""
     keep: str | None = None
     probability: float = 0.0
+    resolve: bool = False
+    margin: Sequence[tuple[int, int, int]] = ()
 
     def __init__(self, policy: Any, arrays: Arrays) -> None:
         self.policy = policy
@@ -273,10 +277,15 @@ class BudgetedTable(Shielded):
         if x.budget < 0 or (self.keep is not None and not self.covers(x)):
             return _SPENT
         before, now = self.place(x.by), self.place(current)
-        left = max(0.0, x.budget - float(self._worth[before, action]))
-        spread, more = float(self._spread[before, action]), float(self._needed[now] - self._least[now])
-        share = min(1.0, left / spread) if spread > 0 else 0.0
-        return min(1.0, float(self._least[now]) + share * more + max(0.0, left - spread))
+        left, spread = x.budget - self._worth[before, action], self._spread[before, action]
+        return float(divided(float(left), float(spread), self._least[now], self._needed[now]))
+
+
+def divided(left: float, spread: float, least: Vector, needed: Vector) -> Vector:
+    """Return the budgets of successors, of which `BudgetedTable` has the formula."""
+    share = min(1.0, max(0.0, left) / spread) if spread > 0 else 0.0
+    budgets: Vector = np.minimum(1.0, least + share * (needed - least) + max(0.0, left - spread))
+    return budgets
 
 
 class BudgetedState:

@@ -12,7 +12,7 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.sparse import eye_array, kron, vstack
+from scipy.sparse import coo_array, diags_array, eye_array, kron, vstack
 
 from mdm.errors import ConfigError, FormatError, ModelError, ModelWarning
 from mdm.loading import model_of, policy_of
@@ -20,6 +20,7 @@ from mdm.models import MDP
 from mdm.models.matrices import csr
 from mdm.models.specification import Specification
 from mdm.policies import BudgetedTable, Policy, ShieldedTable, mismatch
+from mdm.policies.shielded import divided
 from mdm.policies.table import Staged
 from mdm.solvers import solve
 from mdm.solvers.evaluation import state_values
@@ -97,6 +98,8 @@ def shield(
     if target.before is not None:
         raise ConfigError(f"X is avoided for ever, and {avoid!r} has a 'before'", key="avoid")
     added = _triples(model, margin)
+    if added and probability:
+        raise ConfigError("the transitions of a margin have no probability: give no budget", key="margin")
     made: Any
     if getattr(original, "input", "belief") == "state" and not getattr(original, "deliberates", False):
         made = _Maker(model, original, target, added, float(probability)).shielded(kept, resolve=resolve)
@@ -105,6 +108,7 @@ def shield(
             f"a {type(original).__name__} is no table over states, which alone are shielded", key="policy"
         )
     made.avoid, made.keep, made.probability = avoid, keep, float(probability)
+    made.resolve, made.margin = resolve, added
     result: Policy = made
     return result
 
@@ -144,8 +148,7 @@ class _Maker:
         self._model, self._policy, self._avoid, self._budget = model, policy, avoid.text[8:-1], probability
         self._target = target = avoid.target
         self._size, self._count, self._stages = len(model.state_space), len(model.action_space), policy.horizon
-        information = policy.information(model)
-        if getattr(information, "takes", "observation") != "state" or not hasattr(policy, "weights"):
+        if getattr(policy.information(model), "takes", "observation") != "state" or not hasattr(policy, "weights"):
             raise ModelError(f"a {type(policy).__name__} keeps more than states in mind, and cannot be shielded")
         self._its, self._free = self._choices(target, None), self._choices(np.zeros_like(target), None)
         self._start = np.zeros(self._its.size)
@@ -164,17 +167,14 @@ class _Maker:
         if self._stages is None:
             return its
         size, stages = self._size, self._stages
-        ended = target[:, -1], np.zeros(size, dtype=bool) if before is None else before[:, -1] & ~target[:, -1]
-        stay = eye_array(size, format="csr") * (~(ended[0] | ended[1]))[:, None]
-        last = np.zeros((1, stages + 1))
-        last[0, -1] = 1
-        moves = vstack([kron(eye_array(stages, stages + 1, k=1), its.moves), kron(last, stay)], format="csr")
-        hit, miss = (
-            np.concatenate([np.tile(of, stages), end]) for of, end in zip((its.hit, its.miss), ended, strict=True)
-        )
+        over = target[:, -1]
+        late = np.zeros(size, dtype=bool) if before is None else before[:, -1] & ~over
+        stay = csr(np.arange(stages + 1)[None] == stages)
+        moves = [kron(eye_array(stages, stages + 1, k=1), its.moves), kron(stay, diags_array((~over & ~late) * 1.0))]
+        hit, miss = (np.append(np.tile(of, stages), end) for of, end in ((its.hit, over), (its.miss, late)))
         places = (np.arange(stages)[:, None] * size + its.state).ravel()
-        action = np.concatenate([np.tile(its.action, stages), np.zeros(size, dtype=its.action.dtype)])
-        return Choices(csr(moves), hit, miss, np.concatenate([places, stages * size + np.arange(size)]), action)
+        action = np.append(np.tile(its.action, stages), np.zeros(size, dtype=its.action.dtype))
+        return Choices(csr(vstack(moves)), hit, miss, np.append(places, stages * size + np.arange(size)), action)
 
     def _mask(self, margin: list[tuple[int, int, int]]) -> Mask:
         """Return which choices are allowed."""
@@ -185,12 +185,13 @@ class _Maker:
         avoids, avoiding = Graph(its).avoiding()
         allowed = np.where(avoids[its.state], avoiding, allowed)
         if margin:
-            wider = its.moves.tolil()
+            rows, columns = [], []
             for state, action, after in margin:
-                rows = np.flatnonzero((its.state % self._size == state) & (its.action == action) & (its.hit == 0))
-                for row in rows[: len(rows) if self._stages is None else self._stages].tolist():
-                    stage = its.state[row] // self._size + (self._stages is not None)
-                    wider[row, stage * self._size + after] = 1.0
+                which = (its.state % self._size == state) & (its.action == action) & (its.hit == 0)
+                for row in np.flatnonzero(which[: len(which) if self._stages is None else -self._size]).tolist():
+                    rows.append(row)
+                    columns.append((its.state[row] // self._size + (self._stages is not None)) * self._size + after)
+            wider = its.moves + coo_array((np.ones(len(rows)), (rows, columns)), shape=its.moves.shape)
             avoids, avoiding = Graph(its._replace(moves=csr(wider))).avoiding()
             allowed = np.where(avoids[its.state], avoiding, allowed)
         begins = self._start > 0
@@ -233,9 +234,8 @@ class _Maker:
     def shielded(self, kept: Specification | None, *, resolve: bool) -> Policy:
         """Return the policy."""
         wants, allowed = self._wants, self._by_action(self._allowed, False, bool)
-        taken = np.tile(np.arange(self._count, dtype=np.int32), (len(wants), 1))
         best = self._solved(allowed) if resolve else self._best(allowed)
-        taken = np.where(resolve | ~allowed, best[:, None], taken).astype(np.int32)
+        taken = np.where(resolve | ~allowed, best[:, None], np.arange(self._count)).astype(np.int32)
         follows = np.ones_like(allowed)
         if kept is not None:
             choices = self._choices(kept.target, kept.before)
@@ -291,14 +291,9 @@ class _Maker:
         model, spaces = self._model, (self._model.state_space, self._model.action_space)
         moves = [model.transition_matrix(action) for action in range(self._count)]
         rest = MDP(
-            moves,
-            model.rewards,
-            discount=model.discount,
-            states=spaces[0],
-            actions=spaces[1],
-            initial_belief=model.initial_belief,
-            available=allowed,
-        )
+            moves, model.rewards, discount=model.discount, states=spaces[0], actions=spaces[1],
+            initial_belief=model.initial_belief, available=allowed,
+        )  # fmt: skip
         policy = solve(rest).policy
         return np.array([policy.action(state) for state in range(self._size)])
 
@@ -313,9 +308,7 @@ class _Maker:
         """Return the arrays of a budget, see `BudgetedTable`."""
         least = self._least.values
         needed = np.maximum(reach(self._under(self._its, self._wants), greatest=True).values, least)
-        left, spread = max(0.0, self._budget - float(self._start @ least)), float(self._start @ (needed - least))
-        share = 1.0 if left >= spread else left / spread
-        begin = np.minimum(1.0, least + share * (needed - least) + max(0.0, left - spread))
+        begin = divided(self._budget - float(self._start @ least), float(self._start @ (needed - least)), least, needed)
         return {
             "least": least, "needed": needed, "begin": begin[: self._size],
             "worth": self._by_action(self._worth, np.inf, float)[:size],
@@ -335,6 +328,6 @@ class _Maker:
             name = self._model.state_space.names[int(np.flatnonzero(stands)[0])]
             raise ConfigError(
                 f"the robot would stand for ever where the policy goes on, as in {name!r}: say with keep where it "
-                f"has to go, or solve again with resolve",
+                f"has to go",
                 key="avoid",
             )

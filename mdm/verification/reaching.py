@@ -75,17 +75,19 @@ def steps(choices: Choices, *, greatest: bool) -> Optimum:
     return Optimum(values, chosen, found.error)
 
 
-def within(choices: Choices, most: int, *, greatest: bool) -> tuple[Vector, list[Vector]]:
-    """Return the probability of reaching X within some steps from each state, and the worth of each choice by stages.
+def within(choices: Choices, most: int, *, greatest: bool, kept: bool) -> tuple[Vector, list[Vector], int]:
+    """Return the probability of reaching X within some steps from each state, the worth of choices, and the stages.
 
-    The stages are from the last to the first; where nothing changes any more they end. Within 0 steps X holds at once.
+    The worth is that of each choice by stages, from the last to the first, or of the first alone unless all are kept;
+    where nothing changes any more they end. Within 0 steps X holds at once.
     """
     pick, firsts = np.maximum if greatest else np.minimum, choices.firsts[:-1]
     worth = [choices.hit]
-    values = pick.reduceat(choices.hit, firsts)
+    values, stages = pick.reduceat(choices.hit, firsts), 1
     for _ in range(most):
+        del worth[: 0 if kept else 1]
         worth.append(choices.hit + np.asarray(choices.moves @ values))
-        before, values = values, pick.reduceat(worth[-1], firsts)
+        before, values, stages = values, pick.reduceat(worth[-1], firsts), stages + 1
         if (values == before).all():
             break
-    return values, worth
+    return values, worth, stages

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 _LONGEST = 10_000
 """Steps of an episode that has no other end."""
 _STAGED = 20_000_000
-"""The numbers of a policy by stages that is kept."""
+"""The most numbers of a policy by stages; a larger one is not kept."""
 
 
 class Exact(msgspec.Struct, frozen=True):
@@ -192,7 +192,7 @@ def _under(model: MDP, policy: Any, asked: Specification, chain: Chain) -> Verif
     if asked.kind == "E":
         return Verification(kind="E", result=_at(chain.start, reaching.steps(choices, greatest=True)))
     if asked.within is not None:
-        result = _in_time(chain.start, choices, asked.within, greatest=True)[0]
+        result = _in_time(chain.start, choices, asked.within, greatest=True, kept=False)[0]
         return Verification(kind="P", result=_turned(result, asked), way=_way(model, chain, choices, asked.within))
     found = reaching.reach(choices, greatest=True)
     decision = worst_decision(model, policy, asked, chain, found.values)
@@ -210,9 +210,9 @@ def _turned(number: Exact, asked: Specification) -> Exact:
     return Exact(1 - number.value, number.error) if asked.always else number
 
 
-def _in_time(start: Vector, choices: Choices, most: int, *, greatest: bool) -> tuple[Exact, list[Vector]]:
-    values, worth = reaching.within(choices, most, greatest=greatest)
-    rounding = np.finfo(float).eps * len(worth) * (2 + int(np.diff(choices.moves.indptr).max(initial=0)))
+def _in_time(start: Vector, choices: Choices, most: int, *, greatest: bool, kept: bool) -> tuple[Exact, list[Vector]]:
+    values, worth, stages = reaching.within(choices, most, greatest=greatest, kept=kept)
+    rounding = np.finfo(float).eps * stages * (2 + int(np.diff(choices.moves.indptr).max(initial=0)))
     return Exact(float(start @ values), float(rounding)), worth
 
 
@@ -231,8 +231,9 @@ def _over_all(model: MDP, asked: Specification) -> Verification:
     way = None
     for greatest in (False, True):
         if asked.kind == "P" and asked.within is not None:
-            number, worth = _in_time(model.initial_belief, choices, asked.within, greatest=greatest)
-            found.append((number, _staged(model, choices, worth, asked.within, greatest=greatest)))
+            kept = (asked.within + 1) * target[:, :-1].size <= _STAGED
+            number, worth = _in_time(model.initial_belief, choices, asked.within, greatest=greatest, kept=kept)
+            found.append((number, _staged(model, choices, worth, asked.within, greatest=greatest) if kept else None))
             continue
         if asked.kind == "S":
             its = shares.share(choices, asked.target[choices.state, choices.action].astype(float), greatest=greatest)
@@ -251,12 +252,9 @@ def _over_all(model: MDP, asked: Specification) -> Verification:
     return Verification(kind=asked.kind, least=least, greatest=most, way=way, policies=(first, last))
 
 
-def _staged(model: MDP, choices: Choices, worth: list[Vector], most: int, *, greatest: bool) -> Policy | None:
-    """Return a policy by stages that attains a number within some steps; None where it would be too large."""
-    size, count = len(model.state_space), len(model.action_space)
-    if (most + 1) * size * count > _STAGED:
-        return None
-    values = np.full((most + 1, size, count), -np.inf)
+def _staged(model: MDP, choices: Choices, worth: list[Vector], most: int, *, greatest: bool) -> Policy:
+    """Return a policy by stages that attains a number within some steps."""
+    values = np.full((most + 1, len(model.state_space), len(model.action_space)), -np.inf)
     for stage in range(most + 1):
         its = worth[min(most - stage, len(worth) - 1)]
         values[stage, choices.state, choices.action] = its if greatest else -its

@@ -1,4 +1,5 @@
 import math
+import tracemalloc
 
 import enumerated
 import numpy as np
@@ -57,9 +58,21 @@ def test_stages_end_where_nothing_changes_any_more():
     rows = [[{1: 1}], [{1: 1}], [{2: 1}]]
     model = model_of_rows(rows)
     choices = Choices.of_model(model, Specification.of("P(reach s1)", model).target, None)
-    values, worth = within(choices, 1_000_000, greatest=True)
+    values, worth, stages = within(choices, 1_000_000, greatest=True, kept=True)
     assert values.tolist() == [1, 1, 0]
-    assert len(worth) == 3
+    assert len(worth) == stages == 3
+
+
+def test_memory_does_not_grow_with_the_steps_of_a_policy():
+    rows = [[{0: 1 - 1e-6, 1: 1e-6}], [{1: 1}], *[[{0: 1}]] * 500]
+    model = model_of_rows(rows)
+    tracemalloc.start()
+    try:
+        result = verify(model, "P(reach s1 within 2000)", [0] * len(rows)).result
+        assert tracemalloc.get_traced_memory()[1] < 2_000 * 8 * len(rows) / 2
+    finally:
+        tracemalloc.stop()
+    assert result.value == pytest.approx(-math.expm1(2_000 * math.log1p(-1e-6)), rel=1e-9)
 
 
 def test_where_a_policy_may_stay_for_ever_the_greatest_leaves():

@@ -35,6 +35,7 @@ WITHOUT = {  # protocols and results, which users do not make; and what a named 
     "team.Confirmation",
     "simulation.CommunicationEvaluation",
     "simulation.Evaluation",
+    "simulation.ReachingEvaluation",
     "team.Agent",
     "team.Committed",
     "team.Experience",

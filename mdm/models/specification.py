@@ -72,8 +72,13 @@ class Specification(NamedTuple):
         return _Parser(text, model).whole(until=until)
 
     @property
+    def reached(self) -> Mask:
+        """Where a run ends because X holds; a share of steps has no end."""
+        return self.target & (self.kind != "S")
+
+    @property
     def miss(self) -> Mask:
-        """Where Y holds and X does not."""
+        """Where it ends because Y holds and X does not."""
         return np.zeros_like(self.target) if self.before is None else self.before & ~self.target
 
 

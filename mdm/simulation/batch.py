@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 import numpy as np
+from scipy.special import betaincinv
 
 from mdm.beliefs import Support
 from mdm.checks import check_seed, is_whole
@@ -26,7 +27,8 @@ from mdm.errors import ConfigError
 from mdm.loading import model_of, policy_of
 from mdm.models.durations import discounts_in_time, paid_in_time
 from mdm.models.dynamics import Dynamics
-from mdm.models.matrices import Vector
+from mdm.models.matrices import Vector, read_only
+from mdm.models.specification import Specification
 from mdm.models.units import check_steps
 from mdm.policies import mismatch
 from mdm.policies.batch import ENDED
@@ -100,6 +102,24 @@ class Evaluation(msgspec.Struct, frozen=True):
         return self.moves / self.seconds if self.seconds > 0 else math.inf
 
 
+class ReachingEvaluation(Evaluation, frozen=True):
+    """The share of simulated episodes in which something comes to hold.
+
+    Attributes:
+        undecided: In how many it is open whether it does: they count for both ends of the interval.
+    """
+
+    undecided: int
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % confidence interval of the probability (C. Clopper and E. Pearson, *Biometrika* 26, 1934)."""
+        count, hits = len(self.returns), int(self.returns.sum())
+        most = hits + self.undecided
+        low = float(betaincinv(hits, count - hits + 1, 0.025)) if hits else 0.0
+        return low, float(betaincinv(most + 1, count - most, 0.975)) if most < count else 1.0
+
+
 def evaluate(
     model: GivenModel,
     policy: GivenPolicy,
@@ -108,9 +128,10 @@ def evaluate(
     steps: int | None = None,
     seed: int | None = None,
     durations: Durations | None = None,
+    until: str | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> Evaluation:
-    """Estimate the value of a policy at the start of its model.
+    """Estimate the value of a policy at the start of its model, or how probable it is that it reaches something.
 
     An episode ends after ``steps`` decisions; by default at the end of the policy's plan, or once the discounted weight
     of the rest is below a millionth. It ends early in states without further rewards. False negatives, and events
@@ -125,23 +146,37 @@ def evaluate(
         seed: The same seed gives the same result; by default it is random.
         durations: How long actions take, and how much they earn by time. Times are not drawn: rewards after an action
             count by the expectation of the discount. By default all take one time step.
+        until: A formula over states and actions, or more, as in ``P(reach …)`` of `mdm.verify`. Returns are then 1
+            where it comes to hold and else 0, the mean is the share of such episodes, and the interval that of the
+            probability. An episode ends in states from where it is out of reach, or undecided after 10,000 time steps.
         progress: Called at each time step with how many episodes have ended, and of how many; where it returns True,
             the result is of those that are known by then, which may be none.
 
     Raises:
         ConfigError: If the policy does not fit the model, or episodes have no end.
-        ModelError: If the durations do not fit the model, or its discount is of a second and there are none.
+        FormatError: If ``until`` does not parse.
+        ModelError: If the durations do not fit the model, its discount is of a second and there are none, or it lacks a
+            name of ``until``.
 
     Example::
 
         result = mdm.evaluate("tiger.pomdp", "tiger.vf", episodes=2000, seed=1)
         result.episodes  # 2000
         result.mean, result.interval  # the value, and its 95 % confidence interval
+        result = mdm.evaluate("tiger.pomdp", "tiger.vf", until="tiger-left and action = open-left")
     """
     model = model_of(model)
     policy = policy_of(policy, model)
     _check(model, policy, episodes, steps)
     check_seed(seed)
+    if until is not None:
+        if steps is not None or durations is not None:
+            raise ConfigError("until ends episodes by itself: it goes without steps and durations")
+        asked = Specification.of(until, model, until=True)
+        codes = asked.target.astype(float)
+        codes[ended_states(Dynamics(model), codes)] = -1
+        codes[asked.miss] = -1
+        return outcomes(model, policy, codes, asked.within, episodes=episodes, seed=seed, progress=progress)
     discounts = None
     if durations is None:
         check_steps(model)
@@ -149,6 +184,49 @@ def evaluate(
         discounts = discounts_in_time(model, durations)
         model = paid_in_time(model, durations)
     ends = limits(model, policy, steps, None if discounts is None else float(discounts.max()))
+    return _simulated(model, policy, ends, discounts, None, episodes, seed, progress)
+
+
+def outcomes(
+    model: MDP, policy: Any, codes: Vector, within: int | None, *, timed: bool = False, **given: Any
+) -> Evaluation:
+    """Simulate a policy until X holds, or is out of reach: returns are 1 where it holds, else 0.
+
+    Args:
+        model: The model.
+        policy: The policy, which fits it.
+        codes: For each state and action, and in the last column a plan's end, 1 where X holds, -1 where it is out of
+            reach, else 0: S x (A + 1).
+        within: The most time steps, after which X is missed; by default there are 10,000, after which it is open.
+        timed: Returns are the time steps until X, infinite where it is out of reach; those of open episodes are
+            as many as ``steps``.
+        given: The ``episodes``, ``seed`` and ``progress`` of `evaluate`.
+    """
+    open_, horizon = codes == 0, getattr(policy, "horizon", None)
+    open_[:, -1] = False
+    ends = Limits(math.inf if horizon is None else horizon, (_LONGEST if within is None else within) + 1)
+    paid = np.select([open_, codes > 0], [float(timed), 1.0 - timed], math.inf if timed else -1.0)
+    with np.errstate(invalid="ignore"):  # of infinite times
+        its = _simulated(model, policy, ends, open_.astype(float), paid, **given)
+        returns = np.nan_to_num(its.returns, nan=ends.moves if timed else 0.0, posinf=math.inf)
+        reached = read_only(returns if timed else (returns > 0).astype(float))
+        found = Evaluation.of(reached, int(ends.moves), its.seed, its.moves, its.seconds)
+    if timed:
+        return found
+    undecided = int((returns == 0).sum()) if within is None else 0
+    return ReachingEvaluation(**msgspec.structs.asdict(found), undecided=undecided)
+
+
+def _simulated(
+    model: MDP,
+    policy: Any,
+    ends: Limits,
+    discounts: Vector | None,
+    paid: Vector | None,
+    episodes: int | None,
+    seed: int | None,
+    progress: Callable[[int, int], object] | None,
+) -> Evaluation:
     seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
     takes = getattr(policy, "input", "belief")
     small = takes != "belief" or len(model.state_space) <= _TOGETHER
@@ -157,14 +235,13 @@ def evaluate(
     if batch is None:
         count = 1_000 if episodes is None else episodes
         returns, moves = one_by_one(
-            model, policy, ends, episodes=count, seed=seed, discounts=discounts, progress=progress
+            model, policy, ends, episodes=count, seed=seed, discounts=discounts, paid=paid, progress=progress
         )
     else:
-        run = EpisodeBatch(model, batch, ends, observed=takes != "state", discounts=discounts)
+        run = EpisodeBatch(model, batch, ends, observed=takes != "state", discounts=discounts, paid=paid)
         chunk = min(_CHUNK, max(_TOGETHER, _NUMBERS // len(model.state_space)))
         returns, moves = _in_chunks(run, 10_000 if episodes is None else episodes, chunk, seed, progress)
-    seconds = time.perf_counter() - began
-    return Evaluation.of(returns, int(min(ends)), seed, moves, seconds)
+    return Evaluation.of(returns, int(min(ends)), seed, moves, time.perf_counter() - began)
 
 
 def _check(model: MDP, policy: Any, episodes: int | None, steps: int | None) -> None:
@@ -262,14 +339,26 @@ class EpisodeBatch:
         observed: Whether the policy needs observations.
         ends: The end of an episode.
         discounts: Of each state and action, S x A; by default that of the model.
+        paid: Rewards in the place of the model's, S x (A + 1), the last where the plan ends. Episodes then go on in
+            states without further rewards.
     """
 
     def __init__(
-        self, model: MDP, batch: Batch, ends: Limits, *, observed: bool, discounts: Vector | None = None
+        self,
+        model: MDP,
+        batch: Batch,
+        ends: Limits,
+        *,
+        observed: bool,
+        discounts: Vector | None = None,
+        paid: Vector | None = None,
     ) -> None:
         self._sampler = BatchSampler(model, observed=observed)
         self._discount = model.discount
         self._discounts = discounts
+        self._paid = paid
+        if paid is not None:
+            self._sampler.rewards, self._sampler.ended = paid, np.zeros(len(paid), dtype=bool)
         self._batch = batch
         self._observed = observed
         false_negative = model.false_negative
@@ -314,7 +403,8 @@ class EpisodeBatch:
                 return returns, moves
             numbers = random.random((3, episodes))[:, going]
             states, seen = sampler.move(states, actions, numbers)
-            goes = (decisions < self._ends.decisions) & ~sampler.ended[states]
+            over = decisions >= self._ends.decisions
+            goes = ~over & ~sampler.ended[states]
             if self._ends.moves < math.inf:
                 goes &= weight >= _REST  # after long actions that is sooner
             decides = goes
@@ -323,12 +413,15 @@ class EpisodeBatch:
                 waited = np.where(decides, 0, waited + 1)
                 goes &= waited < _LONGEST
             which = np.flatnonzero(decides)
-            if not len(which):
-                continue
-            chosen = self._batch.next(which, states[which], actions[which], seen[which], numbers[2, which])
-            actions[which] = chosen
-            decisions[which] += 1
-            goes[which[chosen == ENDED]] = False
+            if len(which):
+                chosen = self._batch.next(which, states[which], actions[which], seen[which], numbers[2, which])
+                actions[which] = chosen
+                decisions[which] += 1
+                over[which[chosen == ENDED]] = True
+                goes &= ~over
+            if self._paid is not None:
+                over &= weight > 0
+                returns[going[over]] += self._paid[states[over], ENDED]
 
 
 class EpisodeStep(NamedTuple):
@@ -406,6 +499,7 @@ def one_by_one(
     episodes: int,
     seed: int,
     discounts: Vector | None = None,
+    paid: Vector | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> tuple[Vector, int]:
     """Run episodes one at a time, for policies of any kind.
@@ -417,12 +511,14 @@ def one_by_one(
         episodes: How many.
         seed: Of their random numbers.
         discounts: Of each state and action, S x A; by default that of the model.
+        paid: As of `EpisodeBatch`; the return of an episode that ends by itself is not a number then.
         progress: Told at each time step how many have ended; where it returns True, there are no more.
 
     Returns:
         The discounted returns of those that have ended, and the total number of time steps.
     """
-    run, rewards, discount = EpisodeRunner(model, policy), model.rewards, model.discount
+    run, discount = EpisodeRunner(model, policy, endless=paid is not None), model.discount
+    rewards = model.rewards if paid is None else paid
     returns, moves = np.zeros(episodes), 0
     for episode, stream in enumerate(np.random.SeedSequence(seed).spawn(episodes)):
         weight, total, decisions, time = 1.0, 0.0, 0, 0
@@ -435,6 +531,8 @@ def one_by_one(
                 break
             if progress is not None and progress(episode, episodes) is True:
                 return returns[:episode], moves
+        else:
+            total = total if paid is None else math.nan
         returns[episode] = total
         moves += time
     return returns, moves

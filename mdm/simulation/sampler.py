@@ -206,10 +206,10 @@ def _levels(rows: Rows, starts: Indices) -> Vector:
     return levels
 
 
-def ended_states(dynamics: Dynamics) -> npt.NDArray[np.bool_]:
-    """Return the states from which no reward can be reached."""
+def ended_states(dynamics: Dynamics, rewards: Vector | None = None) -> npt.NDArray[np.bool_]:
+    """Return the states from which no reward can be reached: the model's, or one of others, S x actions."""
     size = dynamics.num_states
-    earning = np.flatnonzero((dynamics.rewards != 0).any(axis=1))
+    earning = np.flatnonzero(((dynamics.rewards if rewards is None else rewards) != 0).any(axis=1))
     ended = np.zeros(size, dtype=bool)
     if len(earning) == size:
         return ended

@@ -39,17 +39,13 @@ class Chain(NamedTuple):
     state: Indices
     weights: Vector
 
-    def chances(self, mask: Mask | None) -> Vector:
+    def chances(self, mask: Mask) -> Vector:
         """Return the probability that a formula holds in each state, by the actions there."""
-        if mask is None:
-            return np.zeros(len(self.state))
-        chances: Vector = np.einsum("na,na->n", self.weights, mask[self.state])
-        return chances
+        return np.asarray(np.einsum("na,na->n", self.weights, mask[self.state]))
 
     def before(self, asked: Specification) -> Choices:
         """Return the same before X or Y holds."""
-        miss = None if asked.before is None else asked.before & ~asked.target
-        return Choices.of_chain(self.moves, self.chances(asked.target), self.chances(miss))
+        return Choices.of_chain(self.moves, self.chances(asked.reached), self.chances(asked.miss))
 
 
 def chain_of_policy(model: MDP, policy: Any) -> Chain | None:

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from mdm.models.space import Symbol
     from mdm.verification.optimum import Optimum
 
-_LONGEST = 10_000
-"""Steps of an episode that has no other end."""
 _STAGED = 20_000_000
 """The most numbers of a policy by stages; a larger one is not kept."""
 
@@ -95,19 +93,15 @@ class Verification(msgspec.Struct, frozen=True, kw_only=True):
         """Return the numbers, ready for JSON, where an infinite one is the text ``infinite``."""
 
         def told(each: Exact | Estimate) -> dict[str, Any]:
-            if isinstance(each, Estimate):
-                return {key: _finite(getattr(each, key)) for key in ("lower", "upper", "confidence")}
-            return {"probability" if self.kind == "P" else "value": _finite(each.value), "error": _finite(each.error)}
+            facts = msgspec.structs.asdict(each)
+            if isinstance(each, Exact):
+                facts = {"probability" if self.kind == "P" else "value": each.value, "error": each.error}
+            numbers = {key: facts[key] for key in facts if key not in {"episodes", "undecided", "seed"}}
+            return {key: number if np.isfinite(number) else "infinite" for key, number in numbers.items()}
 
         if self.result is not None:
             return told(self.result)
-        assert self.least is not None
-        assert self.greatest is not None
-        return {"least": told(self.least), "greatest": told(self.greatest)}
-
-
-def _finite(number: float) -> float | str:
-    return number if np.isfinite(number) else "infinite"
+        return {key: told(each) for key in ("least", "greatest") if (each := getattr(self, key)) is not None}
 
 
 def verify(
@@ -154,50 +148,34 @@ def verify(
     model = model_of(model)
     asked = Specification.of(specification, model)
     if start is not None:
-        model = _begun(model, model.state_space.index(start))
+        first = np.zeros(len(model.state_space))
+        first[model.state_space.index(start)] = 1
+        first.setflags(write=False)
+        model = copy.copy(model)
+        vars(model).update(_initial_belief=first, initial_belief=first)  # one or the other, by the kind of model
     if policy is None:
         return _over_all(model, asked)
     found: Any = policy_of(policy, model)
     wrong = mismatch(found, model)
     if wrong is not None:
         raise ConfigError(wrong)
-    chain = chain_of_policy(model, found)
-    if chain is None:
-        return _simulated(model, found, asked, episodes, seed, progress)
-    return _under(model, found, asked, chain)
-
-
-def _begun(model: MDP, state: int) -> MDP:
-    """Return the same model with a certain first state."""
-    first = np.zeros(len(model.state_space))
-    first[state] = 1
-    first.setflags(write=False)
-    other = copy.copy(model)
-    if model.network is None:
-        other._initial_belief = first  # noqa: SLF001 - a model of the same kind
-    else:
-        other.__dict__["initial_belief"] = first
-    return other
-
-
-# -- Under a policy ----------------------------------------------------------------------------------------------------
-
-
-def _under(model: MDP, policy: Any, asked: Specification, chain: Chain) -> Verification:
-    if asked.kind == "S":
-        counts, none = chain.chances(asked.target), np.zeros(len(chain.state))
-        choices = Choices.of_chain(chain.moves, none, none)
-        return Verification(kind="S", result=_at(chain.start, shares.share(choices, counts, greatest=True)))
+    if (chain := chain_of_policy(model, found)) is None:
+        return Verification(kind=asked.kind, result=_simulated(model, found, asked, episodes, seed, progress))
     choices = chain.before(asked)
-    if asked.kind == "E":
-        return Verification(kind="E", result=_at(chain.start, reaching.steps(choices, greatest=True)))
+    if asked.kind != "P":
+        if asked.kind == "S":
+            its = shares.share(choices, chain.chances(asked.target), greatest=True)
+        else:
+            its = reaching.steps(choices, greatest=True)
+        return Verification(kind=asked.kind, result=_at(chain.start, its))
+    decision = None
     if asked.within is not None:
         result = _in_time(chain.start, choices, asked.within, greatest=True, kept=False)[0]
-        return Verification(kind="P", result=_turned(result, asked), way=_way(model, chain, choices, asked.within))
-    found = reaching.reach(choices, greatest=True)
-    decision = worst_decision(model, policy, asked, chain, found.values)
-    way = _way(model, chain, choices)
-    return Verification(kind="P", result=_turned(_at(chain.start, found), asked), way=way, decision=decision)
+    else:
+        its = reaching.reach(choices, greatest=True)
+        result, decision = _at(chain.start, its), worst_decision(model, found, asked, chain, its.values)
+    way = _way(model, chain, choices, asked.within)
+    return Verification(kind="P", result=_turned(result, asked), way=way, decision=decision)
 
 
 def _at(start: Vector, found: Optimum) -> Exact:
@@ -221,17 +199,13 @@ def _way(model: MDP, chain: Chain, choices: Choices, most: int | None = None) ->
     return None if way is None or (most is not None and len(way.actions) > most) else way
 
 
-# -- Under all policies ------------------------------------------------------------------------------------------------
-
-
 def _over_all(model: MDP, asked: Specification) -> Verification:
-    target = np.zeros_like(asked.target) if asked.kind == "S" else asked.target
-    choices = Choices.of_model(model, target, asked.before)
+    choices = Choices.of_model(model, asked.reached, asked.before)
     found: list[tuple[Exact, Policy | None]] = []
     way = None
     for greatest in (False, True):
-        if asked.kind == "P" and asked.within is not None:
-            kept = (asked.within + 1) * target[:, :-1].size <= _STAGED
+        if asked.within is not None:
+            kept = (asked.within + 1) * asked.target[:, :-1].size <= _STAGED
             number, worth = _in_time(model.initial_belief, choices, asked.within, greatest=greatest, kept=kept)
             found.append((number, _staged(model, choices, worth, asked.within, greatest=greatest) if kept else None))
             continue
@@ -263,9 +237,6 @@ def _staged(model: MDP, choices: Choices, worth: list[Vector], most: int, *, gre
     return policy
 
 
-# -- By simulation -----------------------------------------------------------------------------------------------------
-
-
 def _simulated(
     model: MDP,
     policy: Any,
@@ -273,8 +244,8 @@ def _simulated(
     episodes: int | None,
     seed: int | None,
     progress: Callable[[int, int], object] | None,
-) -> Verification:
-    from mdm.verification.sampling import CONFIDENCE, HIT, MISS, outcomes  # noqa: PLC0415 - loads what runs episodes
+) -> Estimate:
+    from mdm.simulation.batch import ReachingEvaluation, outcomes  # noqa: PLC0415 - loads what runs episodes
 
     if asked.kind == "S":
         raise ModelError(
@@ -284,25 +255,22 @@ def _simulated(
     if episodes is not None and not (is_whole(episodes) and episodes >= 1):
         raise ConfigError(f"a simulation needs at least 1 episode, not {episodes}")
     check_seed(seed)
-    seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
-    until = np.where(asked.target, HIT, 0).astype(np.int8)
-    if asked.before is not None:
-        until[asked.before & ~asked.target] = MISS
+    codes = asked.target.astype(float)
+    codes[asked.miss] = -1
     graph = Graph(Choices.of_model(model, asked.target, asked.before))
-    never, sure = graph.impossible(), graph.unavoidable()[0]
-    until[(until == 0) & never[:, None]] = MISS
+    codes[(codes == 0) & graph.impossible()[:, None]] = -1
     if asked.kind == "P" and asked.within is None:
-        until[(until == 0) & sure[:, None]] = HIT
-    until[until[:, -1] == 0, -1] = MISS  # the plan has ended, and nothing more happens
-    longest = _LONGEST if asked.within is None else asked.within
-    its = outcomes(model, policy, until, longest=longest, episodes=episodes, seed=seed, progress=progress)
-    if not len(its.codes):
+        codes[(codes == 0) & graph.unavoidable()[0][:, None]] = 1
+    given: Any = {"episodes": episodes, "seed": seed, "progress": progress, "timed": asked.kind == "E"}
+    its = outcomes(model, policy, codes, asked.within, **given)
+    if not its.episodes:
         raise ModelError("no episode has ended: nothing is known of the policy")
-    if asked.within is not None:
-        its.codes[its.codes == 0] = MISS
-    low, high = its.share() if asked.kind == "P" else its.steps()
+    if isinstance(its, ReachingEvaluation):
+        undecided, (low, high) = its.undecided, its.interval
+    else:
+        undecided = int(np.count_nonzero(its.returns == its.steps))
+        low, high = (its.mean, its.mean) if np.isinf(its.mean) else its.interval
+        high = np.inf if undecided else high
     if asked.always:
         low, high = 1 - high, 1 - low
-    undecided = int((its.codes == 0).sum())
-    result = Estimate(low, high, CONFIDENCE, len(its.codes), undecided, seed)
-    return Verification(kind=asked.kind, result=result)
+    return Estimate(low, high, 0.95, its.episodes, undecided, its.seed)

@@ -123,7 +123,7 @@ def _candidates(model: MDP, asked: Specification, chain: Chain, values: Vector, 
     """Return groups of states of the chain that share a decision, and an action each, the most promising first."""
     size, count = len(model.state_space), len(model.action_space)
     visits, at = np.zeros(len(values)), chain.start.copy()
-    going = 1 - np.maximum(chain.chances(asked.target), chain.chances(asked.before))
+    going = 1 - np.maximum(chain.chances(asked.target), chain.chances(asked.miss))
     for _ in range(_FORWARD):
         visits += at
         at = np.asarray((at * going) @ chain.moves)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from random_processes import model_of_rows, random_rows
 
-from mdm import problems
-from mdm.errors import ConfigError, ModelError
+from mdm import evaluate, problems
+from mdm.errors import ConfigError, FormatError, ModelError
 from mdm.models import POMDP
 from mdm.policies import BeliefPolicy, FiniteStateController
+from mdm.simulation.batch import ReachingEvaluation
 from mdm.verification import verify
-from mdm.verification.sampling import HIT, MISS, OPEN, Outcomes, outcomes
 
 WALK = POMDP(
     [[[0.5, 0.3, 0.2], [0, 1, 0], [0, 0, 1]], np.eye(3)],
@@ -66,20 +66,46 @@ def test_steps_are_counted_and_limited():
     assert answer.result.lower == 0
 
 
-def test_what_does_not_end_counts_for_both_ends():
-    until = np.zeros((3, 3), dtype=np.int8)
-    its = outcomes(WALK, Always(1, together=True), until, longest=20, episodes=10, seed=1)
-    assert its.codes.tolist() == [OPEN] * 10
-    assert its.share() == (0, 1)
-    assert its.steps() == (20, math.inf)
+@pytest.mark.parametrize("together", [True, False])
+def test_what_does_not_end_counts_for_both_ends(together, monkeypatch):
+    monkeypatch.setattr("mdm.simulation.batch._LONGEST", 20)
+    policy = Always(1, together=together)
+    its = evaluate(WALK, policy, until="stairs", episodes=10, seed=1)
+    assert its.returns.tolist() == [0] * 10
+    assert (its.undecided, its.interval) == (10, (0, 1))
+    timed = verify(WALK, "E(steps until not hall)", policy, episodes=10, seed=1).result
+    assert (timed.lower, timed.upper, timed.undecided) == (21, math.inf, 10)
+    none = evaluate(WALK, policy, until="stairs within 5", episodes=10, seed=1)
+    assert (none.undecided, none.interval) == (0, (0, pytest.approx(0.3085, abs=1e-4)))
 
 
 def test_the_interval_is_that_of_clopper_and_pearson():
     # Of 10 trials 2 hit: 2.52 % to 55.61 %, as in tables of the binomial distribution.
-    its = Outcomes(np.array([HIT] * 2 + [MISS] * 8, dtype=np.int8), np.zeros(10, dtype=int))
-    assert its.share() == pytest.approx((0.0252, 0.5561), abs=1e-4)
-    none = Outcomes(np.full(10, MISS, dtype=np.int8), np.zeros(10, dtype=int))
-    assert none.share() == (0, pytest.approx(0.3085, abs=1e-4))
+    its = ReachingEvaluation(0.2, 0, np.array([1.0] * 2 + [0.0] * 8), 1, 1, 10, 0.0, 0)
+    assert its.interval == pytest.approx((0.0252, 0.5561), abs=1e-4)
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_a_policy_is_evaluated_until_something_holds(together):
+    policy = Always(0, together=together)
+    its = evaluate(WALK, policy, until="stairs before dock", episodes=500, seed=1)
+    answer = verify(WALK, "P(reach stairs before dock)", policy, episodes=500, seed=1).result
+    assert its.interval == (answer.lower, answer.upper)
+    assert its.mean == its.returns.mean()
+    assert its.interval[0] < its.mean < its.interval[1]
+    with pytest.raises(FormatError, match="column 8: the end was expected, not 'dock'"):
+        evaluate(WALK, policy, until="stairs dock")
+    with pytest.raises(ConfigError, match="until ends episodes by itself"):
+        evaluate(WALK, policy, until="stairs", steps=3)
+
+
+def test_where_a_plan_ends_its_state_counts():
+    """It goes once: three in ten end at the stairs, which nothing is decided at."""
+    once = FiniteStateController([0], [[None]], 2)
+    assert verify(WALK, "P(reach stairs)", once).result.value == pytest.approx(0.3)
+    its = evaluate(WALK, once, until="stairs", episodes=2_000, seed=1)
+    assert its.interval[0] < 0.3 < its.interval[1]
+    assert its.undecided == 0
 
 
 @pytest.mark.slow
@@ -91,12 +117,8 @@ def test_intervals_hold_what_is_computed():
         model = model_of_rows(rows, random.integers(0, 2, 6).tolist())
         nodes = FiniteStateController([0, 1], random.integers(0, 2, (2, 2)).tolist(), 2)
         exact = verify(model, "P(reach s1 within 6)", nodes).result.value
-        until = np.zeros((6, 3), dtype=np.int8)
-        until[1] = HIT
         for seed in range(20):
-            its = outcomes(model, nodes, until, longest=6, episodes=300, seed=seed)
-            its.codes[its.codes == OPEN] = MISS
-            low, high = its.share()
+            low, high = evaluate(model, nodes, until="s1 within 6", episodes=300, seed=seed).interval
             held += low <= exact <= high
             count += 1
     assert held / count >= 0.91

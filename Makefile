@@ -139,6 +139,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/simulation.py
 	$(BIN)/python benchmarks/belief.py
 	$(BIN)/python benchmarks/policy.py
+	$(BIN)/python benchmarks/monitors.py
 	$(BIN)/python benchmarks/sarsop.py
 	$(BIN)/python benchmarks/solvers.py
 	$(BIN)/python benchmarks/tree_search.py

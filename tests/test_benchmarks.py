@@ -37,6 +37,7 @@ def has_pinned_commits():
                 "sarsop",
                 "belief",
                 "policy",
+                "monitors",
                 "simulation",
                 "solvers",
                 "tree_search",
@@ -136,6 +137,9 @@ def test_benchmark(tmp_path, name):
         assert {row["way"] for row in results["updates"]} >= {"mdm, without numba", "numpy, dense", "scipy, CSR"}
         assert results["build"][0]["states"] == 1000
         assert all(row["product_us"] > 0 for row in results["threads"])
+    elif name == "monitors":
+        assert len(results["monitors"]) == 5
+        assert all(row["monitor_us"] > 0 for row in results["monitors"])
     elif name == "policy":
         assert {(row["vectors"], row["states"]) for row in results["choices"]} == {(5, 2), (100, 870)}
         assert all(row["us"] > 0 for row in results["choices"])

@@ -155,8 +155,10 @@ class _Node(dict[Any, "_Node"]):
         found, before = frozenset([rows[state][one] for state in self._states for one in valuations]), self._states
         while UNKNOWN in each and found != before:
             found, before = found | {rows[state][one] for state in found for one in valuations}, found
-        self[codes] = nodes[found] = nodes.get(found) or _Node(self.table, found)
-        return self[codes]
+        if found not in nodes:
+            nodes[found] = _Node(self.table, found)
+        self[codes] = nodes[found]
+        return nodes[found]
 
 
 @lru_cache(maxsize=256)

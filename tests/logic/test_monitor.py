@@ -150,6 +150,17 @@ def test_unknown_predicates_stand_for_all_values_any_number_of_times(tree, trace
         assert monitor.holds is (values.pop() if len(values) == 1 else None)
 
 
+def test_a_monitor_comes_back_to_the_same_place():
+    """However long it runs, it holds no more places than there are sets of states."""
+    monitor = Monitor("G(a implies F(b)) and F(c)")
+    visited = {}
+    for number in range(500):
+        monitor.update({name: (False, None, True)[number // base % 3] for name, base in (("a", 1), ("b", 3), ("c", 9))})
+        visited[id(monitor.node)] = monitor.node
+    assert len(visited) <= 2 ** len(monitor.node.table[0])
+    assert sorted(map(id, monitor.node.table[2].values())) == sorted(visited)
+
+
 @given(trees(["a", "G", "robot2/At", 'say "x"']))
 def test_a_formula_is_read_as_it_is_written(tree):
     formula = monitor_of(quoted(tree)).formula

@@ -87,12 +87,10 @@ class Condition:
             return None
         if self._threshold is None:
             return bool(value == self._constant) is self._equal
-        told = self._threshold.of(value, self._before)
-        self._before = told
-        return told
+        self._before = self._threshold.of(value, self._before)
+        return self._before
 
-    def _value(self, message: Any) -> Any:
-        value = message
+    def _value(self, value: Any) -> Any:
         for step in self._steps:
             try:
                 value = value[step] if isinstance(step, int) else getattr(value, step)

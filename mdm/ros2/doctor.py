@@ -37,6 +37,7 @@ class Part(msgspec.Struct):
 
     Attributes:
         role: Who is wanted there.
+        name: As the file has it; after a look over rclpy, that which ROS has.
         peers: Who is.
         heard: The newest message of a topic, shortened; None where none came.
         problems: Why it does not work, each with the way out.
@@ -100,10 +101,11 @@ class Noting:
                     for part in self.parts:
                         part.peers = self.wire.peers(part.role, part.name)
                     missing = any(not p.peers or (p.role == "publisher" and p.heard is None) for p in self.parts)
+                for part in self.parts:
+                    part.name = getattr(self.wire, "resolve", str)(part.name)
+                    part.problems, part.heard = [*part.judge()], None if part.heard is None else plain(part.heard, 8)
             finally:
                 await self.wire.close()
-        for part in self.parts:
-            part.problems, part.heard = [*part.judge()], None if part.heard is None else plain(part.heard, 8)
         return self.parts
 
 
@@ -142,9 +144,9 @@ def surroundings() -> dict[str, str]:
         WireError: If rclpy cannot be imported.
     """
     RclpyWire("mdm")
-    versions = [each.version for each in metadata.distributions() if each.name in {"rclpy", "ros-rclpy"}]
+    versions = (each.version for each in metadata.distributions() if each.name in {"rclpy", "ros-rclpy"})
     return {
-        "rclpy": versions[0] if versions else "unknown",
+        "rclpy": next(versions, "unknown"),
         "middleware": importlib.import_module("rclpy.utilities").get_rmw_implementation_identifier(),
         "distribution": os.environ.get("ROS_DISTRO", "unknown (ROS_DISTRO is not set)"),
         "domain": os.environ.get("ROS_DOMAIN_ID", "0"),

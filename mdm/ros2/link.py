@@ -45,8 +45,7 @@ class Link(Extension):
     def __init__(self, wire: Wire, predicates: PredicateManager, reports: Reports | None = None) -> None:
         self.wire = wire
         self.actions = Actions(wire, predicates)
-        self._reports = reports
-        self._predicates = predicates
+        self._reports, self._predicates = reports, predicates
         self.topics: dict[str, Topic] = {}
 
     def topic(self, name: str, kind: str, quality: Quality | None = None) -> Topic:

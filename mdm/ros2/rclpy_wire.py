@@ -180,9 +180,13 @@ class RclpyWire:
 
         self.prepare(name, create)
 
+    def resolve(self, name: str) -> str:
+        """Return a name as ROS has it: from the root, and remapped; as it is where the wire is not open."""
+        return name if self.node is None else self.node.resolve_topic_name(name)
+
     def full(self, name: str, part: str) -> str:
         """Return the name of a part of an action, which rclpy would not remap."""
-        return f"{self.node.resolve_topic_name(name)}/_action/{part}" if part else name
+        return f"{self.resolve(name)}/_action/{part}" if part else name
 
     def options(self, quality: Quality, name: str, side: str, who: str) -> dict[str, Any]:
         """Return a quality of service as rclpy has it, and the callbacks that report a side to which nothing passes."""
@@ -401,10 +405,9 @@ class _Goal:
 
 
 def _quality(profile: Any) -> Quality:
-    """Return a quality of service of rclpy; ROS' graph may not know its depth."""
+    """Return a quality of service of rclpy; ROS' graph may not know its depth, and best effort keeps for nobody."""
     reliability: Any = profile.reliability.name.lower()
-    durability: Any = profile.durability.name.lower()
-    durability = durability if reliability == "reliable" else "volatile"  # a message that is kept comes to nobody
+    durability: Any = profile.durability.name.lower() if reliability == "reliable" else "volatile"
     return Quality(depth=max(profile.depth, 1), reliability=reliability, durability=durability)
 
 

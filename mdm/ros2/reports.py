@@ -49,9 +49,7 @@ class Reports(Observer):
     def __init__(
         self, wire: Wire, node: str, *, diagnostics: bool = True, decisions: bool = False, services: Sequence[str] = ()
     ) -> None:
-        self._make = wire.make
-        self._node = node
-        self._services = services
+        self._make, self._node, self._services = wire.make, node, services
         self._next: asyncio.Handle | None = None
         self._runtime: Runtime | None = None
         self._look: Callable[[], object] = lambda: None

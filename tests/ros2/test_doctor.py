@@ -156,3 +156,36 @@ def test_the_doctor_says_what_is_missing_and_what_is_heard(ros, nav2, tmp_path):
             assert status == 0, text + said
 
     asyncio.run(run())
+
+
+@pytest.mark.slow
+def test_the_doctor_prints_names_as_ros_has_them(ros, tmp_path):
+    (tmp_path / "robot.toml").write_text(RELATIVE)
+
+    async def run():
+        async with programs(ros, tmp_path) as here:
+            process = await here.start("-m", "mdm", "ros2", "doctor", "robot.toml", "--seconds", "0.1", "--json")
+            async with asyncio.timeout(PATIENCE):
+                told = json.loads(await process.process.stdout.read())
+            names = ["/ada/go", "/front_scan", "/lamp"]
+            assert [part["name"] for part in told["parts"]] == names
+            assert [problem.split()[2] for problem in told["problems"]] == names  # nobody publishes NAME
+
+    asyncio.run(run())
+
+
+RELATIVE = """
+[ros2]
+node = "robot"
+namespace = "/ada"
+remap = { scan = "/front_scan" }
+
+[predicates]
+Go = { topic = "go", type = "std_msgs/msg/Bool", when = "data" }
+Near = { topic = "scan", type = "std_msgs/msg/Bool", when = "data" }
+
+[ensembles.robot]
+policy = [0, 0, 0, 0]
+states = { near = { yes = "Near" }, go = { yes = "Go" } }
+actions = { 0 = { service = "/lamp", type = "std_srvs/srv/Trigger" } }
+"""

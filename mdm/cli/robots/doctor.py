@@ -14,8 +14,9 @@ if TYPE_CHECKING:
 
 def run(arguments: argparse.Namespace) -> int:
     """Look, and print the findings; return the exit status."""
-    around, file = surroundings(), arguments.file
+    file = arguments.file
     parts = [] if file is None else examine(file, agent=arguments.agent, seconds=arguments.seconds)
+    around = surroundings() if file is None or "rclpy" in sys.modules else {"wire": "the file's own"}
     problems = [problem for part in parts for problem in part.problems]
     if arguments.json:
         print(as_json({"ros": around, "parts": parts, "problems": problems}))

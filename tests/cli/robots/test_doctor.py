@@ -20,6 +20,22 @@ def test_without_rclpy_a_sentence_says_how_it_is_had(words, capsys):
     assert "source" in told
 
 
+def test_a_file_with_a_wire_of_its_own_needs_no_rclpy(tmp_path, capsys):
+    for name in ("floor.xml", "patrol.mdp", "patrol.policy"):
+        (tmp_path / name).write_bytes((PATROL.parent / name).read_bytes())
+    (tmp_path / "own.py").write_text(
+        "from ros2.stand_in import StandIn\n\ndef wire(node, namespace, remap):\n    return StandIn()\n"
+    )
+    file = tmp_path / "patrol.toml"
+    file.write_text(PATROL.read_text().replace('node = "patrol"', 'node = "patrol"\nwire = "own:wire"'))
+    assert main(["ros2", "doctor", str(file), "--seconds", "0.1"]) == 1
+    said = capsys.readouterr()
+    assert "nobody publishes /battery_state" in said.err
+    first, *parts = said.out.splitlines()
+    assert first == "wire the file's own"
+    assert "/battery_state  sensor_msgs/msg/BatteryState" in parts
+
+
 def test_a_model_is_not_looked_for_in_ros(capsys):
     assert main(["check", "--live", str(EXAMPLES / "ros2" / "patrol.mdp")]) == 2
     assert "--live is for TOML files" in capsys.readouterr().err

@@ -56,10 +56,6 @@ def modules(*names):
             sys.modules.pop(name, None)
 
 
-def test_q_table():
-    assert run("q_table.py") == "working\ncharging\n"
-
-
 def test_embedding():
     lines = run("embedding.py").splitlines()
     assert lines[:4] == ["waiting", "fan on", "fan off", "waiting"]

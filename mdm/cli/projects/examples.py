@@ -38,7 +38,6 @@ _FLOOR = ("patrol/floor.pgm", "patrol/floor.xml", "patrol/floor.yaml", "patrol/l
 
 EXAMPLES = {
     "first": Example("a model from functions, its policy, and a sensor that changes", ("first.py",), "python first.py"),
-    "q_table": Example("an MDP robot of one page, from a table of values", ("q_table.py",), "python q_table.py"),
     "tiger": Example(
         "a POMDP at a fixed rate, as a program and as a TOML file",
         ("tiger.py", "tiger.toml", *_TIGER),
@@ -157,7 +156,7 @@ def folder() -> Path:
     """
     package = Path(mdm.__file__).parent
     for place in (package / "examples", package.parent / "examples"):
-        if (place / "q_table.py").is_file():
+        if (place / "first.py").is_file():
             return place
     raise Error(f"the examples are not beside the package in {package}: install the wheel, or work in a clone")
 

@@ -41,7 +41,7 @@ def test_all_files_that_it_needs_are_copied(name, tmp_path, monkeypatch, capsys)
     for path in copied.rglob("*.toml"):
         verb = ["team", "check"] if "[team]" in path.read_text() else ["check"]
         assert main([*verb, str(path)]) == 0, capsys.readouterr()
-    if name in {"q_table", "tiger", "from_arrays", "rooms", "external_belief"}:
+    if name in {"first", "tiger", "from_arrays", "rooms", "external_belief"}:
         done = in_process.script(copied / command[1], *command[2:], folder=copied)
         assert (done.status, done.wrong) == (0, "")
     else:

@@ -71,7 +71,7 @@ def run(
     Raises:
         Error: If the program is none, or an event loop runs already.
         ActorFailure: If the actor failed.
-        KeyboardInterrupt: After Ctrl-C.
+        KeyboardInterrupt: After Ctrl-C, when all has ended; Python prints it as a traceback where nobody catches it.
         SystemExit: With status 143 after SIGTERM, 129 after SIGHUP; or the one raised by an actor or its work.
         DeadlockError: In virtual time, when nothing is left to do; the function is cancelled first.
 

@@ -68,7 +68,8 @@ def _changes(record: Record, monitor: Monitor, given: str | None) -> list[tuple[
     with tempfile.TemporaryDirectory() as folder:
         run = rebuilt_to_compare(record, folder, given)
         manager = run.actors.predicates if isinstance(run.actors, System) else PredicateManager()
-        known = manager.values()
+        used = [name for name in manager.declared.used if "/" in name and manager.declared.knows(name) == "predicate"]
+        known = [*manager.values(), *used]
         for name in monitor.names:
             if name not in known:
                 hint = similar(name, known) or f"; {'there are ' + ', '.join(known) if known else 'it has none'}"

@@ -9,8 +9,9 @@ import pytest
 from places import TIGER, TIGER_VECTORS
 from records import Writing, decision
 from shown import a_robot
+from team_file import running, write
 
-from mdm import load_system
+from mdm import load_system, run
 from mdm.testing import run_virtual
 
 pytestmark = pytest.mark.usefixtures("recorded_here")
@@ -125,3 +126,21 @@ def test_another_file_of_the_run(mdm, record, tmp_path):
     given = ("G(not Low)", "--config", tmp_path / "robot.toml")
     assert mdm("verify", record, *given)[1][1] == "violated at         4 s"
     assert "no such file" in mdm("verify", record, "G(Low)", "--config", tmp_path / "none.toml")[2]
+
+
+def test_a_monitor_over_teammates_and_the_record_of_an_agent(mdm, tmp_path):
+    """An agent's own predicates are without its name, in the monitor and in its record."""
+    path = write(tmp_path, ("InLab = {}", 'InLab = {}\nApart = { monitor = "G(not (a/InLab and b/InLab))" }'))
+
+    async def main():
+        async with running(path, records=tmp_path / "records") as (systems, _):
+            await asyncio.sleep(1.0)
+            for system in systems.values():
+                system.predicates.sense("InLab", True)
+                await asyncio.sleep(1.0)
+            return [system.predicates.verdict("Apart") for system in systems.values()]
+
+    assert run(main, virtual=True) == [False, False]
+    for name, formula in (("a", "G(not (InLab and b/InLab))"), ("b", "G(not (a/InLab and InLab))"), ("b", "G(Apart)")):
+        status, lines, errors = mdm("verify", tmp_path / "records" / f"{name}.mcap", formula)
+        assert (status, lines[0], errors) == (1, "verdict             false for ever", "")

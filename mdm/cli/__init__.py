@@ -122,6 +122,9 @@ def _main(arguments: Sequence[str] | None, interruption: Interruption) -> int:
         return 1
     if parsed.verb is None:
         parsed.command, parsed.format_usage = "", parser.format_usage
+    if parsed.verb == "verify" and parsed.policy is None and len(unknown) == 1 and not unknown[0].startswith("-"):
+        # Before an option between the arguments argparse takes the one that may be left out for left out.
+        parsed.policy, parsed.specification, unknown = parsed.specification, unknown[0], []
     if unknown:
         return _refuse(parsed, f"there is no argument {' or '.join(unknown)}")
     parsed.interruption = interruption

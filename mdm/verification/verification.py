@@ -21,6 +21,7 @@ from mdm.policies import DeterministicPolicy, Policy, StagedPolicy, mismatch
 from mdm.verification import reaching, shares
 from mdm.verification.chains import Chain, chain_of_policy
 from mdm.verification.choices import Choices, Graph
+from mdm.verification.unfolding import Bounds, bounds_of
 from mdm.verification.ways import Decision, Way, likeliest_way, worst_decision
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 _STAGED = 20_000_000
 """The most numbers of a policy by stages; a larger one is not kept."""
+_EXACT = "bounds are for policies over beliefs: this number is exact without them"
 
 
 class Exact(msgspec.Struct, frozen=True):
@@ -79,6 +81,7 @@ class Verification(msgspec.Struct, frozen=True, kw_only=True):
         way: The most probable way into X, under the policy or one that attains the greatest; None if there is none.
         decision: The decision that contributes most to reaching X; None if no other lowers the probability.
         policies: Policies that attain the least and the greatest.
+        bounds: Those of the belief graph, where they were asked for.
     """
 
     kind: Literal["P", "E", "S"]
@@ -88,6 +91,7 @@ class Verification(msgspec.Struct, frozen=True, kw_only=True):
     way: Way | None = None
     decision: Decision | None = None
     policies: tuple[Policy | None, Policy | None] = (None, None)
+    bounds: Bounds | None = None
 
     def facts(self) -> dict[str, Any]:
         """Return the numbers, ready for JSON, where an infinite one is the text ``infinite``."""
@@ -100,7 +104,7 @@ class Verification(msgspec.Struct, frozen=True, kw_only=True):
             return {key: number if np.isfinite(number) else "infinite" for key, number in numbers.items()}
 
         if self.result is not None:
-            return told(self.result)
+            return told(self.result) | ({} if self.bounds is None else {"bounds": msgspec.structs.asdict(self.bounds)})
         return {key: told(each) for key in ("least", "greatest") if (each := getattr(self, key)) is not None}
 
 
@@ -112,6 +116,7 @@ def verify(
     start: Symbol | None = None,
     episodes: int | None = None,
     seed: int | None = None,
+    bounds: float | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> Verification:
     """Return how probable, how soon or how often something is, under a policy or at least and at most.
@@ -131,6 +136,7 @@ def verify(
         start: A state to begin in; by default the initial belief of the model.
         episodes: How many to simulate, for a policy over beliefs; by default 10,000, or 1,000 if they run one by one.
         seed: The same seed gives the same estimate; by default it is random.
+        bounds: Seconds for which to unfold the belief graph of a policy over beliefs, for bounds beside the estimate.
         progress: Called with how many episodes have ended, and of how many; where it returns True there are no more.
 
     Raises:
@@ -154,13 +160,19 @@ def verify(
         model = copy.copy(model)
         vars(model).update(_initial_belief=first, initial_belief=first)  # one or the other, by the kind of model
     if policy is None:
+        if bounds is not None:
+            raise ConfigError(_EXACT)
         return _over_all(model, asked)
     found: Any = policy_of(policy, model)
     wrong = mismatch(found, model)
     if wrong is not None:
         raise ConfigError(wrong)
     if (chain := chain_of_policy(model, found)) is None:
-        return Verification(kind=asked.kind, result=_simulated(model, found, asked, episodes, seed, progress))
+        result: Exact | Estimate = _simulated(model, found, asked, episodes, seed, progress)
+        unfolded = None if bounds is None else bounds_of(model, found, asked, bounds)
+        return Verification(kind=asked.kind, result=result, bounds=unfolded)
+    if bounds is not None:
+        raise ConfigError(_EXACT)
     choices = chain.before(asked)
     if asked.kind != "P":
         if asked.kind == "S":

@@ -155,6 +155,7 @@ VERBS = {
             Argument("-o --output POLICY", "keep a policy that attains the least; its suffix chooses the format"),
             Argument("--greatest", "keep one that attains the greatest in its place"),
             Argument("--episodes N", "simulate N episodes (10000; 1000 if they cannot run as a batch)", count),
+            Argument("--bounds S", "print bounds, too, by at most S seconds of the policy's belief graph", limit),
             SEED,
             FALSE_NEGATIVE,
             Argument("--config FILE.toml", "of a record without one: the configuration of its run"),

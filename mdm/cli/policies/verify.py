@@ -15,6 +15,7 @@ from mdm.formats import check_policy_file, load_model, save_policy
 from mdm.formats.source import suffixes
 from mdm.formats.target import check_place
 from mdm.policies import DeterministicPolicy, StagedPolicy
+from mdm.texts import counted
 from mdm.verification import Estimate, Exact, Verification, verify
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     model, policy = _given(arguments)
     if (note := _note(model, policy)) is not None:
         print(f"mdm verify: {note}", file=sys.stderr)
-    options = {name: getattr(arguments, name) for name in ("start", "episodes", "seed")}
+    options = {name: getattr(arguments, name) for name in ("start", "episodes", "seed", "bounds")}
     with counting(arguments.interruption) as progress:
         answer = verify(model, arguments.specification, policy, **options, progress=progress)
     if arguments.output is not None:
@@ -101,6 +102,9 @@ def _lines(answer: Verification) -> Iterator[tuple[str, str]]:
             its = answer.result
             open_ = f", {its.undecided} of them undecided" if its.undecided else ""
             yield "", f"{its.episodes} simulated episodes{open_}, seed {its.seed}"
+        if (found := answer.bounds) is not None:
+            width = f"{found.upper - found.lower:.2g} apart, by {counted(found.beliefs, 'belief')} in"
+            yield "belief graph", f"between {found.lower:.6g} and {found.upper:.6g}, {width} {found.seconds:.1f} s"
     else:
         assert answer.least is not None
         assert answer.greatest is not None

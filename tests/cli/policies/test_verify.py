@@ -38,6 +38,10 @@ def test_a_policy(mdm, floor):
     assert decision == "worst decision      Go in hall: with Wait there X is reached with 0"
     facts = json.loads(mdm("verify", *floor, "P(reach stairs before dock)", "--json")[1][0])
     assert facts == {"probability": pytest.approx(0.55), "error": pytest.approx(0, abs=1e-12)}
+    between = mdm("verify", floor[0], "--json", floor[1], "P(reach stairs before dock)")[1][0]
+    assert (
+        json.loads(between) == facts == json.loads(mdm("verify", *floor, "--json", "P(reach stairs before dock)")[1][0])
+    )
     facts = json.loads(mdm("verify", *floor, "E(steps until stairs or dock)", "--from", "landing", "--json")[1][0])
     assert facts == {"value": pytest.approx(1), "error": pytest.approx(0, abs=1e-12)}
 
@@ -73,6 +77,9 @@ def test_policies_over_beliefs_are_simulated(mdm):
     assert lines[0].startswith("probability         between ")
     assert lines[0].endswith(", with 95% confidence")
     assert lines[1] == "                    50 simulated episodes, seed 1"
+    line = mdm("verify", TIGER, TIGER_VECTORS, asked, "--seed", "1", "--episodes", "50", "--bounds", "60")[1][2]
+    assert line.startswith("belief graph        between 0.")
+    assert " apart, by " in line
     lines = mdm("verify", TIGER, TIGER_VECTORS, "E(steps until action = listen and not action = listen)")[1]
     assert lines[0] == "expected steps      infinite: some episodes never end there"
 

@@ -39,10 +39,9 @@ _FLOOR = ("patrol/floor.pgm", "patrol/floor.xml", "patrol/floor.yaml", "patrol/l
 EXAMPLES = {
     "first": Example("a model from functions, its policy, and a sensor that changes", ("first.py",), "python first.py"),
     "tiger": Example(
-        "a POMDP at a fixed rate, as a program and as a TOML file",
-        ("tiger.py", "tiger.toml", *_TIGER),
-        "python tiger.py",
+        "a POMDP at a fixed rate, as a program and a TOML file", ("tiger.py", "tiger.toml", *_TIGER), "python tiger.py"
     ),
+    "stairs": Example("a robot beside stairs, and a shield that keeps it off", ("stairs.py",), "python stairs.py"),
     "from_arrays": Example(
         "an MDP and a POMDP from arrays, solved and run by a controller", ("from_arrays.py",), "python from_arrays.py"
     ),

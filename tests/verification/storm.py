@@ -36,7 +36,10 @@ def interpreter(folder):
 
 
 def answers(python, questions):
-    """Return the numbers of Storm, as texts: fractions, or ``inf``; a list for each question."""
+    """Return the numbers of Storm, as texts: fractions, or ``inf``; a list for each question.
+
+    One that is asked ``everywhere`` has a list of all states in place of each number.
+    """
     done = subprocess.run([python, HERE / "storm_program.py"], input=json.dumps(questions), **TEXT)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)

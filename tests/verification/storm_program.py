@@ -49,7 +49,8 @@ def main():
         answers = []
         for formula in question["formulas"]:
             result = stormpy.model_checking(model, stormpy.parse_property(formula), environment=exact_environment())
-            answers.append(str(result.get_value(question["start"])))
+            values = [str(result.get_value(state)) for state in range(len(question["rows"]))]
+            answers.append(values if question.get("everywhere") else values[question["start"]])
         found.append(answers)
     json.dump(found, sys.stdout)
 

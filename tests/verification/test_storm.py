@@ -13,9 +13,9 @@ from random_processes import model_of_rows, random_rows, under
 from verification.field import FIELD
 from verification.storm import answers, interpreter
 
-from mdm.errors import ModelWarning
-from mdm.policies import FiniteStateController
-from mdm.verification import verify
+from mdm.errors import ConfigError, ModelWarning
+from mdm.policies import DeterministicPolicy, FiniteStateController
+from mdm.verification import shield, verify
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -123,3 +123,45 @@ def test_numbers_of_random_controllers(storm):
             warnings.simplefilter("error", ModelWarning)
             for (text, _), number in zip(ASKED, told, strict=True):
                 assert_close(verify(model, text, controller).result, number)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_shields_win_where_storm_does(storm, seed):
+    """An action is allowed if it keeps to the states where X is reached with a least probability of 0.
+
+    What the shield keeps is as probable as it can be in the process of these actions alone.
+    """
+    random = np.random.default_rng(100 + seed)
+    made = [random_rows(random, int(random.integers(5, 30)), 3) for _ in range(40)]
+    asked = [question(rows) | {"formulas": ['Pmin=? [F "x"]'], "everywhere": True} for rows in made]
+    winning = [[number == "0" for number in told[0]] for told in answers(storm, asked)]
+    shields, masked = [], []
+    for rows, wins in zip(made, winning, strict=True):
+        safe = [[all(wins[after] for after in choice) for choice in choices] for choices in rows]
+        policy = DeterministicPolicy(random.integers(0, 3, len(rows)).tolist(), 3)
+        for keep in (None, "reach s3 or s4"):
+            try:
+                shielded = shield(policy, model_of_rows(rows), avoid="s1 or s2", keep=keep)
+            except ConfigError as error:
+                assert wins[0] == (error.key == "keep" or "stand" in str(error)), error
+                shielded = None
+            else:
+                assert wins[0]
+                allowed = [shielded.allowed(state).tolist() for state in range(len(rows))]
+                assert [its for its, win in zip(allowed, wins, strict=True) if win] == [
+                    its for its, win in zip(safe, wins, strict=True) if win
+                ]
+                assert verify(model_of_rows(rows), "P(reach s1 or s2)", shielded).result.value == 0
+            if keep and wins[0]:
+                its = [
+                    [choice for choice, good in zip(choices, may, strict=True) if good or not win]
+                    for choices, may, win in zip(rows, safe, wins, strict=True)
+                ]
+                masked.append(question(its) | {"formulas": ['Pmax=? [F "y"]']})
+                shields.append((rows, shielded))
+    assert len(shields) > 10
+    for (rows, shielded), (wanted,) in zip(shields, answers(storm, masked), strict=True):
+        if shielded is None:
+            assert wanted == "0"
+        else:
+            assert_close(verify(model_of_rows(rows), "P(reach s3 or s4)", shielded).result, wanted)

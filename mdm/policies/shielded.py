@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from mdm.beliefs import Information
     from mdm.models import MDP
     from mdm.models.matrices import Vector
+    from mdm.models.space import Space
     from mdm.policies.batch import Batch
     from mdm.policies.policy import Arrays, Packed, Scores
 
@@ -67,7 +68,6 @@ class Shielded(Kind):
         self.policy = policy
         self.num_states, self.num_actions = policy.num_states, policy.num_actions
         self.horizon, self.discount_of = policy.horizon, policy.discount_of
-        self.state_space = policy.state_space
         size = (policy.horizon or 1) * policy.num_states
         self._arrays = {name: arrays[name] for name in self.names}
         self._taken, self._allowed = (self._arrays[name] for name in ("taken", "allowed"))
@@ -75,6 +75,16 @@ class Shielded(Kind):
             raise ModelError(f"a shield's arrays are not of the {size} x {self.num_actions} numbers of its policy")
         if not ((self._taken >= 0) & (self._taken < self.num_actions)).all():
             raise ModelError(f"an entry of the shield is no action: these are 0 to {self.num_actions - 1}")
+
+    @property
+    def state_space(self) -> Space | None:
+        """Of the model, as the original has it."""
+        its: Space | None = self.policy.state_space
+        return its
+
+    @state_space.setter
+    def state_space(self, space: Space | None) -> None:
+        self.policy.state_space = space
 
     def place(self, x: Any, /) -> int:
         """Return the row of a state, or of a state and a stage."""
@@ -123,6 +133,9 @@ class Shielded(Kind):
         """Return its sizes, and X, by name."""
         told = {"avoids": self.avoid, "keeps": self.keep, "within a budget of": self.probability or None}
         return {**self.policy.facts(), **{name: value for name, value in told.items() if value is not None}}
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {self.policy!r}: avoids {self.avoid}>"
 
     @property
     def seed(self) -> Callable[[int | None], None]:

@@ -51,6 +51,13 @@ def test_files_keep_a_shielded_policy(original, probability, tmp_path):
         assert one.see(state) == two.see(state)
 
 
+def test_a_shielded_policy_from_a_file_takes_names_and_says_what_it_avoids(tmp_path):
+    mdm.save_policy(mdm.shield(ORIGINALS[0], MODEL, avoid="stairs"), tmp_path / "safe.npz", MODEL)
+    read = mdm.load_policy(tmp_path / "safe.npz", MODEL)
+    assert (read.action("hall"), read.wanted("hall")) == (read.action(0), 0)
+    assert repr(read) == "<ShieldedTable of <DeterministicPolicy: 3 states, 3 actions>: avoids stairs>"
+
+
 def test_other_formats_refuse_it(tmp_path):
     safe = mdm.shield([0, 1, 2], MODEL, avoid="stairs")
     with pytest.raises(ModelError, match=r"ShieldedTable cannot be written as 'safe.policy': its files end in .npz"):

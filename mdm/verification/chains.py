@@ -54,57 +54,36 @@ def chain_of_policy(model: MDP, policy: Any) -> Chain | None:
     Raises:
         ModelError: If it has too many states.
     """
-    size = len(model.state_space)
-    if getattr(policy, "input", None) == "state":
-        if not hasattr(policy, "weights"):
-            return None
-        return _of_table(model, policy) if policy.horizon is None else _of_stages(model, policy)
-    if model.pomdp is None or not hasattr(policy, "joined"):
+    size, table = len(model.state_space), getattr(policy, "input", None) == "state"
+    if table and not hasattr(policy, "weights"):
         return None
-    controller = policy.joined()
-    if controller is None:
+    controller = policy.joined() if not table and model.pomdp is not None and hasattr(policy, "joined") else None
+    if not table and controller is None:
         return None
-    _check(controller.num_nodes + 1, size)
-    moves, stays = controller_moves(model.pomdp, controller, ends=True)
-    ended = controller.num_nodes
-    start = np.zeros((ended + 1, size))
-    for state in np.flatnonzero(model.initial_belief).tolist():
-        at = model.pomdp.belief_at_start(state) if model.observed else model.initial_belief
-        begins = controller.start if controller.values is None else controller.start_node(at)
-        start[begins, state] = model.initial_belief[state]
-    weights = np.zeros((ended + 1, len(model.action_space) + 1))
-    weights[np.arange(ended + 1), [*controller.actions, -1]] = 1
-    whole = moves if stays is None else csr(moves + stays)
-    states = np.tile(np.arange(size), ended + 1)
-    return Chain(whole, start.ravel(), states, np.repeat(weights, size, axis=0))
-
-
-def _of_table(model: MDP, policy: Any) -> Chain:
-    weights = np.append(policy.weights().T, np.zeros((len(model.state_space), 1)), axis=1)
-    return Chain(csr(state_moves(model, weights[:, :-1].T)), model.initial_belief, np.arange(len(weights)), weights)
-
-
-def _of_stages(model: MDP, policy: Any) -> Chain:
-    """Return the chain over stages and states; behind the last stage a state stays as it is."""
-    size, stages = len(model.state_space), policy.horizon
-    _check(stages + 1, size)
-    weights = np.zeros((stages + 1, size, len(model.action_space) + 1))
-    blocks: list[list[Any]] = [[None] * (stages + 1) for _ in range(stages + 1)]
-    for stage in range(stages):
-        weights[stage, :, :-1] = policy.weights(stage).T
-        blocks[stage][stage + 1] = csr(state_moves(model, weights[stage, :, :-1].T))
-    weights[stages, :, -1] = 1
-    blocks[stages][stages] = eye_array(size, format="csr")
-    blocks[0][0] = csr((size, size))
-    start = np.zeros((stages + 1, size))
-    start[0] = model.initial_belief
-    state = np.tile(np.arange(size), stages + 1)
-    return Chain(csr(block_array(blocks)), start.ravel(), state, weights.reshape(len(state), -1))
-
-
-def _check(parts: int, size: int) -> None:
+    parts = (1 if policy.horizon is None else policy.horizon + 1) if table else controller.num_nodes + 1
     if parts * size > _SIZE:
         raise ModelError(
             f"the policy's chain has {parts} x {size} states, and at most {_SIZE:,} are verified: "
             f"verify a policy with fewer nodes or stages"
         )
+    start, weights = np.zeros((parts, size)), np.zeros((parts, size, len(model.action_space) + 1))
+    state = np.tile(np.arange(size), parts)
+    if table:
+        # Behind the last stage a state stays as it is.
+        blocks: list[list[Any]] = [[None] * parts for _ in range(parts)]
+        blocks[0][0], blocks[-1][-1] = csr((size, size)), eye_array(size, format="csr")
+        weights[-1, :, -1] = policy.horizon is not None
+        for stage in range(parts if policy.horizon is None else policy.horizon):
+            weights[stage, :, :-1] = policy.weights(*([] if policy.horizon is None else [stage])).T
+            blocks[stage][min(stage + 1, parts - 1)] = csr(state_moves(model, weights[stage, :, :-1].T))
+        start[0] = model.initial_belief
+        return Chain(csr(block_array(blocks)), start.ravel(), state, weights.reshape(len(state), -1))
+    assert model.pomdp is not None
+    moves, stays = controller_moves(model.pomdp, controller, ends=True)
+    for first in np.flatnonzero(model.initial_belief).tolist():
+        at = model.pomdp.belief_at_start(first) if model.observed else model.initial_belief
+        begins = controller.start if controller.values is None else controller.start_node(at)
+        start[begins, first] = model.initial_belief[first]
+    weights[np.arange(parts), :, [*controller.actions, -1]] = 1
+    whole = moves if stays is None else csr(moves + stays)
+    return Chain(whole, start.ravel(), state, weights.reshape(len(state), -1))

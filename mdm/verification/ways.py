@@ -10,8 +10,10 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from mdm.models.matrices import csr
 from mdm.policies import FiniteStateController, StochasticPolicy
 from mdm.verification.chains import Chain, chain_of_policy
+from mdm.verification.optimum import optimum
 from mdm.verification.reaching import reach
 
 if TYPE_CHECKING:
@@ -24,7 +26,6 @@ _TRIED = 8
 """Decisions whose alternatives are computed exactly."""
 _SIZE = 50_000
 """States of a chain up to which they are."""
-_FORWARD = 1_000
 _LEAST = 1e-9
 
 
@@ -90,76 +91,47 @@ def likeliest_way(model: MDP, chain: Chain, choices: Choices) -> Way | None:
 def worst_decision(model: MDP, policy: Any, asked: Specification, chain: Chain, values: Vector) -> Decision | None:
     """Return the decision whose best alternative lowers the probability of reaching X most; None if none does.
 
-    Candidates are those that are visited often, and where a step of another action lowers it much; of these it is
-    computed exactly where the policy would lead with another action there for ever.
+    Candidates are those with the largest product of expected visits and of the gain by one step of another action;
+    of these it is computed exactly where the policy would lead with another action there for ever.
     """
-    whole = float(chain.start @ values)
-    if whole < _LEAST or len(chain.state) > _SIZE:
-        return None
+    size, count, whole = len(model.state_space), len(model.action_space), float(chain.start @ values)
     nodes = isinstance(policy, FiniteStateController)
-    if not nodes and len(chain.state) != len(model.state_space):
+    if whole < _LEAST or len(values) > _SIZE or (not nodes and len(values) != size):
         return None
-    groups: Any = np.arange(len(chain.state)) // len(model.state_space) if nodes else chain.state
-    best: tuple[float, int, int] | None = None
-    for group, action in _candidates(model, asked, chain, values, groups):
-        if (changed := _changed(policy, chain, group, action)) is None:
-            continue
-        other = chain_of_policy(model, changed)
-        assert other is not None
-        found = float(other.start @ reach(other.before(asked), greatest=True).values)
-        if found < whole - _LEAST and (best is None or found < best[0]):
-            best = found, group, action
-    if best is None:
-        return None
-    found, group, action = best
-    names = model.action_space.names
-    first = int(np.flatnonzero(groups == group)[0])
-    does = names[int(chain.weights[first, :-1].argmax())]
-    where = f"node {group}" if nodes else model.state_space.names[group]
-    return Decision(where, does, names[action], found)
-
-
-def _candidates(model: MDP, asked: Specification, chain: Chain, values: Vector, groups: Any) -> list[tuple[int, int]]:
-    """Return groups of states of the chain that share a decision, and an action each, the most promising first."""
-    size, count = len(model.state_space), len(model.action_space)
-    visits, at = np.zeros(len(values)), chain.start.copy()
-    going = 1 - np.maximum(chain.chances(asked.target), chain.chances(asked.miss))
-    for _ in range(_FORWARD):
-        visits += at
-        at = np.asarray((at * going) @ chain.moves)
-        if at.sum() < _LEAST:
-            break
-    visits = np.minimum(visits, 1)
-    blocks = values.reshape(-1, size)
-    found: list[tuple[float, int, int]] = []
+    number = policy.num_nodes if nodes else size
+    groups = np.arange(len(values)) // size if nodes else np.arange(size)
+    visits, inside = np.zeros(len(values)), np.flatnonzero(values)  # X is possible there, so that a run leaves them
+    moves = csr(chain.before(asked).moves[inside][:, inside].T)
+    visits[inside] = optimum(moves, np.arange(len(inside)), chain.start[inside], greatest=True).values
+    gains = np.empty((number, count))
     for action in range(count):
-        after = np.stack([np.asarray(model.transition_matrix(action) @ block) for block in blocks]).ravel()
-        worth = np.where(asked.target[chain.state, action], 1.0, after)
-        if asked.before is not None:
-            worth[asked.before[chain.state, action] & ~asked.target[chain.state, action]] = 0
-        stays = np.asarray(model.transition_matrix(action).diagonal())[chain.state]
-        alone = np.where(stays < 1, (worth - stays * values) / np.where(stays < 1, 1 - stays, 1), worth)
-        alone[(stays == 1) & ~asked.target[chain.state, action]] = 0
-        gains = visits * np.where(chain.weights[:, action] < 1, values - alone, 0)
-        if model.available is not None:
-            gains[~model.available[chain.state, action]] = 0
-        sums = np.bincount(groups, weights=gains)
-        first = np.argsort(-sums)[:_TRIED].tolist()
-        found += [(float(sums[group]), group, action) for group in first if sums[group] > _LEAST]
-    return [(group, action) for _, group, action in sorted(found, reverse=True)[:_TRIED]]
-
-
-def _changed(policy: Any, chain: Chain, group: int, action: int) -> Any:
-    """Return a policy with another action at one of its decisions; None for the end of a plan."""
-    if isinstance(policy, FiniteStateController):
-        if group >= policy.num_nodes:
-            return None
-        actions = list(policy.actions)
-        actions[group] = action
-        return FiniteStateController(
-            actions, policy.successors, policy.num_actions, values=policy.values, start=policy.start
+        after = np.asarray(model.transition_matrix(action) @ values.reshape(-1, size).T).T.ravel()
+        at = chain.state, np.full(len(values), action)
+        worth = np.where(asked.target[at], 1.0, np.where(asked.miss[at], 0.0, after))
+        other = chain.weights[:, action] < 1
+        barred = np.zeros_like(other) if model.available is None else ~model.available[at]
+        gain, possible, never = (
+            np.bincount(groups, weights=visits * each)[:number] for each in (other * (values - worth), other, barred)
         )
-    weights = chain.weights[:, :-1].T.copy()
-    weights[:, group] = 0
-    weights[action, group] = 1
-    return StochasticPolicy(weights)
+        gains[:, action] = np.where((possible > 0) & (never == 0), gain, -np.inf)
+    best = Decision("", "", "", whole - _LEAST)
+    names = model.action_space.names
+    for place in np.argsort(gains, axis=None, kind="stable")[::-1][:_TRIED].tolist():
+        group, action = divmod(place, count)
+        if gains[group, action] < -_LEAST:
+            break
+        if nodes:
+            actions = [*policy.actions[:group], action, *policy.actions[group + 1 :]]
+            kept = {"values": policy.values, "start": policy.start}
+            changed: Any = FiniteStateController(actions, policy.successors, policy.num_actions, **kept)
+        else:
+            weights = chain.weights[:, :-1].T.copy()
+            weights[:, group] = np.arange(count) == action
+            changed = StochasticPolicy(weights)
+        chain_there = chain_of_policy(model, changed)
+        assert chain_there is not None
+        found = float(chain_there.start @ reach(chain_there.before(asked), greatest=True).values)
+        if found < best.probability:
+            does = names[int(chain.weights[np.argmax(groups == group), :-1].argmax())]
+            best = Decision(f"node {group}" if nodes else model.state_space.names[group], does, names[action], found)
+    return best if best.action else None

@@ -37,7 +37,11 @@ def run(arguments: argparse.Namespace) -> int:
         return run_record(arguments)
     _check_usage(arguments)
     model, policy = _given(arguments)
-    if (note := _note(model, policy)) is not None:
+    note = visibility(model, policy)
+    if policy is None:
+        seen = "the numbers are over policies that see the state: no policy over observations is outside of them"
+        note = None if model.pomdp is None else seen
+    if note is not None:
         print(f"mdm verify: {note}", file=sys.stderr)
     options = {name: getattr(arguments, name) for name in ("start", "episodes", "seed", "bounds")}
     with counting(arguments.interruption) as progress:
@@ -49,10 +53,10 @@ def run(arguments: argparse.Namespace) -> int:
         save_policy(found, arguments.output, model)
     if arguments.json:
         print(as_json(answer.facts()))
-        return int(arguments.interruption.status) if arguments.interruption.number is not None else 0
-    for title, text in _lines(answer):
-        print(f"{title:20}{text}")
-    if arguments.output is not None:
+    else:
+        for title, text in _lines(answer):
+            print(f"{title:20}{text}")
+    if arguments.output is not None and not arguments.json:
         which = "greatest" if arguments.greatest else "least"
         print(f"{'kept in':20}{arguments.output}: a policy that attains the {which}")
     return int(arguments.interruption.status) if arguments.interruption.number is not None else 0
@@ -84,15 +88,6 @@ def _given(arguments: argparse.Namespace) -> tuple[MDP, Any]:
     return model, policy
 
 
-def _note(model: MDP, policy: Any) -> str | None:
-    """Return a note on the policies that the numbers are about, where that is not plain."""
-    if policy is None:
-        if model.pomdp is None:
-            return None
-        return "the numbers are over policies that see the state: no policy over observations is outside of them"
-    return visibility(model, policy)
-
-
 def _lines(answer: Verification) -> Iterator[tuple[str, str]]:
     """Yield titles and texts for printing."""
     noun = _NOUNS[answer.kind]
@@ -106,10 +101,9 @@ def _lines(answer: Verification) -> Iterator[tuple[str, str]]:
             width = f"{found.upper - found.lower:.2g} apart, by {counted(found.beliefs, 'belief')} in"
             yield "belief graph", f"between {found.lower:.6g} and {found.upper:.6g}, {width} {found.seconds:.1f} s"
     else:
-        assert answer.least is not None
-        assert answer.greatest is not None
-        yield "least", f"{noun} {_number(answer.least)}"
-        yield "greatest", f"{noun} {_number(answer.greatest)}"
+        for title, number in (("least", answer.least), ("greatest", answer.greatest)):
+            assert number is not None
+            yield title, f"{noun} {_number(number)}"
     if (way := answer.way) is not None:
         steps = [
             f"{printable(state)} ({printable(action)})" for state, action in zip(way.states, way.actions, strict=False)

@@ -167,12 +167,14 @@ class Belief(Message, frozen=True, gc=False):
 class Action(Message, frozen=True, gc=False):
     """A decided joint action, with the number of the decision since the last start, and the state decided on.
 
-    Where it was decided on a belief, by a plan, or elsewhere, ``state`` is None.
+    Where it was decided on a belief, by a plan, or elsewhere, ``state`` is None. Where a shield has taken it in place
+    of another one, which the policy's original would have done, that is ``wanted``; else None.
     """
 
     epoch: int
     index: int
     state: int | None = None
+    wanted: int | None = None
 
 
 class Reward(Message, frozen=True, gc=False):
@@ -182,7 +184,7 @@ class Reward(Message, frozen=True, gc=False):
     value: float
 
 
-class Decision(Message, frozen=True, gc=False):
+class Decision(Message, frozen=True, gc=False, omit_defaults=True):
     """A decision with its stimulus, information state and action.
 
     ``cause`` names the stimulus: ``start``, ``resume``, ``reset``, ``state``, ``observation``, ``belief``, ``tick``,
@@ -190,6 +192,8 @@ class Decision(Message, frozen=True, gc=False):
     ``again`` (an action's end, or failure, after which it is decided once more where nothing else was decided; or
     `Ensemble.decide_again`), or
     ``team`` (what a team's controller, or this agent of a communicating team, has decided).
+
+    ``wanted`` and ``wanted_name`` are those of the action in whose place a shield has taken this one; else None.
     """
 
     ensemble: str
@@ -201,6 +205,8 @@ class Decision(Message, frozen=True, gc=False):
     action: int
     action_name: str
     reward: float | None
+    wanted: int | None = None
+    wanted_name: str | None = None
 
 
 ActionStatus = Literal["running", "succeeded", "failed", "preempted", "timed_out", "abandoned"]

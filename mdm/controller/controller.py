@@ -186,6 +186,8 @@ class Controller:
         problem: Why the last observation was impossible, in words; else None.
         last_action: The last decision of this episode, or None.
         decided_by: The information state of the last decision; None before it, and for a table.
+        wanted: Returns the action that a shielded policy's original wants on an information state, None where that is
+            taken; None for other policies.
         can_end: Whether the policy has a plan, which may end before the horizon.
         given: Whether the next decision is on a belief from outside, not on the observation.
 
@@ -278,7 +280,9 @@ class Controller:
         self._name = self.symbols.action_name
         self._action_names = self.symbols.known_names
         table = getattr(self.policy, "table", None)
-        self._table: Sequence[int] | None = table if type(self.information) is KnownState else None
+        self.wanted: Callable[[Any], int | None] | None = getattr(self.policy, "wanted", None)
+        looks_up = type(self.information) is KnownState and self.wanted is None
+        self._table: Sequence[int] | None = table if looks_up else None
         """The action per state, if a decision is a look-up."""
         self._last_epoch = sys.maxsize if self.horizon is None else self.horizon
         self.can_end = hasattr(self.information, "ended")

@@ -47,6 +47,11 @@ class Step(msgspec.Struct, frozen=True, gc=False):
     at: Any = None
     past: Past | None = None
 
+    @property
+    def wanted(self) -> int | None:
+        """The action in whose place the policy's shield has taken this one; None where it has not."""
+        return None if self.past is None else self.past.wanted(self.at)
+
     def explain(self, last: int = KEPT) -> Explanation:
         """Return why it was decided: values, the observation that mattered, the change for another decision.
 
@@ -102,6 +107,11 @@ class Past:
         self._first = first
         self._initial = initial
         self._begins = begins
+
+    def wanted(self, at: Any) -> int | None:
+        """Return the same of the information state of a step."""
+        found: int | None = getattr(self._made_of[0], "wanted", lambda _: None)(at)
+        return found
 
     def later(self, kept: int) -> Past:
         """Return the same without its first decisions, but for so many."""

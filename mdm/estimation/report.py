@@ -173,6 +173,7 @@ class Report(msgspec.Struct, frozen=True):
         model: The re-estimated model.
         durations: How long actions take in the re-estimated model; None where they take no time, or the period of a
             rate.
+        shielded: Replaced by a shield: the action that the policy wanted, the one taken, and how often.
     """
 
     ensemble: str
@@ -195,6 +196,7 @@ class Report(msgspec.Struct, frozen=True):
     notes: tuple[str, ...]
     model: MDP
     durations: Durations | None
+    shielded: tuple[tuple[str, str, int], ...] = ()
 
     def count(self, says: str) -> int:
         """Return of how many rows the verdict is this."""
@@ -260,6 +262,8 @@ def statistics(
     ends: Counter[tuple[str, str, str]] = Counter()
     for state, action, end, count in chains.ends:
         ends[actions[action], "" if state is None else states[state], end] += count
+    told = [each for chain in chains.chains for each in chain.decisions if each.wanted is not None]
+    shielded = Counter((str(each.wanted_name), each.action_name) for each in told)
     rows: list[tuple[str, Row, Verdict, float | None]] = found["rows"]
     visited = {(row.action, row.state) for matrix, row, _, _ in rows if matrix == "T"}
     pairs = ((action, state) for action in range(len(actions)) for state in range(len(states)))
@@ -280,6 +284,7 @@ def statistics(
         paid=returns_of(model, chains.chains, in_time=in_time, paid=True) if paid else (),
         ends=tuple(sorted((*key, count) for key, count in ends.items())),
         notes=tuple(notes),
+        shielded=tuple((*pair, count) for pair, count in shielded.most_common()),
         **found,
     )
 
@@ -582,6 +587,10 @@ def _head(report: Report) -> list[str]:
         lines.append(f"a state is {', '.join(factors)}")
     if report.discarded:
         lines.append(f"{number_of(report.discarded, 'decision')} left out: neither state nor observation is known")
+    if report.shielded:
+        pairs = [f"{wanted} by {action} {number_of(count, 'time')}" for wanted, action, count in report.shielded]
+        times = f"{sum(count for _, _, count in report.shielded):,} of {number_of(report.decisions, 'decision')}"
+        lines.append(f"the shield replaced the policy's action at {times}: {', '.join(pairs[:_NAMED])}")
     if report.returns:
         expected = f"expected by {'beliefs in ' if report.hidden else ''}the model in use"
         promised = "" if report.value is None else f"; the model promises {report.value:.4g}"

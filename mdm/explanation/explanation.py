@@ -69,6 +69,8 @@ class Explanation(msgspec.Struct, frozen=True):
         next_states: The most probable next states.
         next_observations: The most probable next observations.
         cannot: The parts that cannot be told, a sentence each.
+        wanted: The name of the action in whose place a shield has taken this one; None where it has not.
+        shield: Why, in words that follow the name; else None.
     """
 
     epoch: int
@@ -90,6 +92,8 @@ class Explanation(msgspec.Struct, frozen=True):
     next_states: tuple[Chance, ...] = ()
     next_observations: tuple[Chance, ...] = ()
     cannot: tuple[str, ...] = ()
+    wanted: str | None = None
+    shield: str | None = None
 
     def __str__(self) -> str:
         return in_words(self)
@@ -121,7 +125,7 @@ class _Making:
 
     def explanation(self) -> Explanation:
         facts: dict[str, Any] = {}
-        for part in (self._where, self._weighed, self._moved, self._otherwise, self._next):
+        for part in (self._where, self._shielded, self._weighed, self._moved, self._otherwise, self._next):
             try:
                 facts |= part()
             except ModelError as error:
@@ -143,6 +147,26 @@ class _Making:
             top = np.argsort(-belief, kind="stable")[:_TOLD].tolist()
             facts["belief"] = likeliest(((case.state_name(state), belief[state]) for state in top), _TOLD)
         return facts
+
+    def _shielded(self) -> dict[str, Any]:
+        """Return the action that the policy wanted where its shield took another one, and its danger."""
+        case, policy = self._case, self._case.policy
+        wanted = policy.wanted(case.at) if hasattr(policy, "wanted") else None
+        if wanted is None:
+            return {}
+        shield: Any = policy
+        allowed = shield.allowed(case.at)
+        why = f"which may lead to {shield.avoid}"
+        if allowed[wanted]:
+            why = f"which keeps out of {shield.avoid}, but falls short of the greatest chance to {shield.keep}"
+        elif shield.probability:
+            why += f" more probably than what is left of a budget of {shield.probability:g} allows"
+        elif not allowed.any():
+            why += ", as each action may here, this one least probably"
+        if not allowed[wanted] and self._belief is not None and case.model is not None:
+            states, _ = expected_next(case._replace(action=wanted), self._belief, _TOLD)
+            why += f": next {_chances(states)}"
+        return {"wanted": case.action_name(wanted), "shield": why}
 
     def _weighed(self) -> dict[str, Any]:
         case = self._case
@@ -255,6 +279,8 @@ def in_words(explanation: Explanation) -> str:
 def brief(explanation: Explanation) -> dict[str, str]:
     """Return the parts of an explanation in a few words each, by a name, as for a line of a log."""
     e, told = explanation, {}
+    if e.wanted is not None:
+        told["wanted"] = f"{e.wanted}, {e.shield}"
     if e.values:
         told["values"] = _values(e)
     if e.margin is not None:
@@ -271,6 +297,8 @@ def brief(explanation: Explanation) -> dict[str, str]:
 
 def _lines(e: Explanation) -> Iterator[str]:
     yield f"Decision {e.epoch}: {e.action_name!r}, by {e.policy}{_nodes(e)}."
+    if e.wanted is not None:
+        yield f"The policy wanted {e.wanted!r}, {e.shield}; the shield took {e.action_name!r} in its place."
     if e.state is not None:
         yield f"The state was {e.state}."
     if e.belief:

@@ -306,8 +306,8 @@ class Recorder(Extension):
             belief = None if current is None else output.belief_of(current)
             if belief is not None and len(belief) > self._largest:
                 belief = None
-            of, name = output.ensemble, output.name_of(action)
-            decision = Decision(time, of, epoch, cause, state, observation, belief, action, name, reward)
+            of, name, wanted = output.ensemble, output.name_of(action), output.wanted(cause, current)
+            decision = Decision(time, of, epoch, cause, state, observation, belief, action, name, reward, *wanted)
             self._add("decisions", decision)
         elif kind == _SAID:
             _, time, name, message, source = item

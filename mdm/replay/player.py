@@ -84,7 +84,7 @@ def unlike(recorded: Decision, replayed: Decision, tolerance: float) -> tuple[st
     """Return the names of the fields of two decisions that differ; numbers by more than a tolerance."""
     found = [
         field
-        for field in ("time", "ensemble", "epoch", "cause", "state", "observation", "action")
+        for field in ("time", "ensemble", "epoch", "cause", "state", "observation", "action", "wanted")
         if getattr(recorded, field) != getattr(replayed, field)
     ]
     if not _alike(recorded.reward, replayed.reward, tolerance):
@@ -106,7 +106,7 @@ def _close(one: Any, other: Any, tolerance: float) -> bool:
 
 
 def _short(decision: Decision, field: str) -> str:
-    value = decision.action_name if field == "action" else getattr(decision, field)
+    value = getattr(decision, {"action": "action_name", "wanted": "wanted_name"}.get(field, field))
     if isinstance(value, np.ndarray):
         best = int(np.argmax(value))
         return f"{value[best]:.12g} of state {best}"
@@ -417,7 +417,10 @@ class Player(Choices, Observer):
             return
         belief = None if current is None else output.belief_of(current)
         name = output.name_of(action)
-        made = Decision(time, output.ensemble, epoch, cause, state, observation, belief, action, name, reward)
+        made = Decision(
+            *(time, output.ensemble, epoch, cause, state, observation, belief, action, name, reward),
+            *output.wanted(cause, current),
+        )
         now = self._now()
         expected = self._expected[output.ensemble]
         if not expected and now >= self._ending:

@@ -437,6 +437,13 @@ class Deciding(Protocol):
     def name_of(self, action: int) -> str:
         """Return the name of an action."""
 
+    @property
+    def avoids(self) -> str:
+        """A formula of all that its policy's shield keeps it out of; empty where it has none."""
+
+    def wanted(self, cause: str, current: Any) -> tuple[int | None, str | None]:
+        """Return the action in whose place its shield has taken another one on an information state, and its name."""
+
     def words(self, state: int | None, observation: Any) -> dict[str, object]:
         """Return the names of the state and the observation that it decides on, by these words."""
 

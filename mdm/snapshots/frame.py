@@ -41,6 +41,7 @@ class EnsembleFrame(msgspec.Struct, frozen=True, omit_defaults=True):
         action: The last decided action.
         decisions: How many there were.
         odd: Its oddities in words, though nothing has failed.
+        wanted: The action in whose place a shield has taken the last one; empty where it has not.
     """
 
     mode: str
@@ -53,6 +54,7 @@ class EnsembleFrame(msgspec.Struct, frozen=True, omit_defaults=True):
     action: str = ""
     decisions: int = 0
     odd: tuple[str, ...] = ()
+    wanted: str = ""
 
 
 class Marginal(msgspec.Struct, frozen=True):

@@ -99,6 +99,8 @@ class _Ensemble:
             belief=None if observation is None else controller.decided_by,
             action=last.index,
             action_name=ensemble.joint_name(last.index),
+            wanted=last.wanted,
+            wanted_name=None if last.wanted is None else ensemble.joint_name(last.wanted),
             reward=None if reward is None or reward.epoch != last.epoch else reward.value,
         )
         self.reducer.add(decision, decisions - self.decisions, repeats - self._repeats)

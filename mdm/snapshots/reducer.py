@@ -417,6 +417,7 @@ class EnsembleReducer:
             live=tuple([LifeFrame(life.action, seconds(life.time)) for life in self.lives.at(time) or ()]),
             epoch=-1 if decided is None else decided.message.epoch,
             action="" if decided is None else decided.message.action_name,
+            wanted="" if decided is None else decided.message.wanted_name or "",
             decisions=0 if decided is None else decided.total,
             odd=odd,
         )
@@ -456,7 +457,7 @@ class EnsembleReducer:
         return Detail(**(more | facts))
 
     def cause(self, place: int) -> str:
-        """Return the cause of a decision by its place, in words."""
+        """Return the cause of a decision by its place, in words, and the action that a shield has replaced."""
         message, count, _ = self.decisions.entries[place]
         before: Decision | None = self.decisions.entries[place - 1].message if place > 0 and count == 1 else None
         ended: Ended | None = None
@@ -466,12 +467,13 @@ class EnsembleReducer:
                 # Of a plain function's end nothing is heard, if it has succeeded.
                 plain = self.heard is None or before.time >= self.heard
                 ended = Ended(before.action_name, 0.0, "succeeded") if plain else None
-        return cause_in_words(
+        words = cause_in_words(
             message.cause,
             observed=self.known.observed(message.observation),
             changed=changes(self.known.wiring, None if before is None else before.state, message.state),
             ended=ended,
         )
+        return words if message.wanted is None else f"{words}; the shield took it in place of {message.wanted_name!r}"
 
     def decision_event(self, place: int, count: int | None = None) -> Event:
         """Return a decision by its place as an event, which has no number yet.

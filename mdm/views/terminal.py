@@ -151,6 +151,7 @@ class Terminal:
             how = standing(each)
             above = "" if of.parent < 0 else self.scene.ensembles[of.parent].path
             live = ", ".join(life.action for life in each.live) or each.action
+            live += f" (its shield: in place of {each.wanted})" if each.wanted else ""
             standing_since = each.since if how != "idle" or each.idle is None else each.idle
             since = each.live[-1].since if each.live else standing_since
             table.add_row(

@@ -6,6 +6,7 @@ import operator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from mdm.actors.control.naming import Naming
 from mdm.beliefs import Support
@@ -68,6 +69,29 @@ class _Relay:
         self._tell(action)
 
 
+class _Telling:
+    """Sends the decisions of a shielded policy on with the action, and its name, that its original wanted."""
+
+    def __init__(self, channel: Any, wanted: Callable[[str], tuple[int | None, str | None]]) -> None:
+        self._channel = channel
+        self._wanted = wanted
+
+    @property
+    def heard(self) -> bool:
+        """Whether anybody hears."""
+        return bool(self._channel.heard)
+
+    def emit(self, action: Action) -> None:
+        """Emit an action."""
+        wanted, _ = self._wanted("")
+        self._channel.emit(action if wanted is None else replace(action, wanted=wanted))
+
+    def publish(self, decision: Decision) -> None:
+        """Publish a decision."""
+        wanted, name = self._wanted(decision.cause)
+        self._channel.publish(decision if wanted is None else replace(decision, wanted=wanted, wanted_name=name))
+
+
 class Output:
     """Publishes decisions: ``action``, ``reward`` and ``belief`` of an ensemble, and `Decision` on the runtime's.
 
@@ -109,6 +133,7 @@ class Output:
         "_pending",
         "_refuses",
         "_rewards",
+        "_tells_current",
         "_wait_of",
         "acted",
         "action_names",
@@ -134,6 +159,7 @@ class Output:
         self._deadline = deadline
         self._refuses = refuses
         self._has_belief = controller.takes != "state"
+        self._tells_current = self._has_belief or controller.wanted is not None
         self._latencies = Latencies()
         self.record = self._latencies.record
         self._pending = self._latencies.pending
@@ -141,7 +167,7 @@ class Output:
         self._due = 0
         # Whether the outlet is the channel of actions itself, whenever it is decided.
         self._alone = deadline is None
-        self._outlet: Channel[Action] | _Muted | _Relay = _Muted()
+        self._outlet: Channel[Action] | _Muted | _Relay | _Telling = _Muted()
         self._path = ""
         self._observed = False
 
@@ -153,7 +179,9 @@ class Output:
         self._let_out(self._actions)
         self._rewards = channel("reward", Reward, retain=True)
         self._beliefs = channel("belief", Belief, retain=True)
-        self._decisions = layer.runtime.decisions
+        self._decisions: Any = layer.runtime.decisions
+        if self._controller.wanted is not None:
+            self._decisions = _Telling(self._decisions, self._last_wanted)
         self._path = layer.owner.path
         self._wait_of = layer.runtime.dispatcher.waited
         self._choices: Choices = layer.runtime.dispatcher.choices
@@ -284,7 +312,7 @@ class Output:
     # -- For observers ---------------------------------------------------------------------------------------------
 
     def _tell(self, step: Step, time: int, cause: str, observation: Observed, state: int | None) -> None:
-        current = self._controller.decided_by if self._has_belief else None
+        current = self._controller.decided_by if self._tells_current else None
         self._observers.step(self, time, step.epoch, cause, state, observation, current, step.action, step.reward)
 
     @property
@@ -318,6 +346,23 @@ class Output:
     def name_of(self, action: int) -> str:
         """Return the name of an action."""
         return self.action_names[action] if self.action_names else self._controller.symbols.action_name(action)
+
+    @property
+    def avoids(self) -> str:
+        """A formula of all that its policy's shield keeps it out of; empty where it has none."""
+        return str(getattr(self._controller.policy, "avoid", "")) if self._controller.wanted is not None else ""
+
+    def wanted(self, cause: str, current: Any) -> tuple[int | None, str | None]:
+        """Return the action in whose place a shield has taken another one on an information state, and its name.
+
+        Both are None where it has not, and of decisions of a team that were made elsewhere, by their cause.
+        """
+        asked = self._controller.wanted
+        action = None if asked is None or current is None or cause == "team" else asked(current)
+        return action, None if action is None else self.name_of(action)
+
+    def _last_wanted(self, cause: str) -> tuple[int | None, str | None]:
+        return self.wanted(cause, self._controller.decided_by)
 
     def words(self, state: int | None, observation: Observed) -> dict[str, object]:
         """Return the names of the state and the observation that it decides on, by these words."""
@@ -374,5 +419,7 @@ class Output:
         self._let_out(_Relay(self._actions, tell))
 
     def _let_out(self, outlet: Channel[Action] | _Muted | _Relay) -> None:
-        self._outlet = outlet
-        self._alone = outlet is self._actions and self._deadline is None
+        shielded = self._controller.wanted is not None
+        told = shielded and not isinstance(outlet, _Muted)
+        self._outlet = _Telling(outlet, self._last_wanted) if told else outlet
+        self._alone = outlet is self._actions and self._deadline is None and not shielded

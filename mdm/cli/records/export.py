@@ -74,6 +74,7 @@ def _columns(record: Record, found: list[Row], *, beliefs: bool) -> Columns:
         "observation_name": [row.observation for row in found],
         "action": [each.action for each in decisions],
         "action_name": [each.action_name for each in decisions],
+        "wanted_name": [each.wanted_name for each in decisions],
         "reward": [each.reward for each in decisions],
         "life": [row.life for row in found],
         "end": [row.end for row in found],

@@ -141,6 +141,8 @@ def _printer(runtime: Runtime, epoch: int, *, several: bool) -> Any:
             if value is not None:
                 line[key] = value
         line |= {"action": decision.action, "action_name": decision.action_name}
+        if decision.wanted is not None:
+            line |= {"wanted": decision.wanted, "wanted_name": decision.wanted_name}
         if decision.reward is not None:
             line["reward"] = decision.reward
         try:

@@ -7,12 +7,14 @@ Where no log is written, an action that fails is printed all the same, once.
 from __future__ import annotations
 
 from collections import deque
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 from msgspec.structs import replace
 
 from mdm.errors import Error
 from mdm.faults import KINDS
+from mdm.messages import Action
 from mdm.runtime.observing import Observer
 from mdm.runtime.process.pace import Pace
 from mdm.runtime.process.writer import StandardError, Writer
@@ -107,6 +109,7 @@ class Log(Observer):
             self.on_step, self.on_life = self._stepped, self._lived  # type: ignore[method-assign,assignment]
         self._writer = Writer()
         self._guard: Guard | None = None
+        self._runtime: Runtime | None = None
         self._told: list[Fault] = []
         self._early: list[tuple[str, Callable[[], Mapping[str, object]]]] = []
         self._helped: set[str] = set()
@@ -124,7 +127,7 @@ class Log(Observer):
             self._writer.open()
         if self._rendering is not None:
             self._rendering.virtual = virtual
-        self._guard = runtime.observe(self)
+        self._runtime, self._guard = runtime, runtime.observe(self)
         self._writer.on_loss = self._guard.tell
         for event, facts in self._early:
             self.write(event, facts)
@@ -151,8 +154,21 @@ class Log(Observer):
         self._writer.close()
 
     def on_control(self, output: Deciding) -> None:
-        """Know an ensemble by its path, which names its states and observations."""
+        """Know an ensemble by its path, which names its states and observations, and hear where it is shielded."""
+        if output.avoids and output.ensemble not in self._deciding and self._runtime is not None and self._guard:
+            acted = self._guard(partial(self._acted, output))
+            self._runtime.channel(f"{output.ensemble}/action", Action).subscribe(acted)
         self._deciding[output.ensemble] = output
+
+    def _acted(self, output: Deciding, action: Action) -> None:
+        """Write, at a bounded pace, that a shield has taken an action in place of the policy's."""
+        wanted, subject = action.wanted, f"{output.ensemble} shield"
+        counts = None if wanted is None else self._pace.counts(subject, (action.index, wanted), action.time)
+        if wanted is None or counts is None:
+            return
+        head = {"time": action.time / 1e9, "ensemble": output.ensemble, "avoids": output.avoids}
+        names = {"action": output.name_of(action.index), "wanted": output.name_of(wanted)}
+        self.write("shielded", lambda: {**head, **output.words(action.state, None), **names, **counts})
 
     def statistics(self) -> LogStatistics:
         """Return how many lines were written, and how many lost."""
@@ -262,6 +278,7 @@ class Log(Observer):
             cause=decision.cause,
             **self._words(decision),
             action=decision.action_name,
+            **({} if decision.wanted is None else {"wanted": decision.wanted_name}),
             **({} if decision.reward is None else {"reward": decision.reward}),
         )
 

@@ -69,6 +69,7 @@ export function Tree({ scene, frame, selected, choose }) {
       <span style=${`width:${1.1 * depth[place]}rem;flex:none`}></span>
       <span class=${`sign ${how}`} aria-hidden="true">${SIGNS[how]}</span>
       <span class="name">${called(of)}</span><span class=${how}>${how}</span>${each.odd?.length > 0 && html`<span class="waiting" title=${each.odd.join("; ")}>? odd</span>`}
+      ${each.wanted && html`<span class="waiting" title=${`its shield took ${each.action} in place of ${each.wanted}`}>⛨ shield</span>`}
       <span class="grow">${live.length
         ? live.map((life) => `${life.action}${life.remaining == null ? "" : `, ${number(life.remaining)} m to go`}`).join(", ")
         : each.action && how !== "stopped" ? html`<span class="soft">${each.action}</span>` : ""}</span>
@@ -101,7 +102,7 @@ export function Detail({ scene, frame, path, why, ask, lost, control, command })
     <p class="soft said">${of.summary}${of.bound ? `; it is the action ${of.bound} of the ensemble above` : ""}</p>
     <dl>
       <dt>live</dt><dd>${each.live?.length ? each.live.map((life) => `${life.action}, for ${seconds(frame.time - life.since)}${life.remaining == null ? "" : `, ${number(life.remaining)} m to go`}`).join("; ") : html`<span class="soft">no action lasts</span>`}</dd>
-      <dt>decided</dt><dd>${each.decisions || each.epoch > -1 ? html`<b>${each.action}</b> <span class="soft number">decision ${each.epoch}${detail.decided == null ? "" : `, ${seconds(frame.time - detail.decided)} ago`}${detail.cause ? `, ${detail.cause}` : ""}</span>` : html`<span class="soft">nothing yet</span>`}</dd>
+      <dt>decided</dt><dd>${each.decisions || each.epoch > -1 ? html`<b>${each.action}</b>${each.wanted && html` <span class="chip waiting" title="a shield took this action in place of the policy's">shield, in place of <b>${each.wanted}</b></span>`} <span class="soft number">decision ${each.epoch}${detail.decided == null ? "" : `, ${seconds(frame.time - detail.decided)} ago`}${detail.cause ? `, ${detail.cause}` : ""}</span>` : html`<span class="soft">nothing yet</span>`}</dd>
       ${detail.state != null && html`<dt>in state</dt><dd>${detail.factors?.length ? html`<span class="chips">${detail.factors.map(([factor, value]) => html`<span class="chip" key=${factor} title=${sources(of, factor).join(", ")}>${factor} <b>${value ?? "unknown"}</b>${source(scene, of, factor, value) && html` <span class="soft">← ${source(scene, of, factor, value)}</span>`}</span>`)}</span>` : html`<b>${detail.state}</b>`}</dd>`}
       ${detail.observation != null && html`<dt>observed</dt><dd><b>${detail.observation}</b></dd>`}
       ${detail.tally?.length > 0 && html`<dt>so far</dt><dd class="number">${detail.tally.map(([name, count]) => `${name} ${count.toLocaleString("en")} ${count === 1 ? "time" : "times"}`).join(", ")}</dd>`}

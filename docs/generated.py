@@ -63,6 +63,7 @@ TABLES = {
     "[ensembles.NAME.observations]": ("mdm.config.tables.ObservationTable", ("mdm.ObservationFactor",)),
     "[ensembles.NAME.actions]": ("mdm.config.tables.ActionTable", ()),
     "[ensembles.NAME.search]": ("mdm.config.tables.SearchTable", ("mdm.solvers.TreeSearch",)),
+    "[ensembles.NAME.shield]": ("mdm.config.tables.ShieldTable", ("mdm.shield",)),
     "[ensembles.NAME.supervision]": ("mdm.config.tables.RestartTable", ("mdm.runtime.Restart",)),
     "[ensembles.NAME.placement]": ("mdm.team.Placement", ()),
     "[places]": ("mdm.config.places.PlacesTable", ("mdm.maps.load_map",)),

@@ -19,6 +19,7 @@ from mdm.config.tables import (
     ObservationTable,
     RestartTable,
     SearchTable,
+    ShieldTable,
     StateTable,
 )
 from mdm.controller import seeded
@@ -245,8 +246,8 @@ class Ensembles:
                 policy = self._own_policy(table, model, key, (states or [], observations or []))
             else:
                 policy = attempt(f"{key}.policy", self._policy, table, model)
-        if table.search is not None and policy is not None:
-            policy = self._search(table, model, policy, f"{key}.search", memory)
+        if policy is not None:
+            policy = self._around(table, model, policy, key, memory)
         self._wired[name] = states or [], observations or []
         seat = self._seat(name, table, model)
         if given is None:
@@ -377,13 +378,35 @@ class Ensembles:
                     raise ConfigError(f"a safe action has no key {field!r}; its keys are {keys}")
         return self._binding(name, given, key, ()) or nothing
 
-    def _search(
+    def _around(
         self, table: EnsembleTable, model: MDP | POMDP | None, policy: Any, key: str, memory: float | None
-    ) -> TreeSearch | None:
-        search: SearchTable | None = self._problems.convert(table.search, SearchTable, key)
-        if search is None:
+    ) -> Any:
+        """Return the policy, or a search that falls back on it, behind a shield where there is one."""
+        convert, attempt = self._problems.convert, self._problems.attempt
+        if table.search is not None:
+            of = f"{key}.search"
+            search: SearchTable | None = convert(table.search, SearchTable, of)
+            policy = None if search is None else attempt(of, self._searching, table, search, model, policy, memory)
+        if table.shield is not None and policy is not None:
+            policy = attempt(f"{key}.shield", self._shielded, table, model, policy, f"{key}.shield")
+        return policy
+
+    def _shielded(self, table: EnsembleTable, model: MDP | POMDP | None, policy: Any, key: str) -> Any:
+        if self._problems.convert(table.shield, ShieldTable, key) is None:
             return None
-        return self._problems.attempt(key, self._searching, table, search, model, policy, memory)
+        if table.local or model is None:
+            why = "needs a model" if model is None else "is of the joint policy, and not of one agent's part of it"
+            raise ConfigError(f"a shield {why}")
+        if is_reference(table.policy) and self._functions.looks:
+            return policy  # of code, which is not run
+        from mdm.verification import shield  # noqa: PLC0415 - a robot without a shield verifies nothing
+
+        if table.false_negative is not None:
+            model = model.with_false_negatives(table.false_negative)
+        try:
+            return shield(policy, model, **table.shield)
+        except ConfigError as error:
+            raise ConfigError(error.message, key=".".join(filter(None, (key, error.key)))) from None
 
     def _searching(
         self, table: EnsembleTable, search: SearchTable, model: MDP | POMDP | None, policy: Any, memory: float | None

@@ -115,6 +115,24 @@ class SearchTable(Options, frozen=True):
     plans: bool = False
 
 
+class ShieldTable(Options, frozen=True):
+    """A shield around the ensemble's policy, see `mdm.shield`.
+
+    Attributes:
+        avoid: A formula over states and actions, out of which it keeps.
+        keep: Kept as probable as that allows, such as ``reach goal``.
+        probability: The budget of a whole run for reaching the first; by default 0, which allows nothing.
+        resolve: Whether the model is solved anew within the mask.
+        margin: Transitions that the model lacks and the world may have: state, action and next state, by name.
+    """
+
+    avoid: str
+    keep: str | None = None
+    probability: Annotated[float, Meta(ge=0, lt=1)] | None = None
+    resolve: bool | None = None
+    margin: list[list[str]] | None = None
+
+
 class EnsembleTable(SafetySettings, frozen=True, kw_only=True):
     """An ensemble; nested tables are converted separately, so that their problems are reported with their keys.
 
@@ -131,6 +149,7 @@ class EnsembleTable(SafetySettings, frozen=True, kw_only=True):
         agents: In a team's file, the agents that have this ensemble; by default all.
         placement: In a team's file, where its layers are.
         search: A tree search that decides, with the policy as its fallback.
+        shield: A shield around the policy or search.
         drift: The odds at which a row of the model that decisions contradict is a fault `drift`, such as 1000: of so
             many robots whose model is right, one ever reports anything. By default nothing is watched.
         states: The factors of the state.
@@ -155,6 +174,7 @@ class EnsembleTable(SafetySettings, frozen=True, kw_only=True):
     safe_action: str | dict[str, Any] | None = None
     supervision: Any = "escalate"
     search: Any = None
+    shield: Any = None
     drift: Annotated[float, Meta(gt=1)] | None = None
     states: dict[str, Any] = msgspec.field(default_factory=dict)
     observations: dict[str, Any] = msgspec.field(default_factory=dict)

@@ -9,7 +9,7 @@ import pytest
 from loading import written
 from robot_file import GOOD
 
-from mdm import Binding, ConfigError, Ensemble, Restart, Team, load_system
+from mdm import Binding, ConfigError, Ensemble, Restart, Team, load_system, shield
 from mdm.actors.options import BindingSettings, SafetySettings
 from mdm.config import tables
 from mdm.config.places import PlacesTable
@@ -148,6 +148,7 @@ TAKEN_BY = [
     (tables.ActionTable, (Binding, BindingSettings)),
     (tables.RestartTable, (Restart,)),
     (tables.SearchTable, (TreeSearch,)),
+    (tables.ShieldTable, (shield,)),
     (PlacesTable, (Places, PlacesSettings, load_map)),
     (TeamTable, (Team, TeamSettings)),
     (AllowanceTable, (Allowance,)),
@@ -163,6 +164,7 @@ OTHER_KEYS = {
         "placement": "a table of its own",
         "policy_kind": "how the policy's file is read",
         "search": "a table of its own",
+        "shield": "a table of its own",
     },
     tables.ActionTable: {
         "call": "the target, a function",

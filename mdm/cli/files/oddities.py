@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.files.positions import Positions
+from mdm.cli.files.shields import of_shields
 from mdm.logic import Monitor, P, parse, parse_threshold
 from mdm.texts import texts_in
 
@@ -58,7 +59,8 @@ def oddities(file: str, ensembles: Iterable[Ensemble], *, imports: bool) -> Iter
     document = tomllib.loads(text)
     positions = Positions(text)
     ros: Iterable[Odd] = _of_ros(document, imports=imports)
-    for keys, told in (*ros, *of_document(document), *of_ensembles(ensembles)):
+    built = list(ensembles)
+    for keys, told in (*ros, *of_document(document), *of_ensembles(built), *of_shields(built)):
         line, column = positions.of(keys)
         yield f"{file}:{line}:{column}: {told}"
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from mdm.actors import Ensemble
 from mdm.actors.options import FixedRate
 from mdm.cli.files.oddities import of_document, of_ensembles
+from mdm.cli.files.shields import of_shields
 from mdm.config import System
 from mdm.config.functions import find_function
 from mdm.errors import ConfigError, Error
@@ -32,7 +33,7 @@ def examine(name: str) -> Findings:
         return None, [f"{name}: {problem}" for problem in getattr(error, "problems", ()) or (error,)], []
     if problems:
         return "ensembles", [f"{name}: {problem}" for problem in problems], []
-    odd = [*of_document(_content(ensembles)), *of_ensembles(ensembles.values())]
+    odd = [*of_document(_content(ensembles)), *of_ensembles(ensembles.values()), *of_shields(ensembles.values())]
     return "ensembles", [], [f"{name}: {text}" for _, text in odd]
 
 

@@ -277,24 +277,30 @@ def test_a_server_that_is_heard_after_it_was_asked_to_cancel_has_its_silence_fro
 # -- Older goals -----------------------------------------------------------------------------------------------------
 
 
-def test_no_goal_is_sent_beside_one_whose_end_was_not_heard_until_it_is():
+@pytest.mark.parametrize("server", ["held", "gone", "started again"])
+def test_no_goal_is_sent_beside_one_whose_end_was_not_heard_until_it_is(server):
     async def scenario(bench):
         bench.decide(DOCK)
         await asyncio.sleep(1)
-        bench.server.hold()
+        bench.server.hold() if server == "held" else bench.server.vanish()
         await asyncio.sleep(2)
         assert bench.told()[1:] == [("Dock", "failed")]
+        served = bench.server.start_again() if server == "started again" else bench.server
         bench.decide(AGAIN)
         await asyncio.sleep(0.001)
         assert bench.told()[2:] == [("Again", "running"), ("Again", "failed")]
         assert "the server of /dock may go on with an older goal, whose end was not heard" in bench.details()[1]
-        bench.server.wake()
-        await asyncio.sleep(2)
-        assert bench.goals[0].status == 5
+        if server == "held":
+            bench.server.wake()
+            await asyncio.sleep(2)
+            assert bench.goals[0].status == 5
+        else:
+            served = bench.server.start_again() if server == "gone" else served
+            await asyncio.sleep(7)  # which asks for the old goal meanwhile: nobody knows it
         bench.decide(DOCK)
         await asyncio.sleep(1)
         assert bench.told()[4:] == [("Dock", "running")]
-        assert (len(bench.goals), bench.server.most) == (2, 1)
+        assert (len(served.goals), served.most) == (2 if server == "held" else 1, 1)
 
     bench(scenario, silence=1.0, feeds=0.3, safe=False)
 
@@ -376,25 +382,6 @@ def test_a_server_that_wakes_with_an_old_goal_is_asked_again_to_cancel_it():
     bench(scenario, silence=1.0, feeds=0.3, safe=False)
 
 
-def test_a_server_that_was_started_again_is_given_a_new_goal():
-    async def scenario(bench):
-        bench.decide(DOCK)
-        await asyncio.sleep(1)
-        bench.server.vanish()
-        await asyncio.sleep(2)
-        server = bench.server.start_again()
-        bench.decide(AGAIN)
-        await asyncio.sleep(0.1)
-        assert bench.told()[2:] == [("Again", "running"), ("Again", "failed")]
-        await asyncio.sleep(7)  # which asks for the old goal meanwhile: nobody knows it
-        bench.decide(DOCK)
-        await asyncio.sleep(1)
-        assert bench.told()[4:] == [("Dock", "running")]
-        assert len(server.goals) == 1
-
-    bench(scenario, silence=1.0, feeds=0.3, safe=False)
-
-
 @pytest.mark.parametrize("silence", [1.0, None])
 def test_a_goal_whose_request_was_lost_is_given_up_when_its_server_does_not_know_it(silence):
     async def scenario(bench):
@@ -463,19 +450,6 @@ def test_a_goal_that_ends_without_a_result_has_ended():
         assert bench.told()[1:] == [("Dock", "succeeded")]
 
     bench(scenario)
-
-
-def test_an_action_of_a_server_that_is_gone_with_a_goal_fails_at_once():
-    async def scenario(bench):
-        bench.decide(DOCK)
-        await asyncio.sleep(1)
-        bench.server.vanish()
-        await asyncio.sleep(1)
-        bench.decide(AGAIN)
-        await asyncio.sleep(0.001)
-        assert bench.told()[2:] == [("Again", "running"), ("Again", "failed")]
-
-    bench(scenario, silence=1.0, feeds=0.3, safe=False)
 
 
 def test_another_action_of_a_server_that_pursues_a_goal_fails():

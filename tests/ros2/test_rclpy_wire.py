@@ -46,6 +46,19 @@ async def wire(here, **options):
     assert program.said.read_text() == ""
 
 
+@asynccontextmanager
+async def pursuing(here):
+    """Give a robot, and a program with a wire whose goal 1 it pursues."""
+    robot = await here.peer()
+    robot.tell(act="/count", type="test_msgs/action/Fibonacci")
+    async with wire(here, **FIBONACCI) as ours:
+        ours.tell(ready="/count")
+        await ours.hear("ready")
+        ours.tell(send="/count", goal={"order": 5}, number=1)
+        await ours.hear("accepted")
+        yield robot, ours
+
+
 def run(ros, tmp_path, main):
     async def whole():
         async with programs(ros, tmp_path) as here:
@@ -223,13 +236,7 @@ def test_a_goal_succeeds_is_rejected_aborted_cancelled(ros, tmp_path):
 @slow
 def test_the_newest_feedback_takes_the_place_of_what_waits(ros, tmp_path):
     async def main(here):
-        robot = await here.peer()
-        robot.tell(act="/count", type="test_msgs/action/Fibonacci")
-        async with wire(here, **FIBONACCI) as ours:
-            ours.tell(ready="/count")
-            await ours.hear("ready")
-            ours.tell(send="/count", goal={"order": 5}, number=1)
-            await ours.hear("accepted")
+        async with pursuing(here) as (robot, ours):
             ours.tell(hold=str(tmp_path / "go_on"))
             await ours.hear("holds")
             for number in range(100):
@@ -299,13 +306,7 @@ def test_a_goal_whose_status_comes_was_accepted_though_the_answer_was_lost(ros, 
 def test_a_killed_server_answers_nothing_and_the_wire_closes(ros, tmp_path):
     async def main(here):
         here.leave_shared_memory()
-        robot = await here.peer()
-        robot.tell(act="/count", type="test_msgs/action/Fibonacci")
-        async with wire(here, **FIBONACCI) as ours:
-            ours.tell(ready="/count")
-            await ours.hear("ready")
-            ours.tell(send="/count", goal={"order": 5}, number=1)
-            await ours.hear("accepted")
+        async with pursuing(here) as (robot, ours):
             robot.signal(signal.SIGKILL)
             await robot.end()
             ours.tell(cancel=1)

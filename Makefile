@@ -142,6 +142,7 @@ bench: $(READY)
 	$(BIN)/python benchmarks/monitors.py
 	$(BIN)/python benchmarks/sarsop.py
 	$(BIN)/python benchmarks/solvers.py
+	$(BIN)/python benchmarks/verification.py
 	$(BIN)/python benchmarks/tree_search.py
 	$(BIN)/python benchmarks/communication.py
 	$(BIN)/python benchmarks/places.py

@@ -14,7 +14,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-__all__ = ["arguments", "free_port", "parser", "quantiles", "report", "table"]
+__all__ = ["arguments", "free_port", "memory_now", "memory_peak", "parser", "quantiles", "report", "table"]
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -26,6 +26,22 @@ def free_port() -> int:
         with socket.socket() as one, suppress(OSError):
             one.bind(("127.0.0.1", port))
             return port
+
+
+def memory_now() -> int:
+    """Return the bytes that this process holds, and begin to watch for its peak."""
+    Path("/proc/self/clear_refs").write_text("5")
+    return _memory("VmRSS")
+
+
+def memory_peak() -> int:
+    """Return the most bytes that this process has held since then."""
+    return _memory("VmHWM")
+
+
+def _memory(key: str) -> int:
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) * 1024 for line in lines if line.startswith(key))
 
 
 def parser(description: str) -> argparse.ArgumentParser:

@@ -40,6 +40,7 @@ def has_pinned_commits():
                 "monitors",
                 "simulation",
                 "solvers",
+                "verification",
                 "tree_search",
                 "communication",
                 "intervals",
@@ -104,6 +105,9 @@ def test_benchmark(tmp_path, name):
     elif name == "solvers":
         assert {row["problem"] for row in results["mdps"]} == {"forest", "grid", "large grid"}
         assert all(float(row["error"]) <= 1e-3 for row in results["mdps"])
+    elif name == "verification":
+        assert len(results["rows"]) == 9
+        assert all(float(row["error"]) <= 1e-8 * max(1.0, row["greatest"]) for row in results["rows"])
     elif name == "team_bridge":
         assert len(results["bridge"]) == 6
     elif name == "team_latency":

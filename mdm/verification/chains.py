@@ -57,7 +57,7 @@ def chain_of_policy(model: MDP, policy: Any) -> Chain | None:
     size, table = len(model.state_space), getattr(policy, "input", None) == "state"
     if table and not hasattr(policy, "weights"):
         return None
-    controller = policy.joined() if not table and model.pomdp is not None and hasattr(policy, "joined") else None
+    controller: Any = policy.joined() if not table and model.pomdp is not None and hasattr(policy, "joined") else None
     if not table and controller is None:
         return None
     parts = (1 if policy.horizon is None else policy.horizon + 1) if table else controller.num_nodes + 1

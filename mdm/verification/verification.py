@@ -19,7 +19,7 @@ from mdm.loading import model_of, policy_of
 from mdm.models.specification import Specification
 from mdm.policies import DeterministicPolicy, Policy, StagedPolicy, mismatch
 from mdm.verification import reaching, shares
-from mdm.verification.chains import Chain, chain_of_policy
+from mdm.verification.chains import chain_of_policy
 from mdm.verification.choices import Choices, Graph
 from mdm.verification.unfolding import Bounds, bounds_of
 from mdm.verification.ways import Decision, Way, likeliest_way, worst_decision
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 _STAGED = 20_000_000
 """The most numbers of a policy by stages; a larger one is not kept."""
-_EXACT = "bounds are for policies over beliefs: this number is exact without them"
 
 
 class Exact(msgspec.Struct, frozen=True):
@@ -159,82 +158,67 @@ def verify(
         first.setflags(write=False)
         model = copy.copy(model)
         vars(model).update(_initial_belief=first, initial_belief=first)  # one or the other, by the kind of model
-    if policy is None:
-        if bounds is not None:
-            raise ConfigError(_EXACT)
-        return _over_all(model, asked)
-    found: Any = policy_of(policy, model)
-    wrong = mismatch(found, model)
-    if wrong is not None:
+    if bounds is not None and not bounds >= 0:
+        raise ConfigError(f"bounds are given as 0 seconds or more, not {bounds}")
+    found: Any = None if policy is None else policy_of(policy, model)
+    if found is not None and (wrong := mismatch(found, model)) is not None:
         raise ConfigError(wrong)
-    if (chain := chain_of_policy(model, found)) is None:
-        result: Exact | Estimate = _simulated(model, found, asked, episodes, seed, progress)
+    chain = None if found is None else chain_of_policy(model, found)
+    if found is not None and chain is None:
         unfolded = None if bounds is None else bounds_of(model, found, asked, bounds)
+        result = _simulated(model, found, asked, episodes, seed, progress)
         return Verification(kind=asked.kind, result=result, bounds=unfolded)
     if bounds is not None:
-        raise ConfigError(_EXACT)
+        raise ConfigError("bounds are for policies over beliefs: this number is exact without them")
+    if chain is None:
+        return _over_all(model, asked)
     choices = chain.before(asked)
-    if asked.kind != "P":
-        if asked.kind == "S":
-            its = shares.share(choices, chain.chances(asked.target), greatest=True)
-        else:
-            its = reaching.steps(choices, greatest=True)
-        return Verification(kind=asked.kind, result=_at(chain.start, its))
+    number, its, _ = _solved(asked, choices, chain.start, chain.chances(asked.target), greatest=True)
+    way = likeliest_way(model, chain, choices, asked.within) if asked.kind == "P" else None
     decision = None
+    if asked.kind == "P" and its is not None:
+        decision = worst_decision(model, found, asked, chain, its.values)
+    return Verification(kind=asked.kind, result=number, way=way, decision=decision)
+
+
+def _solved(
+    asked: Specification, choices: Choices, start: Vector, counts: Vector, *, greatest: bool, kept: bool = False
+) -> tuple[Exact, Optimum | None, list[Vector]]:
+    """Return a number at an initial distribution, with the values of states, or by stages the worth of choices."""
+    its: Optimum | None = None
+    worth: list[Vector] = []
     if asked.within is not None:
-        result = _in_time(chain.start, choices, asked.within, greatest=True, kept=False)[0]
+        values, worth, stages = reaching.within(choices, asked.within, greatest=greatest, kept=kept)
+        error = float(np.finfo(float).eps * stages * (2 + int(np.diff(choices.moves.indptr).max(initial=0))))
     else:
-        its = reaching.reach(choices, greatest=True)
-        result, decision = _at(chain.start, its), worst_decision(model, found, asked, chain, its.values)
-    way = _way(model, chain, choices, asked.within)
-    return Verification(kind="P", result=_turned(result, asked), way=way, decision=decision)
-
-
-def _at(start: Vector, found: Optimum) -> Exact:
-    """Return the number at an initial distribution."""
-    value = float(start[start > 0] @ found.values[start > 0])
-    return Exact(value, found.error if np.isfinite(value) else 0.0)
-
-
-def _turned(number: Exact, asked: Specification) -> Exact:
-    return Exact(1 - number.value, number.error) if asked.always else number
-
-
-def _in_time(start: Vector, choices: Choices, most: int, *, greatest: bool, kept: bool) -> tuple[Exact, list[Vector]]:
-    values, worth, stages = reaching.within(choices, most, greatest=greatest, kept=kept)
-    rounding = np.finfo(float).eps * stages * (2 + int(np.diff(choices.moves.indptr).max(initial=0)))
-    return Exact(float(start @ values), float(rounding)), worth
-
-
-def _way(model: MDP, chain: Chain, choices: Choices, most: int | None = None) -> Way | None:
-    way = likeliest_way(model, chain, choices)
-    return None if way is None or (most is not None and len(way.actions) > most) else way
+        if asked.kind == "S":
+            its = shares.share(choices, counts, greatest=greatest)
+        else:
+            its = (reaching.steps if asked.kind == "E" else reaching.reach)(choices, greatest=greatest)
+        values, error = its.values, its.error
+    value = float(start[start > 0] @ values[start > 0])
+    return Exact(1 - value if asked.always else value, error if np.isfinite(value) else 0.0), its, worth
 
 
 def _over_all(model: MDP, asked: Specification) -> Verification:
-    choices = Choices.of_model(model, asked.reached, asked.before)
+    choices, way = Choices.of_model(model, asked.reached, asked.before), None
+    counts = asked.target[choices.state, choices.action].astype(float)
+    kept = asked.within is not None and (asked.within + 1) * asked.target[:, :-1].size <= _STAGED
     found: list[tuple[Exact, Policy | None]] = []
-    way = None
     for greatest in (False, True):
-        if asked.within is not None:
-            kept = (asked.within + 1) * asked.target[:, :-1].size <= _STAGED
-            number, worth = _in_time(model.initial_belief, choices, asked.within, greatest=greatest, kept=kept)
-            found.append((number, _staged(model, choices, worth, asked.within, greatest=greatest) if kept else None))
+        number, its, worth = _solved(asked, choices, model.initial_belief, counts, greatest=greatest, kept=kept)
+        if its is None:
+            staged = _staged(model, choices, worth, asked.within or 0, greatest=greatest) if kept else None
+            found.append((number, staged))
             continue
-        if asked.kind == "S":
-            its = shares.share(choices, asked.target[choices.state, choices.action].astype(float), greatest=greatest)
-        else:
-            its = (reaching.steps if asked.kind == "E" else reaching.reach)(choices, greatest=greatest)
         policy = DeterministicPolicy(choices.action[its.chosen].tolist(), len(model.action_space))
         policy.state_space = model.state_space
-        found.append((_at(model.initial_belief, its), policy))
+        found.append((number, policy))
         if greatest and asked.kind == "P":
             chain = chain_of_policy(model, policy)
             assert chain is not None
-            way = _way(model, chain, choices.subset(its.chosen))
-    if asked.always:
-        found = [(_turned(number, asked), policy) for number, policy in reversed(found)]
-    (least, first), (most, last) = found
+            way = likeliest_way(model, chain, choices.subset(its.chosen))
+    (least, first), (most, last) = found[::-1] if asked.always else found
     return Verification(kind=asked.kind, least=least, greatest=most, way=way, policies=(first, last))
 
 

@@ -59,8 +59,11 @@ class Decision(msgspec.Struct, frozen=True):
     probability: float
 
 
-def likeliest_way(model: MDP, chain: Chain, choices: Choices) -> Way | None:
-    """Return the most probable way of a chain, given before X or Y as well, from its start into X; else None."""
+def likeliest_way(model: MDP, chain: Chain, choices: Choices, most: int | None = None) -> Way | None:
+    """Return the most probable way of a chain, given before X or Y as well, from its start into X; else None.
+
+    With ``most`` there is none if that way takes more steps.
+    """
     size = choices.size
     entries = choices.moves.tocoo()
     ends, begins = np.flatnonzero(choices.hit), np.flatnonzero(chain.start)
@@ -75,6 +78,8 @@ def likeliest_way(model: MDP, chain: Chain, choices: Choices) -> Way | None:
     places = [int(before[size])]
     while (earlier := int(before[places[-1]])) != size + 1:
         places.append(earlier)
+    if most is not None and len(places) > most + 1:
+        return None
     places.reverse()
     names, actions = model.state_space.names, model.action_space.names
     taken = []

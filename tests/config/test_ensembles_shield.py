@@ -108,6 +108,24 @@ def test_a_record_of_a_shield_explains_and_replays_without_the_file(folder):
     assert WHY in asyncio.run(recorded_run(path).explain("robot", 1.5)).text
 
 
+def test_a_record_of_a_program_holds_the_shield(folder):
+    safe = mdm.shield(WRONG, house(), avoid="position = stairs", keep="reach position = goal")
+    robot = mdm.Ensemble("robot", policy=safe, model=house(), actions=dict.fromkeys(ACTIONS, lambda: None))
+
+    async def drive(runtime):
+        await runtime.start(robot)
+        for state in range(3):
+            robot.publish_state(state)
+            await asyncio.sleep(1)
+
+    run_virtual(drive, record=folder / "program.mcap")
+    record = Record(folder / "program.mcap")
+    assert not record.cannot
+    assert [each.message.wanted for each in record.messages(["decisions"])] == [None, 2, None]
+    assert replay(record, rebuilt(record, folder / "laid").actors).same
+    assert WHY in asyncio.run(recorded_run(record.path).explain("robot", 1.5)).text
+
+
 def test_a_replay_with_a_shield_of_another_kind_wants_something_else(folder):
     path = folder / "run.mcap"
     driven(folder, record=path, policy=(2, 1, 2, 0, 0))  # around the landing by itself

@@ -166,8 +166,8 @@ class Log(Observer):
         counts = None if wanted is None else self._pace.counts(subject, (action.index, wanted), action.time)
         if wanted is None or counts is None:
             return
-        head = {"time": action.time / 1e9, "ensemble": output.ensemble, "avoids": output.avoids}
-        names = {"action": output.name_of(action.index), "wanted": output.name_of(wanted)}
+        head = {"time": action.time / 1e9, "ensemble": output.ensemble}
+        names = {"action": output.name_of(action.index), "wanted": output.name_of(wanted), "avoids": output.avoids}
         self.write("shielded", lambda: {**head, **output.words(action.state, None), **names, **counts})
 
     def statistics(self) -> LogStatistics:

@@ -9,6 +9,7 @@ from itertools import pairwise
 import browsers
 import msgspec
 import pytest
+import shielded
 from decided import ensemble
 from patience import PATIENCE
 from served import TOKEN, shown
@@ -70,6 +71,22 @@ def test_it_shows_modes_actions_beliefs_and_faults():
         await page.wait_for_selector(".fault")
         assert "nobody told anything" in await text(page, ".fault")
         assert "allow a longer" in await text(page, ".fault .remedy")
+
+    seen(look_at, robot)
+
+
+def test_it_shows_what_a_shield_has_replaced():
+    safe = mdm.shield(shielded.WRONG, shielded.house(), avoid="position = stairs", keep="reach position = goal")
+    doing = dict.fromkeys(shielded.ACTIONS, lambda: None)
+    robot = Ensemble("robot", policy=safe, model=shielded.house(), actions=doing)
+
+    async def look_at(page, runtime, _):
+        robot.publish_state(shielded.STATES.index("landing"))
+        await page.wait_for_function("() => document.body.innerText.includes('Around')")
+        assert "shield" in await text(page, "[role=option]")
+        assert "Around shield, in place of Straight" in await text(page, "[aria-label='Ensemble robot']")
+        robot.publish_state(shielded.STATES.index("hall"))
+        await page.wait_for_function("() => !document.body.innerText.includes('in place of')")
 
     seen(look_at, robot)
 

@@ -69,7 +69,7 @@ export function Tree({ scene, frame, selected, choose }) {
       <span style=${`width:${1.1 * depth[place]}rem;flex:none`}></span>
       <span class=${`sign ${how}`} aria-hidden="true">${SIGNS[how]}</span>
       <span class="name">${called(of)}</span><span class=${how}>${how}</span>${each.odd?.length > 0 && html`<span class="waiting" title=${each.odd.join("; ")}>? odd</span>`}
-      ${each.wanted && html`<span class="waiting" title=${`its shield took ${each.action} in place of ${each.wanted}`}>⛨ shield</span>`}
+      ${each.wanted && html`<span class="waiting" title=${`its shield took ${each.action} in place of ${each.wanted}`}>shield</span>`}
       <span class="grow">${live.length
         ? live.map((life) => `${life.action}${life.remaining == null ? "" : `, ${number(life.remaining)} m to go`}`).join(", ")
         : each.action && how !== "stopped" ? html`<span class="soft">${each.action}</span>` : ""}</span>

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from mdm.models import MDP
     from mdm.models.matrices import Vector
     from mdm.models.space import Space
-    from mdm.policies.batch import Batch
+    from mdm.policies.batch import Batch, Indices
     from mdm.policies.policy import Arrays, Packed, Scores
 
 _ROUNDING = 1e-12
@@ -270,8 +270,7 @@ class BudgetedTable(Shielded):
 
     def covers(self, x: Budgeted, /) -> bool:
         """Return whether the original's action is taken."""
-        place, wants = self.place(x.by), self.policy.action(x.by)
-        return bool(self._follows[place, wants] and self._worth[place, wants] <= x.budget + _ROUNDING)
+        return bool(self.taken(self.place(x.by), self.policy.action(x.by), x.budget)[1])
 
     def allowed(self, x: Budgeted, /) -> npt.NDArray[np.bool_]:
         """Return for each action whether the budget left covers it."""
@@ -282,23 +281,76 @@ class BudgetedTable(Shielded):
 
     def action(self, x: Budgeted, /) -> int:
         """Return the original's action if the budget covers it, else that of the shield without a budget."""
-        wants: int = self.policy.action(x.by)
-        return wants if self.covers(x) else int(self._taken[self.place(x.by), wants])
+        return int(self.taken(self.place(x.by), self.policy.action(x.by), x.budget)[0])
 
     def after(self, x: Budgeted, action: int, current: Any) -> float:
         """Return the budget left after an action, in the state that followed."""
         if x.budget < 0 or (self.keep is not None and not self.covers(x)):
             return _SPENT
-        before, now = self.place(x.by), self.place(current)
-        left, spread = x.budget - self._worth[before, action], self._spread[before, action]
-        return float(divided(float(left), float(spread), self._least[now], self._needed[now]))
+        return float(self.left(x.budget, self.place(x.by), action, self.place(current)))
+
+    def left(self, budget: Any, before: Any, action: Any, now: Any) -> Vector:
+        """Return the budget left, or budgets, after an action between two places, by the formula above."""
+        left, spread = budget - self._worth[before, action], self._spread[before, action]
+        return divided(left, spread, self._least[now], self._needed[now])
+
+    def batch(self, model: MDP) -> Batch:
+        """Return its decisions for a batch of episodes."""
+        return BudgetedBatch(self)
+
+    def taken(self, places: Any, wants: Any, budgets: Any) -> tuple[Any, Any]:
+        """Return the actions at some places, and whether they are those that the original wants."""
+        covers = (self._follows[places, wants] > 0) & (self._worth[places, wants] <= budgets + _ROUNDING)
+        return np.where(covers, wants, self._taken[places, wants]), covers
 
 
-def divided(left: float, spread: float, least: Vector, needed: Vector) -> Vector:
+def divided(left: Any, spread: Any, least: Vector, needed: Vector) -> Vector:
     """Return the budgets of successors, of which `BudgetedTable` has the formula."""
-    share = min(1.0, max(0.0, left) / spread) if spread > 0 else 0.0
-    budgets: Vector = np.minimum(1.0, least + share * (needed - least) + max(0.0, left - spread))
+    share = np.where(spread > 0, np.clip(left, 0, spread) / np.where(spread > 0, spread, 1), 0)
+    budgets: Vector = np.minimum(1.0, least + share * (needed - least) + np.maximum(0.0, left - spread))
     return budgets
+
+
+class BudgetedBatch:
+    """The budgets of a batch of episodes.
+
+    Args:
+        policy: The policy.
+    """
+
+    def __init__(self, policy: BudgetedTable) -> None:
+        self._policy = policy
+        weights = np.concatenate([policy.policy.weights(stage).T for stage in range(policy.horizon or 1)])
+        self._levels = np.cumsum(weights, axis=1)[:, :-1] / weights.sum(axis=1, keepdims=True)
+        self._stage = 0
+
+    def begin(self, states: Indices, numbers: Vector) -> Indices:
+        """Return the first actions."""
+        self._stage = 0
+        self._places, self._budgets, self._covers = states.copy(), self._policy.begin[states], states >= 0
+        return self._act(np.arange(len(states)), states, numbers)
+
+    def _act(self, episodes: Indices, places: Indices, numbers: Vector) -> Indices:
+        wants = (self._levels[places] <= numbers[:, None]).sum(axis=1)
+        actions, self._covers[episodes] = self._policy.taken(places, wants, self._budgets[episodes])
+        self._places[episodes] = places
+        chosen: Indices = actions
+        return chosen
+
+    def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:
+        """Return the next actions."""
+        policy, before = self._policy, self._budgets[episodes]
+        self._stage = min(self._stage + 1, (policy.horizon or 1) - 1)
+        places = self._stage * policy.num_states + states
+        left = policy.left(before, self._places[episodes], actions, places)
+        spent = (before < 0) | ((policy.keep is not None) & ~self._covers[episodes])
+        self._budgets[episodes] = np.where(spent, _SPENT, left)
+        return self._act(episodes, places, numbers)
+
+    def keep(self, which: npt.NDArray[np.bool_]) -> None:
+        """Drop the other episodes."""
+        self._places, self._budgets = self._places[which], self._budgets[which]
+        self._covers = self._covers[which]
 
 
 class BudgetedState:

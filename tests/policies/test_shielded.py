@@ -105,3 +105,24 @@ def test_a_budget_is_spent_saved_and_restored():
     assert safe.wanted(controller.information.current) == 0
     assert isinstance(safe, BudgetedTable)
     assert not isinstance(safe, ShieldedTable)
+
+
+@pytest.mark.parametrize("original", ORIGINALS, ids=lambda each: each.kind)
+@pytest.mark.parametrize("keep", [None, "reach dock"])
+def test_a_batch_decides_as_single_episodes(original, keep):
+    """Of deterministic policies the same budgets and actions; of the one that draws, with the same numbers."""
+    safe = mdm.shield(original, MODEL, avoid="stairs", keep=keep, probability=0.3)
+    runs = np.random.default_rng(2).integers(0, 3, size=(20, 2))
+    numbers = np.random.default_rng(3).random((2, 20))
+    batch = safe.batch(MODEL)
+    zeros = np.zeros(20, dtype=int)
+    first = batch.begin(zeros, numbers[0])
+    batch.keep(np.arange(20) >= 5)
+    second = batch.next(np.arange(15), runs[5:, 0], first[5:], zeros[5:], numbers[1, 5:])
+    for place in range(15):
+        information = safe.information(MODEL)
+        for step, state in enumerate((0, int(runs[5 + place, 0]))):
+            information.update(None if step == 0 else int(first[5 + place]), state)
+            if hasattr(information._inner, "_number"):
+                information._inner._number = numbers[step, 5 + place]
+            assert safe.action(information.current) == (first, second[-15:])[step][place + (5 if step == 0 else 0)]

@@ -51,9 +51,9 @@ def test_a_budget_is_simulated_within_a_time():
     its = effect(safe, model(), seconds=0.0)
     assert isinstance(its.avoid[0], Exact)
     assert isinstance(its.avoid[1], Estimate)
-    assert its.avoid[1].episodes == 1
+    assert its.avoid[1].episodes < 10_000  # the first part
     its = effect(safe, model(), seconds=math.inf, seed=5)
-    assert its.avoid[1].episodes == 1000
+    assert its.avoid[1].episodes == 10_000
     assert its.avoid[1].lower < 0.5 < its.avoid[1].upper < 0.6
     assert its.value == pytest.approx((2, 2))
 

@@ -6,7 +6,6 @@ import hypothesis
 import numpy as np
 import pytest
 from hypothesis import strategies as st
-from scipy.special import betaincinv
 from sentences import refused
 
 import mdm
@@ -380,17 +379,16 @@ def test_a_million_steps_without_a_violation(seed):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("kept", [False, True])
 @pytest.mark.parametrize("budget", [0.02, 0.1])
-def test_ten_thousand_runs_within_a_budget(budget):
-    grid, marks = pits(8, 0.08, 3)
+def test_ten_thousand_runs_within_a_budget(budget, kept):
+    grid, marks = pits(8, 0.2, 6)
     falls, goal = pit_names(grid, marks)
-    rows = ("".join(row).replace("-", ".") for row in marks)
-    unknowing = mdm.solve(mdm.problems.grid_world("/".join(rows), discount=0.99)).policy
-    before = verify(grid, f"P(reach {falls})", unknowing).result.value
-    safe = shield(unknowing, grid, avoid=falls, keep=f"reach {goal}", probability=budget)
+    rows = "/".join("".join(row) for row in marks)
+    hurried = mdm.solve(mdm.problems.grid_world(rows, discount=0.99, pit_reward=-0.1, step_reward=-0.3)).policy
+    assert verify(grid, f"P(reach {falls})", hurried).result.value > 0.9
+    safe = shield(hurried, grid, avoid=falls, keep=f"reach {goal}" if kept else None, probability=budget)
     result = verify(grid, f"P(reach {falls} before {goal})", safe, episodes=10_000, seed=7).result
-    share = betaincinv(budget * 10_000 + 1, 10_000 * (1 - budget), 0.999)
-    assert before > 2 * budget
     assert result.undecided == 0
-    assert 0 < result.lower < share
-    assert result.lower <= budget
+    assert 0 < result.lower < budget
+    assert kept or result.upper > 0.9 * budget  # and it is spent

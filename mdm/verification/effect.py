@@ -10,7 +10,6 @@ import numpy as np
 
 from mdm.errors import ConfigError, ModelError
 from mdm.loading import model_of
-from mdm.simulation import evaluate
 from mdm.solvers.evaluation import exact_values
 from mdm.verification.verification import Estimate, Exact, verify
 
@@ -61,6 +60,8 @@ def effect(shielded: Any, model: GivenModel, *, seconds: float = 10.0, seed: int
         before, after = mdm.verification.effect(safe, "grid.mdp").avoid
         before.value, after.value  # 1.0, 0.0
     """
+    from mdm.simulation import evaluate  # noqa: PLC0415 - loads what runs episodes
+
     model = model_of(model)
 
     def limit() -> Callable[[int, int], bool]:

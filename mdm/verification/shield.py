@@ -65,13 +65,12 @@ def shield(
         policy: A policy of any kind. The result keeps it, as ``policy``.
         model: The model, or the path of its file.
         avoid: X, a formula over states and actions as in `mdm.verify`, such as ``position = stairs``.
-        keep: Stays possible: such as ``reach goal-*`` or ``reach goal before lift``. Where the policy
-            under the shield attains less than the greatest probability that the allowed actions leave, an action is
-            taken that attains it. Without it a robot may wait for ever before the first forbidden action.
+        keep: Stays possible: such as ``reach goal-*`` or ``reach goal before lift``. Where the policy under the shield
+            attains less than the greatest probability that the allowed actions leave, an action is taken that attains
+            it, in whatever time. Without it a robot may wait for ever before the first forbidden action.
         probability: A budget for the probability that a whole run ever reaches X, spent as the run goes; see
             `mdm.policies.BudgetedTable`. By default 0.
-        resolve: Whether the model is solved again with the allowed actions; else the policy decides wherever it
-            may.
+        resolve: Whether the model is solved again with the allowed actions, which are then taken by their values.
         margin: Transitions that the world may have although the model has none, each a state, an action and a state,
             by name or index; or a function of the model that returns them. The shield avoids X also where they happen.
 

@@ -19,6 +19,7 @@ UNTESTED_ALONE = {
     "version.py": "a line: test_public",
     "stimuli.py": "declares messages: test_schemas",
     "team/layer.py": "a base: the layers of each mode are tested",
+    "policies/supported.py": "what verification/supports.py makes, tested there",
     "actors/layer.py": "a base: its layers are tested",
     "latency/probe.py": "with all that it stamps: test_measure",
     "latency/others.py": "programs of other processes: test_measure",

@@ -26,6 +26,7 @@ from mdm.solvers import solve
 from mdm.solvers.evaluation import state_values
 from mdm.verification.choices import Choices, Graph
 from mdm.verification.reaching import reach
+from mdm.verification.supports import over_supports
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -103,9 +104,13 @@ def shield(
     if getattr(original, "input", "belief") == "state" and not getattr(original, "deliberates", False):
         made = _Maker(model, original, target, added, float(probability)).shielded(kept, resolve=resolve)
     else:
-        raise ConfigError(
-            f"a {type(original).__name__} is no table over states, which alone are shielded", key="policy"
-        )
+        if resolve or probability or (kept is not None and kept.before is not None):
+            raise ConfigError(
+                f"a {type(original).__name__} is shielded by the support of its belief: that allows no budget, no "
+                "'before', and solves nothing again",
+                key="policy",
+            )
+        made = over_supports(original, model, target.target, None if kept is None else kept.target, added)
     made.avoid, made.keep, made.probability = avoid, keep, float(probability)
     made.resolve, made.margin = resolve, added
     result: Policy = made

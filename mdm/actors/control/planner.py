@@ -95,6 +95,7 @@ class Planner(Layer):
                 f"the search takes {policy.seconds} s, but a decision is due every {1 / drive.rate:g} s", key="policy"
             )
         self.policy = policy
+        self._shielded = getattr(policy, "answered", None)
         if deadline is None and policy.fallback is not None and policy.seconds is not None:
             deadline = 2 * policy.seconds + PATIENCE
         self.deadline = deadline
@@ -178,7 +179,9 @@ class Planner(Layer):
             self._late += 1  # the loop has come late for it, ahead of the timer
             self._miss()
         else:
-            self._answer(result.action, "search")
+            assert self._open is not None
+            its = result.action if self._shielded is None else self._shielded(result, self._open.at)
+            self._answer(its, "search")
 
     def _on_deadline(self) -> None:
         self._timer = None

@@ -1,0 +1,230 @@
+"""Winning supports against an enumeration of strategies over supports, and the chain of each."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hidden_dangers import HIDDEN
+
+import mdm
+from mdm.models.specification import Specification
+from mdm.simulation.sampler import BatchSampler
+from mdm.verification.supports import Supports
+
+
+def drawn(seed, *, absorbing):
+    """Return a random POMDP of four states, X and a goal; an absorbing goal stays and shows nothing new."""
+    random = np.random.default_rng(seed)
+    moves = random.random((2, 4, 4)) * (random.random((2, 4, 4)) < 0.4)
+    moves[:, :2, 2] *= random.random((2, 2)) < 0.4
+    moves[:, range(4), random.choice([0, 1, 3], size=4)] += 0.1
+    if absorbing:
+        moves[:, 3] = [0, 0, 0, 1]
+    moves /= moves.sum(axis=2, keepdims=True)
+    seen = random.random((2, 4, 2)) * (random.random((2, 4, 2)) < 0.6) + np.eye(2)[random.integers(2, size=(2, 4))]
+    seen /= seen.sum(axis=2, keepdims=True)
+    begins = np.array([0.5, 0.5, 0, 0]) if random.random() < 0.7 else np.array([1, 0, 0, 0])
+    model = mdm.POMDP(moves, seen, np.zeros((4, 2)), discount=0.9, initial_belief=begins)
+    avoid, keep = np.zeros((4, 3), dtype=bool), np.zeros((4, 3), dtype=bool)
+    avoid[2] = True
+    avoid[:2, :2] |= random.random((2, 2)) < 0.15
+    keep[3] = True
+    return model, avoid, keep
+
+
+def following(model, support, action):
+    """Return the support after each observation, by definition."""
+    after = {}
+    for state in support:
+        for target in range(4):
+            for symbol in range(2):
+                if (
+                    model.transition_matrix(action)[state, target] * model.observation_matrix(action)[target, symbol]
+                    > 0
+                ):
+                    after.setdefault(symbol, set()).add(target)
+    return {symbol: frozenset(states) for symbol, states in after.items()}
+
+
+def wins(model, avoid, keep):
+    """Return from which supports some draw of actions by the support avoids X and reaches the goal, surely."""
+    start = frozenset(np.flatnonzero(model.initial_belief).tolist())
+    met, edges = [start], {}
+    for support in met:
+        for action in range(2):
+            edges[support, action] = following(model, support, action)
+            met += [each for each in dict.fromkeys(edges[support, action].values()) if each not in met]
+    places = {(state, support, done): None for support in met for state in support for done in (False, True)}
+    places = {place: number for number, place in enumerate(places)}
+    won = set()
+    if len(met) > 4:
+        return None
+    for strategy in itertools.product([(0,), (1,), (0, 1)], repeat=len(met)):
+        chain = np.zeros((len(places) + 1, len(places) + 1))
+        chain[-1, -1] = 1  # X
+        for (state, support, done), row in places.items():
+            actions = strategy[met.index(support)]
+            for action in actions:
+                if avoid[state, action]:
+                    chain[row, -1] += 1 / len(actions)
+                    continue
+                now = done or keep is None or keep[state, action]
+                for target in range(4):
+                    for symbol in range(2):
+                        chance = (
+                            model.transition_matrix(action)[state, target]
+                            * model.observation_matrix(action)[target, symbol]
+                        )
+                        if chance > 0:
+                            column = places[target, edges[support, action][symbol], bool(now)]
+                            chain[row, column] += chance / len(actions)
+        for _ in range(40):
+            chain = chain @ chain
+            chain /= chain.sum(axis=1, keepdims=True)
+        good = [number for (_, _, done), number in places.items() if done]
+        for support in met:
+            if all(chain[places[state, support, False], good].sum() > 1 - 1e-6 for state in support):
+                won.add(support)
+    return won
+
+
+def told(model, avoid, keep):
+    found = Supports(model, avoid, keep)
+    cuts = zip(found.starts, found.starts[1:], found.keeps, strict=False)
+    return {frozenset(found.states[a:b].tolist()): bool(keeps) for a, b, keeps in cuts}
+
+
+@pytest.mark.parametrize("absorbing", [True, False])
+@pytest.mark.parametrize("goal", [True, False])
+def test_supports_win_where_a_strategy_over_supports_does(absorbing, goal):
+    compared = won = 0
+    for seed in range(40):
+        model, avoid, keep = drawn(seed, absorbing=absorbing)
+        truth = wins(model, avoid, keep if goal else None)
+        if truth is None:
+            continue
+        for support, keeps in told(model, avoid, keep if goal else None).items():
+            compared += 1
+            won += keeps
+            if absorbing or not goal:
+                assert keeps == (support in truth), (seed, support)
+            elif keeps:
+                assert support in truth, (seed, support)
+    assert 10 < won < compared
+
+
+def shielded(name, keep=True):
+    make, avoid, goal = HIDDEN[name]
+    model = make()
+    policy = mdm.solve(model, "qmdp").policy
+    return model, policy, mdm.shield(policy, model, avoid=avoid, keep=goal if keep else None)
+
+
+def met(model, policy, formula, steps, seed=1):
+    """Return how often a formula is met within some steps of 300 episodes."""
+    within = mdm.verify(model, f"P(reach {formula} within {steps})", policy, episodes=300, seed=seed).result
+    return within.lower, within.upper
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_a_shield_over_beliefs_avoids_and_does_not_freeze(name):
+    _, avoid, goal = HIDDEN[name]
+    model, policy, safe = shielded(name)
+    assert met(model, policy, avoid, 50)[0] > 0.2
+    assert met(model, safe, avoid, 200)[0] == 0.0
+    assert met(model, safe, goal.removeprefix("reach "), 200)[1] == 1.0
+    assert met(model, safe, goal.removeprefix("reach "), 200)[0] > 0.98
+
+
+def test_a_mask_without_a_goal_freezes_where_the_goal_is_kept():
+    model, _, safe = shielded("obstacles", keep=False)
+    assert met(model, safe, "3,3", 100)[1] < 0.05
+
+
+def test_it_takes_what_the_policy_wants_where_that_is_allowed():
+    model, policy, safe = shielded("tiger")
+    sure, unsure = [0, 1, 0, 0], [0.6, 0.4, 0, 0]
+    assert safe.action(sure) == policy.action(sure)
+    assert safe.wanted(sure) is None
+    assert safe.action(unsure) == 0
+    assert safe.wanted(unsure) == policy.action(unsure) != 0
+    assert safe.allowed(unsure).tolist() == [True, False, False]
+    assert safe.actions_at(np.array([sure, unsure])).tolist() == [policy.action(sure), 0]
+    assert mdm.Controller(safe, model).start().action_name == "listen"
+
+
+def test_an_unknown_support_is_taken_for_the_smallest_known_around_it_and_an_unsafe_one_risks_least():
+    _, _, safe = shielded("tiger")
+    assert safe.allowed([0.5, 0.5, 0, 0]).tolist() == safe.allowed([0.6, 0.4, 0, 0]).tolist()
+    assert safe.allowed([0.5, 0, 0, 0.5]).tolist() == [True, False, True]
+    assert safe.allowed([0, 0, 0, 1]).all()
+
+
+@pytest.mark.parametrize("name", ["tiger", pytest.param("obstacles", marks=pytest.mark.slow)])
+def test_a_shielded_controller_is_a_controller_and_verified_exactly(name):
+    make, avoid, goal = HIDDEN[name]
+    model = make()
+    plan = mdm.policies.FiniteStateController([1], [[0] * len(model.observation_space)], len(model.action_space))
+    safe = mdm.shield(plan, model, avoid=avoid, keep=goal)
+    assert mdm.verify(model, f"P(reach {avoid})", safe).result.value == 0
+    assert mdm.verify(model, f"P({goal})", safe).result.value == pytest.approx(1)
+    assert safe.wanted((safe.start,)) in {None, 1}
+    assert safe.allowed((safe.start,))[safe.actions[safe.start]]
+
+
+def test_a_search_and_its_fallback_are_shielded():
+    make, avoid, goal = HIDDEN["tiger"]
+    model = make()
+    opens = mdm.policies.ConstantPolicy(1, 3, 4)
+    search = mdm.solvers.TreeSearch(model, expansions=2, seed=1, fallback=opens)
+    safe = mdm.shield(search, model, avoid=avoid, keep=goal)
+    unsure = model.initial_belief
+    assert safe.search(unsure).action == safe.action(unsure) == 0
+    assert search.fallback.action(unsure) == 1
+    assert safe.fallback.action(unsure) == 0
+    assert safe.wanted(unsure) is None
+
+
+def test_a_margin_is_tracked_and_avoided():
+    model, policy, _ = shielded("tiger")
+    with pytest.raises(mdm.Error, match="allows nothing"):
+        mdm.shield(policy, model, avoid="eaten", margin=[["tiger left", "listen", "eaten"]])
+    safe = mdm.shield(policy, model, avoid="eaten", margin=[["tiger left", "listen", "tiger right"]])
+    assert safe.allowed([1, 0, 0, 0]).tolist() == [True, False, True]
+    tracker = safe.information(model)
+    tracker.reset([1, 0, 0, 0])
+    assert tracker.update(0, model.observation_space.index("tiger right")) == pytest.approx(3e-7)
+    assert tracker.belief.tolist() == [0, 1, 0, 0]
+
+
+def test_a_model_of_too_many_supports_is_refused_with_their_number(monkeypatch):
+    monkeypatch.setattr("mdm.verification.supports.MOST", 3)
+    with pytest.raises(mdm.Error, match="more than 3 supports"):
+        shielded("obstacles")
+
+
+def test_a_controller_of_each_agent_is_refused():
+    model = mdm.problems.dec_tiger()
+    listen = mdm.policies.FiniteStateController([0], [[0, 0]], num_actions=3)
+    with pytest.raises(mdm.Error, match="controller of each agent"):
+        mdm.shield(mdm.policies.JointController([listen, listen]), model, avoid="action = 'open-left open-left'")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HIDDEN)
+def test_a_million_steps_hold_no_violation(name):
+    avoid = HIDDEN[name][1]
+    model, _, safe = shielded(name)
+    bad = Specification.of(f"P(reach {avoid})", model).target
+    random, steps = np.random.default_rng(3), 0
+    sampler, batch = BatchSampler(model), safe.batch(model)
+    while steps < 1_000_000:
+        states = sampler.first(random.random(2_000))
+        actions, every = batch.begin(states, random.random(2_000)), np.arange(2_000)
+        for _ in range(100):
+            assert not bad[states, actions].any()
+            states, seen = sampler.move(states, actions, random.random((3, 2_000)))
+            actions = batch.next(every, states, actions, seen, random.random(2_000))
+            steps += 2_000

@@ -11,6 +11,7 @@ from hidden_dangers import HIDDEN
 import mdm
 from mdm.models.specification import Specification
 from mdm.simulation.sampler import BatchSampler
+from mdm.solvers.online.tree_search import SearchResult
 from mdm.verification.supports import Supports
 
 
@@ -185,6 +186,10 @@ def test_a_search_and_its_fallback_are_shielded():
     assert search.fallback.action(unsure) == 1
     assert safe.fallback.action(unsure) == 0
     assert safe.wanted(unsure) is None
+    found = SearchResult(1, lower=(-9.0, 5.0, 7.0), upper=(0.0, 9.0, 9.0), expansions=2, nodes=3, seconds=0.1)
+    assert safe.answered(found, unsure) == 0  # as the planner asks for a process's answer
+    assert safe.answered(found, [0, 1, 0, 0]) == 1
+    assert safe.answered(found, [1, 0, 0, 0]) == 2
 
 
 def test_a_margin_is_tracked_and_avoided():

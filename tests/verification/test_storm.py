@@ -10,12 +10,14 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from random_processes import model_of_rows, random_rows, under
-from verification.field import FIELD
+from verification.field import FIELD, evenly, explored
 from verification.storm import answers, interpreter
 
 from mdm.errors import ConfigError, ModelWarning
+from mdm.models.specification import Specification
 from mdm.policies import DeterministicPolicy, FiniteStateController
 from mdm.verification import shield, verify
+from mdm.verification.supports import Supports
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -165,3 +167,42 @@ def test_shields_win_where_storm_does(storm, seed):
             assert wanted == "0"
         else:
             assert_close(verify(model_of_rows(rows), "P(reach s3 or s4)", shielded).result, wanted)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_supports_win_where_storm_does(storm, seed):
+    """A belief's support is a state of a process, in which what is seen next comes by chance."""
+    random = np.random.default_rng(200 + seed)
+    cases, asked = [], []
+    for _ in range(20):
+        rows = random_rows(random, int(random.integers(5, 12)), 3)
+        seen = random.integers(0, 2, len(rows)).tolist()
+
+        def moves(support, rows=rows, seen=seen):
+            choices = []
+            for action in range(3):
+                after = {each for state in support for each in rows[state][action]}
+                parts = {frozenset(each for each in after if seen[each] == told) for told in (0, 1)} - {frozenset()}
+                choices.append(evenly(sorted(parts, key=sorted)))
+            return choices
+
+        supports = []
+        process = explored(frozenset({0}), lambda at, all_=supports: all_.append(at) or moves(at), {1, 2}.intersection)
+        cases.append((rows, seen, supports, process.rows))
+        labels = {"x": process.reached}
+        asked.append(question(process.rows, labels=labels) | {"formulas": ['Pmin=? [F "x"]'], "everywhere": True})
+    won = 0
+    for (rows, seen, supports, choices), (told,) in zip(cases, answers(storm, asked), strict=True):
+        wins = [number == "0" for number in told]
+        model = model_of_rows(rows, seen)
+        found = Supports(model, Specification.of("P(reach s1 or s2)", model).target)
+        for its, keeps, allowed in zip(
+            np.split(found.states, found.starts[1:-1]), found.keeps, found.allowed, strict=True
+        ):
+            place = supports.index(frozenset(its.tolist()))
+            assert keeps == wins[place]
+            if keeps:
+                assert allowed.tolist() == [all(wins[after] for after in choice) for choice in choices[place]]
+                won += 1
+        assert wins[0] == found.keeps[found.first].all()
+    assert won > 10

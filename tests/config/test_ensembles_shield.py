@@ -16,6 +16,7 @@ from mdm.config.rebuilt import rebuilt
 from mdm.errors import ConfigError
 from mdm.estimation import as_text, chains_of_records, statistics
 from mdm.messages import Action
+from mdm.policies import AlphaVectors
 from mdm.policies.shielded import Budgeted
 from mdm.recording import Record
 from mdm.replay import replay
@@ -124,6 +125,36 @@ def test_a_record_of_a_program_holds_the_shield(folder):
     assert [each.message.wanted for each in record.messages(["decisions"])] == [None, 2, None]
     assert replay(record, rebuilt(record, folder / "laid").actors).same
     assert WHY in asyncio.run(recorded_run(record.path).explain("robot", 1.5)).text
+
+
+@pytest.mark.parametrize("margin", [[], [("start", "safe", "good")]])
+def test_a_record_of_a_program_holds_the_shield_of_a_policy_over_beliefs(folder, margin):
+    moves = {("start", "safe"): "good", ("start", "risky"): {"good": 0.5, "pit": 0.5}}
+    model = mdm.POMDP.from_functions(
+        ["start", "good", "pit"],
+        ["safe", "risky"],
+        ["seen"],
+        transition=lambda state, action: moves.get((state, action), state),
+        observation=lambda action, state: "seen",
+        reward=lambda state, action: float((state, action) == ("start", "risky")),
+        discount=0.9,
+        initial="start",
+    )
+    safe = mdm.shield(
+        AlphaVectors([[1, 0, 0], [0, 0, 0]], [1, 0]), model, avoid="pit", keep="reach good", margin=margin
+    )
+    robot = mdm.Ensemble("robot", policy=safe, model=model, actions=dict.fromkeys(["safe", "risky"], lambda: None))
+
+    async def drive(runtime):
+        await runtime.start(robot)
+        await asyncio.sleep(1)
+
+    run_virtual(drive, record=folder / "program.mcap")
+    record = Record(folder / "program.mcap")
+    assert not record.cannot
+    assert replay(record, rebuilt(record, folder / "laid").actors).same
+    told = asyncio.run(recorded_run(record.path).explain("robot", 0.5)).text
+    assert "The policy wanted 'risky', which may lead to pit: next good (0.5), pit (0.5)" in told
 
 
 def test_a_replay_with_a_shield_of_another_kind_wants_something_else(folder):

@@ -170,11 +170,11 @@ class _Maker:
         its = Choices.of_model(self._model, target, before)
         if self._stages is None:
             return its
-        size, stages = self._size, self._stages
-        over = target[:, -1]
+        size, stages, over = self._size, self._stages, target[:, -1]
         late = np.zeros(size, dtype=bool) if before is None else before[:, -1] & ~over
         stay = csr(np.arange(stages + 1)[None] == stages)
-        moves = [kron(eye_array(stages, stages + 1, k=1), its.moves), kron(stay, diags_array((~over & ~late) * 1.0))]
+        later, ends = eye_array(stages, stages + 1, k=1), diags_array((~over & ~late) * 1.0)
+        moves = [kron(one, other, format="csr") for one, other in ((later, its.moves), (stay, ends))]  # bsr has 0s
         hit, miss = (np.append(np.tile(of, stages), end) for of, end in ((its.hit, over), (its.miss, late)))
         places = (np.arange(stages)[:, None] * size + its.state).ravel()
         action = np.append(np.tile(its.action, stages), np.zeros(size, dtype=its.action.dtype))
@@ -183,7 +183,8 @@ class _Maker:
     def _mask(self, margin: list[tuple[int, int, int]]) -> Mask:
         """Return which choices are allowed."""
         its, least = self._its, self._least
-        outside = np.where(its.hit > 0, np.asarray(self._free.moves @ least.values), self._worth)
+        inside = np.minimum.reduceat(its.hit, its.firsts[:-1]) > 0  # whatever is done there
+        outside = np.where(inside[its.state], np.asarray(self._free.moves @ least.values), self._worth)
         lowest = np.minimum.reduceat(outside, its.firsts[:-1])
         allowed: Mask = outside <= lowest[its.state] + least.error + _ROUNDING
         avoids, avoiding = Graph(its).avoiding()
@@ -198,8 +199,7 @@ class _Maker:
             wider = its.moves + coo_array((np.ones(len(rows)), (rows, columns)), shape=its.moves.shape)
             avoids, avoiding = Graph(its._replace(moves=csr(wider))).avoiding()
             allowed = np.where(avoids[its.state], avoiding, allowed)
-        begins = self._start > 0
-        self._check_start(float(self._start @ least.values), avoids[begins], wider=bool(margin))
+        self._check_start(float(self._start @ least.values), avoids[self._start > 0], wider=bool(margin))
         return allowed
 
     def _check_start(self, least: float, avoids: Mask, *, wider: bool) -> None:

@@ -183,6 +183,18 @@ def test_x_itself_is_left_by_the_action_least_likely_to_come_back():
     assert shield([0, 0, 0], model, avoid="mud", keep="reach dock").table == [2, 2, 0]
 
 
+def test_an_action_to_avoid_is_none_that_leads_away_from_it():
+    model = MDP(
+        [[[0, 1.0, 0], [0, 1.0, 0], [1.0, 0, 0]], [[0, 0.5, 0.5], [0, 1.0, 0], [1.0, 0, 0]]],
+        np.zeros((3, 2)), discount=0.9, states=["home", "dock", "trap"], actions=["Grab", "Go"],
+        initial_belief=[0.5, 0.5, 0], available=[[True, True], [False, True], [True, False]],
+    )  # fmt: skip
+    with pytest.warns(ModelWarning, match="1 of the 2 first states"):
+        safe = shield([0, 1, 0], model, avoid="action = Grab")
+    assert safe.action(0) == 1
+    assert verify(model, "P(reach action = Grab)", safe).result.value == pytest.approx(0.25)
+
+
 def test_a_margin_is_avoided_as_well():
     added = [["hall", "Creep", "edge"]]
     assert shield(RUSH, HALL, avoid="stairs", keep="reach dock").table[0] == 1
@@ -230,6 +242,13 @@ def test_stages_have_masks_of_their_own(probability):
         assert verify(HALL, "P(reach stairs)", safe).result.value == 0
         assert verify(HALL, "P(reach dock)", safe).result.value == pytest.approx(1 - 0.9**3)
         assert mdm.Controller(safe, HALL).see("edge").action_name == "Wait"  # 1 - .8 ** 3 is less than .5
+
+
+def test_stages_of_a_dense_model_have_no_moves_of_probability_zero():
+    moves = [[[0.5, 0.5, 0], [0.5, 0.5, 0], [0, 0, 1.0]], [[0.25, 0.25, 0.5]] * 3]
+    model = MDP(moves, np.zeros((3, 2)), discount=0.9, states=["hall", "dock", "stairs"], initial_belief=[0, 1, 0])
+    safe = shield(StagedPolicy(np.tile([0.0, 1.0], (2, 3, 1))), model, avoid="stairs")
+    assert [safe.weights(stage)[0, :2].tolist() for stage in range(2)] == [[1, 1], [1, 1]]
 
 
 def test_states_of_a_pomdp_are_seen():

@@ -124,7 +124,7 @@ class _Parser:
             found = found._replace(target=~self._formula(told=False), always=True)
         else:
             found = found._replace(target=self._formula())
-            while kind == "P" and self._is("within", "before"):
+            while kind == "P" and self._is(*(each for each in ("within", "before") if getattr(found, each) is None)):
                 if self._take("within", "before") == "before":
                     found = found._replace(before=self._formula())
                     continue

@@ -86,6 +86,8 @@ def test_kinds_of_specifications():
         "P(reach goal) twice",
         "P(reach goal pit-1)",
         "P(reach goal within soon)",
+        "P(reach goal within 5 within 6)",
+        "P(reach goal before goal within 5 before goal)",
         "P(reach goal and)",
         "P(reach (goal)",
         'P(reach "goal)',

@@ -38,10 +38,8 @@ def of_shields(ensembles: Iterable[Ensemble]) -> Iterator[Odd]:
             yield key, f"the fallback of the search is not shielded: it may lead to {policy.avoid}"
         state = _beyond(ensemble, policy)
         if state is not None:
-            yield (
-                (*key[:2], "safe_action"),
-                f"the safe action is not shielded: in {state} it may lead to {policy.avoid}",
-            )
+            key = (*key[:2], "safe_action")
+            yield key, f"the safe action is not shielded: in {state} it may lead to {policy.avoid}"
 
 
 def _changes(policy: Any, model: Any) -> str:
@@ -51,7 +49,8 @@ def _changes(policy: Any, model: Any) -> str:
     told = [(f"P(reach {policy.avoid})", *map(_number, found.avoid))]
     told += [] if found.keep is None else [(f"P({policy.keep})", *map(_number, found.keep))]
     told += [] if found.value is None else [("the expected return", *(f"{value:.4g}" for value in found.value))]
-    lost = "" if found.lost is None else f": {found.lost:.4g} of the return is lost"
+    less, how = found.lost, "gained" if (found.lost or 0) < -1e-9 else "lost"
+    lost = "" if less is None else f": {abs(less):.4g} of the return is {how}"
     return f"the shield changes {', '.join(f'{name} from {first} to {then}' for name, first, then in told)}{lost}"
 
 

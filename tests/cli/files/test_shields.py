@@ -37,6 +37,14 @@ def test_check_tells_the_numbers_before_and_after_at_the_line_of_the_shield(fold
     assert (status, expected in out) == (0, True), out
 
 
+def test_a_policy_that_the_shield_makes_better_gains(folder, capsys, monkeypatch):
+    chances = (mdm.verification.Exact(0.5, 0.0), mdm.verification.Exact(0.0, 0.0))
+    monkeypatch.setattr(
+        mdm.verification, "effect", lambda *_, **__: mdm.verification.Effect(chances, None, (0.25, 1.0), 0.0)
+    )
+    assert "from 0.25 to 1: 0.75 of the return is gained" in check(written(folder), capsys)[1]
+
+
 def test_a_policy_that_is_safe_loses_nothing(folder, capsys):
     _, out, _ = check(written(folder, policy=(2, 1, 2, 0, 0)), capsys)
     assert "P(reach position = stairs) from 0 to 0" in out

@@ -283,12 +283,14 @@ class Question(Message, frozen=True, gc=False):
 class Answer(Message, frozen=True, gc=False):
     """A planner's answer to the question of that number, and its origin; ``action`` is None without an answer.
 
-    ``time`` is that of the question's stimulus.
+    ``time`` is that of the question's stimulus, and ``wanted`` the action in whose place a shield has taken this one;
+    else None.
     """
 
     number: int
     action: int | None
     source: Literal["search", "fallback", "nothing"]
+    wanted: int | None = None
 
 
 class Fault(Message, frozen=True, gc=False):

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     Indices = npt.NDArray[np.integer]
 
 _ROUNDING = 1e-9
+_WISHES = 1_000
 
 
 class SupportMask:
@@ -201,11 +202,17 @@ def _support(x: Any) -> tuple[Indices, Vector]:
     return states, belief[states]
 
 
+def _key(x: Any) -> int:
+    states, weights = _support(x)
+    return hash((states.tobytes(), weights.tobytes()))
+
+
 class Answered(NamedTuple):
-    """The result of a shielded search."""
+    """The result of a shielded search, and the action that the search itself found, where it is another one."""
 
     action: int
     expansions: int
+    wanted: int | None
 
 
 class ShieldedSearch(ShieldedBelief):
@@ -228,30 +235,40 @@ class ShieldedSearch(ShieldedBelief):
         self.worker, self.seconds, self.expansions = policy.worker, policy.seconds, policy.expansions
         self.fallback = None if policy.fallback is None else ShieldedBelief(policy.fallback, mask, margin)
         self.parts, self.prepare, self.belief_of = policy.parts, policy.prepare, policy.belief_of
+        self._wishes: dict[int, int] = {}
 
-    def answered(self, found: Any, x: Any, /) -> int:
-        """Return the action for a result of the search: its own, or the best of its root that is allowed."""
+    def answered(self, found: Any, x: Any, /) -> Answered:
+        """Return the answer for a result of the search: its own action, or the best of its root that is allowed."""
         allowed = self.allowed(x)
         if allowed[found.action]:
-            return int(found.action)
+            return Answered(int(found.action), found.expansions, None)
         lower = np.array(getattr(found, "lower", np.full(self.num_actions, -np.inf)))
         if not np.isfinite(lower[allowed]).any():
             states, weights = _support(x)
             lower = weights @ self.mask.values[states]
-        return int(np.where(allowed, lower, -np.inf).argmax())
+        return Answered(int(np.where(allowed, lower, -np.inf).argmax()), found.expansions, int(found.action))
 
     def search(self, x: Any, /, *, timed: bool = True) -> Answered:
         """Search in this process."""
-        found = self.policy.search(x, timed=timed)
-        return Answered(self.answered(found, x), found.expansions)
+        return self.answered(self.policy.search(x, timed=timed), x)
 
     def action(self, x: Any, /) -> int:
         """Return the action after a search."""
-        return self.search(x).action
+        found = self.search(x)
+        self.note(x, found.wanted)
+        return found.action
+
+    def note(self, x: Any, wanted: int | None, /) -> None:
+        """Remember the action that the search wanted at a belief; None where the shield took no other one."""
+        self._wishes.pop(_key(x), None)
+        if wanted is not None:
+            self._wishes[_key(x)] = wanted
+            if len(self._wishes) > _WISHES:
+                del self._wishes[next(iter(self._wishes))]
 
     def wanted(self, x: Any, /) -> int | None:
-        """Return None: a search's own wish is known with its answer alone."""
-        return None
+        """Return the action of the search in its last answer at a belief, of the newest 1,000; None if taken."""
+        return self._wishes.get(_key(x))
 
 
 class ShieldedController(FiniteStateController):

@@ -101,6 +101,8 @@ def retraced(controller: Controller, decisions: list[Decision], place: int, *, o
     step: Step | None = None
     for number, decision in enumerate(_followed(controller, decisions[first : place + 1]), first):
         step = controller.decide(None if otherwise and number == place else decision.action)
+        if hasattr(controller.policy, "note") and not otherwise:  # a shield's, of what a search has wanted
+            controller.policy.note(step.at, decision.wanted)
     if step is None:
         raise Error("the decision was not made by this ensemble's policy")
     return step

@@ -185,11 +185,14 @@ def test_a_search_and_its_fallback_are_shielded():
     assert safe.search(unsure).action == safe.action(unsure) == 0
     assert search.fallback.action(unsure) == 1
     assert safe.fallback.action(unsure) == 0
-    assert safe.wanted(unsure) is None
+    wanted = safe.search(unsure).wanted
+    assert wanted == search.search(unsure).action != 0
+    assert safe.wanted(unsure) == wanted
+    assert safe.wanted([0, 1, 0, 0]) is None
     found = SearchResult(1, lower=(-9.0, 5.0, 7.0), upper=(0.0, 9.0, 9.0), expansions=2, nodes=3, seconds=0.1)
-    assert safe.answered(found, unsure) == 0  # as the planner asks for a process's answer
-    assert safe.answered(found, [0, 1, 0, 0]) == 1
-    assert safe.answered(found, [1, 0, 0, 0]) == 2
+    assert safe.answered(found, unsure) == (0, 2, 1)  # as the planner asks for a process's answer
+    assert safe.answered(found, [0, 1, 0, 0]) == (1, 2, None)
+    assert safe.answered(found, [1, 0, 0, 0]) == (2, 2, 1)
 
 
 def test_a_margin_is_tracked_and_avoided():

@@ -155,7 +155,7 @@ class Planner(Layer):
         if self._virtual:
             result = self.policy.search(question.at, timed=False)
             self._expansions += result.expansions
-            self._answer(result.action, "search")
+            self._answer(result.action, "search", getattr(result, "wanted", None))
         elif self._process is not None:
             self._send(self._process, question)
         elif self.policy.fallback is not None:
@@ -180,8 +180,8 @@ class Planner(Layer):
             self._miss()
         else:
             assert self._open is not None
-            its = result.action if self._shielded is None else self._shielded(result, self._open.at)
-            self._answer(its, "search")
+            its: Any = result if self._shielded is None else self._shielded(result, self._open.at)
+            self._answer(its.action, "search", getattr(its, "wanted", None))
 
     def _on_deadline(self) -> None:
         self._timer = None
@@ -214,17 +214,21 @@ class Planner(Layer):
 
     def _fall_back(self) -> None:
         """Let the fallback answer the open question, if there is a fallback."""
-        if self._open is not None and self.policy.fallback is not None:
-            self._answer(self.policy.fallback.action(self._open.at), "fallback")
+        fallback: Any = self.policy.fallback
+        if self._open is not None and fallback is not None:
+            wanted = fallback.wanted(self._open.at) if hasattr(fallback, "wanted") else None
+            self._answer(fallback.action(self._open.at), "fallback", wanted)
 
-    def _answer(self, action: int | None, source: Literal["search", "fallback", "nothing"]) -> None:
+    def _answer(
+        self, action: int | None, source: Literal["search", "fallback", "nothing"], wanted: int | None = None
+    ) -> None:
         assert self._open is not None
         question = self._open
         self._silent = False
         self._forget()
         self._searched += source == "search"
         self._fallbacks += source == "fallback"
-        self._answers.publish(Answer(question.time, question.number, action, source))
+        self._answers.publish(Answer(question.time, question.number, action, source, wanted))
 
     def _on_control(self, control: Control) -> None:
         if control.command == "stop":
@@ -339,7 +343,11 @@ class Asking:
         if answer.action is None:
             control.late(self._now() - time + control.output.waited, time)
         else:
-            control.output.publish(control.controller.decide(answer.action), time, cause, observation, state)
+            step = control.controller.decide(answer.action)
+            shield: Any = control.controller.policy
+            if hasattr(shield, "note"):
+                shield.note(step.at, answer.wanted)
+            control.output.publish(step, time, cause, observation, state)
 
 
 class SearchProcess:

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hidden_dangers import HIDDEN
 from patience import PATIENCE
 from places import EXAMPLES
 from programs import python
@@ -19,7 +20,11 @@ from sentences import refused
 import mdm
 from mdm.actors import ControlLayer
 from mdm.actors.control.planner import SearchProcess
-from mdm.messages import Answer, Belief, Observation, Question, State
+from mdm.config.rebuilt import rebuilt
+from mdm.messages import Action, Answer, Belief, Observation, Question, State
+from mdm.recording import Record
+from mdm.replay import replay
+from mdm.snapshots.why import why_recorded
 from mdm.testing import capture_decisions, probe, run_virtual
 
 TIGER = EXAMPLES / "tiger.pomdp"
@@ -477,3 +482,39 @@ def test_a_process_that_is_stopped_is_told_where_nothing_else_decides(tiger, mon
     assert told == 1
     assert (fault.source, fault.kind) == ("tiger/control/planner", "search")
     assert fault.detail.startswith("a question is open for 0.2 s: the process that searches does not answer")
+
+
+@pytest.mark.parametrize("run", [run_virtual, live])
+def test_what_a_shielded_search_wanted_is_told_and_a_replay_and_an_explanation_agree(tmp_path, run):
+    """Its fallback opens the left door, and so would the search: allowed is to listen first."""
+    make, avoid, goal = HIDDEN["tiger"]
+    model = make()
+    opens = mdm.policies.AlphaVectors([[0.0] * 4], [1], 3)
+    safe = mdm.shield(mdm.solvers.TreeSearch(model, expansions=2, fallback=opens), model, avoid=avoid, keep=goal)
+    one = mdm.Ensemble("tiger", model=model, policy=safe, actions=dict.fromkeys(["listen", "left", "right"], nothing))
+    told = {}
+
+    async def main(runtime):
+        actions = probe(runtime.channel("tiger/action", Action))
+        answers = runtime.channel("tiger/answer", Answer).stream()
+        with capture_decisions(runtime) as decisions:
+            await runtime.start(one)
+            sources = [(await anext(answers)).source]
+            await one.ready()
+            for seen in ("nothing", "tiger left"):
+                one.publish_observation(seen)
+                sources.append((await anext(answers)).source)
+        told["why"] = str(runtime.explain("tiger"))
+        return [(each.index, each.wanted) for each in actions], [each.wanted_name for each in decisions], sources
+
+    actions, names, sources = run(main, record=tmp_path / "run.mcap")
+    assert actions == [(0, 1), (0, 1), (2, 1)]
+    assert names == ["left"] * 3
+    assert sources == ["search" if run is run_virtual else "fallback", "search", "search"]
+    record = Record(tmp_path / "run.mcap")
+    assert [(each.message.action, each.message.wanted) for each in record.messages(["decisions"])] == actions
+    system = rebuilt(record, tmp_path / "laid")
+    assert replay(record, system.actors).same
+    why = "The policy wanted 'left', which may lead to eaten: next eaten (1); the shield took 'right' in its place."
+    assert why in told["why"]
+    assert why in why_recorded(record, rebuilt(record, tmp_path / "again").ensembles["tiger"], 1e9).text

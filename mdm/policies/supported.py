@@ -174,7 +174,10 @@ class ShieldedBelief(BeliefPolicy):
 
     def facts(self) -> dict[str, Any]:
         """Return its sizes and X by name."""
-        return {**self.policy.facts(), "avoid": self.avoid, "supports": len(self.mask.allowed)}
+        return {**self.policy.facts(), "supports": len(self.mask.allowed), "avoids": self.avoid}
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {self.policy!r}: avoids {self.avoid}>"
 
     def parameters(self) -> list[Any]:
         """Return all that decides besides the information."""
@@ -311,7 +314,10 @@ class ShieldedController(FiniteStateController):
 
     def facts(self) -> dict[str, Any]:
         """Return its sizes and X by name."""
-        return {**super().facts(), "avoid": self.avoid}
+        return {**super().facts(), "avoids": self.avoid}
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {self.policy!r}: avoids {self.avoid}>"
 
 
 _CHANCE = 1e-6

@@ -156,6 +156,19 @@ def test_it_takes_what_the_policy_wants_where_that_is_allowed():
     assert mdm.Controller(safe, model).start().action_name == "listen"
 
 
+@pytest.mark.parametrize("kind", ["ShieldedBelief", "ShieldedSearch", "ShieldedController"])
+def test_it_is_shown_as_its_original_and_what_it_avoids(kind):
+    model = HIDDEN["tiger"][0]()
+    policy = {
+        "ShieldedBelief": mdm.policies.ConstantPolicy(1, 3, 4),
+        "ShieldedSearch": mdm.solvers.TreeSearch(model, expansions=2),
+        "ShieldedController": mdm.policies.FiniteStateController([1], [[0] * 5], 3),
+    }[kind]
+    safe = mdm.shield(policy, model, avoid="eaten", keep="reach free")
+    assert repr(safe) == f"<{kind} of {policy!r}: avoids eaten>"
+    assert safe.facts()["avoids"] == "eaten"
+
+
 def test_an_unknown_support_is_taken_for_the_smallest_known_around_it_and_an_unsafe_one_risks_least():
     _, _, safe = shielded("tiger")
     assert safe.allowed([0.5, 0.5, 0, 0]).tolist() == safe.allowed([0.6, 0.4, 0, 0]).tolist()

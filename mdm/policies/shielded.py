@@ -19,7 +19,7 @@ from mdm.policies.policy import Kind, StatePolicy
 from mdm.policies.table import DeterministicPolicy, QTable, Staged, StagedPolicy, StochasticPolicy
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     import numpy.typing as npt
 
@@ -37,44 +37,24 @@ _ORIGINALS = {kind.kind: kind for kind in (DeterministicPolicy, QTable, StagedPo
 
 
 class Shielded(Kind):
-    """The base of shielded policies over states.
-
-    Args:
-        policy: The original.
-        arrays: ``taken``, the action for each state and wanted action, S x A, by stage if the original has stages,
-            H x S x A; and ``allowed``, in the same form, whether an action is.
+    """The base of shielded policies, each of which keeps its original.
 
     Attributes:
         policy: The original.
         avoid: X, the formula of `mdm.verify` that is to be avoided.
         keep: The specification that is kept possible, such as ``reach goal``; None if none is.
         probability: The budget of a run.
-        resolve: Whether the model was solved again; unknown, as False, of a shield from a file.
-        margin: Transitions that were added; unknown, as none, of one from a file.
     """
 
-    kind: ClassVar[str]
-    names: ClassVar[tuple[str, ...]] = ("taken", "allowed")
-    input: Literal["state"] = "state"
-    num_states: int
     policy: Any
     avoid: str = ""
     keep: str | None = None
     probability: float = 0.0
-    resolve: bool = False
-    margin: Sequence[tuple[int, int, int]] = ()
 
-    def __init__(self, policy: Any, arrays: Arrays) -> None:
+    def __init__(self, policy: Any) -> None:
         self.policy = policy
         self.num_states, self.num_actions = policy.num_states, policy.num_actions
         self.horizon, self.discount_of = policy.horizon, policy.discount_of
-        size = (policy.horizon or 1) * policy.num_states
-        self._arrays = {name: arrays[name] for name in self.names}
-        self._taken, self._allowed = (self._arrays[name] for name in ("taken", "allowed"))
-        if any(each.shape != (size, self.num_actions) for each in (self._taken, self._allowed)):
-            raise ModelError(f"a shield's arrays are not of the {size} x {self.num_actions} numbers of its policy")
-        if not ((self._taken >= 0) & (self._taken < self.num_actions)).all():
-            raise ModelError(f"an entry of the shield is no action: these are 0 to {self.num_actions - 1}")
 
     @property
     def state_space(self) -> Space | None:
@@ -86,41 +66,36 @@ class Shielded(Kind):
     def state_space(self, space: Space | None) -> None:
         self.policy.state_space = space
 
-    def place(self, x: Any, /) -> int:
-        """Return the row of a state, or of a state and a stage."""
-        x = x.by if isinstance(x, Drawn) else x
-        state, stage = x if isinstance(x, Staged) else (x, 0)
-        if isinstance(state, str) and self.state_space is not None:
-            state = self.state_space.index(state)
-        return int(min(stage, (self.horizon or 1) - 1) * self.num_states + state)
-
     def allowed(self, x: Any, /) -> npt.NDArray[np.bool_]:
         """Return for each action whether it is allowed, for the information's ``current``."""
-        allowed: npt.NDArray[np.bool_] = self._allowed[self.place(x)] > 0
-        return allowed
+        raise NotImplementedError
 
-    def _own(self, x: Any) -> Any:
+    def chosen(self, x: Any, wants: int, /) -> int:
+        """Return the action that is taken where the original wants some action."""
+        raise NotImplementedError
+
+    def own(self, x: Any, /) -> Any:
+        """Return the original's own part of the information's ``current``."""
         return x
 
     def action(self, x: Any, /) -> int:
         """Return the original's action for the information's ``current``, or the one taken in its place."""
-        raise NotImplementedError
+        return self.chosen(x, self.policy.action(self.own(x)))
 
     def wanted(self, x: Any, /) -> int | None:
         """Return the action that the original wants, for the information's ``current``; None if that is taken."""
-        wants: int = self.policy.action(self._own(x))
-        return None if wants == self.action(x) else wants
+        wants: int = self.policy.action(self.own(x))
+        return None if wants == self.chosen(x, wants) else wants
 
     def scores(self, x: Any, /) -> Scores | None:
         """Return the original's scores, -inf for actions that are not allowed; or the probabilities of those taken."""
-        its: Scores | None = self.policy.scores(self._own(x))
+        its: Scores | None = self.policy.scores(self.own(x))
         if its is None:
             return None
-        allowed = self.allowed(x)
         if its.by == "chance":
-            chances = np.where(allowed, its.numbers, 0)
-            np.add.at(chances, self._taken[self.place(self._own(x))][~allowed], its.numbers[~allowed])
-            return its._replace(numbers=chances)
+            taken = [self.chosen(x, wants) for wants in range(self.num_actions)]
+            return its._replace(numbers=np.asarray(np.bincount(taken, its.numbers, self.num_actions), dtype=float))
+        allowed = self.allowed(x)
         upper = None if its.upper is None else np.where(allowed, its.upper, -np.inf)
         return its._replace(numbers=np.where(allowed, its.numbers, -np.inf), upper=upper)
 
@@ -136,6 +111,39 @@ class Shielded(Kind):
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} of {self.policy!r}: avoids {self.avoid}>"
+
+
+class ShieldedStates(Shielded):
+    """The base of shielded policies over states.
+
+    Args:
+        policy: The original.
+        arrays: ``taken``, the action for each place and wanted action, and ``allowed``, whether an action is. A place
+            is a state, or a stage and a state if the original has stages: H S x A.
+    """
+
+    kind: ClassVar[str]
+    names: ClassVar[tuple[str, ...]] = ("taken", "allowed")
+    input: Literal["state"] = "state"
+    num_states: int
+
+    def __init__(self, policy: Any, arrays: Arrays) -> None:
+        super().__init__(policy)
+        size = (policy.horizon or 1) * policy.num_states
+        self._arrays = {name: arrays[name] for name in self.names}
+        self._taken, self._allowed = arrays["taken"], arrays["allowed"]
+        if any(each.shape != (size, self.num_actions) for each in (self._taken, self._allowed)):
+            raise ModelError(f"a shield's arrays are not of the {size} x {self.num_actions} numbers of its policy")
+        if not ((self._taken >= 0) & (self._taken < self.num_actions)).all():
+            raise ModelError(f"an entry of the shield is no action: these are 0 to {self.num_actions - 1}")
+
+    def place(self, x: Any, /) -> int:
+        """Return the row of a state, or of a state and a stage."""
+        x = x.by if isinstance(x, Drawn) else x
+        state, stage = x if isinstance(x, Staged) else (x, 0)
+        if isinstance(state, str) and self.state_space is not None:
+            state = self.state_space.index(state)
+        return int(min(stage, (self.horizon or 1) - 1) * self.num_states + state)
 
     @property
     def seed(self) -> Callable[[int | None], None]:
@@ -155,9 +163,9 @@ class Shielded(Kind):
             return None
         sizes, arrays = self.policy.packed()
         texts = {"kind": self.policy.kind, "avoid": self.avoid, **({} if self.keep is None else {"keep": self.keep})}
-        told = {f"shield_{name}": np.frombuffer(text.encode(), dtype=np.uint8) for name, text in texts.items()}
-        told["shield_probability"] = np.array([self.probability])
-        return sizes, {**arrays, **told, **{f"shield_{name}": array for name, array in self._arrays.items()}}
+        told = {name: np.frombuffer(text.encode(), dtype=np.uint8) for name, text in texts.items()}
+        its = {**told, "probability": np.array([self.probability]), **self._arrays}
+        return sizes, {**arrays, **{f"shield_{name}": array for name, array in its.items()}}
 
     @classmethod
     def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:
@@ -179,7 +187,7 @@ class Shielded(Kind):
         return [self.kind, self.policy.parameters(), *self._arrays.values()]
 
 
-class ShieldedTable(Shielded, StatePolicy):
+class ShieldedTable(ShieldedStates, StatePolicy):
     """A policy over states that never takes an action that is not allowed. `mdm.shield` makes it.
 
     Example::
@@ -201,9 +209,13 @@ class ShieldedTable(Shielded, StatePolicy):
         its: Information = self.policy.information(model)
         return its
 
-    def action(self, x: Any, /) -> int:
-        """Return the original's action for the information's ``current``, or the one taken in its place."""
-        return int(self._taken[self.place(x), self.policy.action(x)])
+    def allowed(self, x: Any, /) -> npt.NDArray[np.bool_]:
+        """Return for each action whether it is allowed, for the information's ``current``."""
+        return np.asarray(self._allowed[self.place(x)] > 0)
+
+    def chosen(self, x: Any, wants: int, /) -> int:
+        """Return the action that is taken where the original wants some action."""
+        return int(self._taken[self.place(x), wants])
 
     def weights(self, stage: int = 0) -> Vector:
         """Return the probability of each action in each state, A x S."""
@@ -228,7 +240,7 @@ class Budgeted(NamedTuple):
     budget: float
 
 
-class BudgetedTable(Shielded):
+class BudgetedTable(ShieldedStates):
     """A policy over states that spends a budget on actions that are not the safest. `mdm.shield` makes it.
 
     An action a is taken in state s if the budget b left covers w(s, a), the least probability of X behind it: that it
@@ -258,50 +270,43 @@ class BudgetedTable(Shielded):
 
     def __init__(self, policy: Any, arrays: Arrays) -> None:
         super().__init__(policy, arrays)
-        its = (self._arrays[name] for name in self.names[2:])
+        its = (arrays[name] for name in self.names[2:])
         self._least, self._needed, self._worth, self._spread, self._follows, self.begin = its
 
     def information(self, model: MDP | None) -> BudgetedState:
         """Return the state, and the budget."""
         return BudgetedState(self.policy.information(model), self)
 
-    def _own(self, x: Budgeted) -> Any:
+    def own(self, x: Budgeted, /) -> Any:
+        """Return the original's own part of the information's ``current``."""
         return x.by
 
-    def covers(self, x: Budgeted, /) -> bool:
-        """Return whether the original's action is taken."""
-        return bool(self.taken(self.place(x.by), self.policy.action(x.by), x.budget)[1])
-
     def allowed(self, x: Budgeted, /) -> npt.NDArray[np.bool_]:
-        """Return for each action whether the budget left covers it."""
+        """Return for each action whether it is the safest, or the budget left covers it."""
         place = self.place(x.by)
-        covered = (self._worth[place] <= x.budget + _ROUNDING) & (self._follows[place] > 0)
-        allowed: npt.NDArray[np.bool_] = covered | (self._allowed[place] > 0)
-        return allowed
+        return np.asarray(self.covers(place, slice(None), x.budget) | (self._allowed[place] > 0))
 
-    def action(self, x: Budgeted, /) -> int:
-        """Return the original's action if the budget covers it, else that of the shield without a budget."""
-        return int(self.taken(self.place(x.by), self.policy.action(x.by), x.budget)[0])
+    def chosen(self, x: Budgeted, wants: int, /) -> int:
+        """Return the action that is taken where the original wants some action."""
+        return int(self.taken(self.place(x.by), wants, x.budget))
 
-    def after(self, x: Budgeted, action: int, current: Any) -> float:
-        """Return the budget left after an action, in the state that followed."""
-        if x.budget < 0 or (self.keep is not None and not self.covers(x)):
-            return _SPENT
-        return float(self.left(x.budget, self.place(x.by), action, self.place(current)))
+    def covers(self, places: Any, wants: Any, budgets: Any) -> npt.NDArray[np.bool_]:
+        """Return whether budgets cover the actions that the original wants at some places."""
+        return np.asarray((self._follows[places, wants] > 0) & (self._worth[places, wants] <= budgets + _ROUNDING))
 
-    def left(self, budget: Any, before: Any, action: Any, now: Any) -> Vector:
-        """Return the budget left, or budgets, after an action between two places, by the formula above."""
-        left, spread = budget - self._worth[before, action], self._spread[before, action]
-        return divided(left, spread, self._least[now], self._needed[now])
+    def taken(self, places: Any, wants: Any, budgets: Any) -> Indices:
+        """Return the actions that are taken for those that the original wants at some places."""
+        return np.asarray(np.where(self.covers(places, wants, budgets), wants, self._taken[places, wants]))
+
+    def left(self, budgets: Any, before: Any, wants: Any, actions: Any, now: Any) -> Vector:
+        """Return the budgets left after actions between two places, if the original wanted some at the first."""
+        left, spread = budgets - self._worth[before, actions], self._spread[before, actions]
+        goes_on = budgets >= 0 if self.keep is None else self.covers(before, wants, budgets)
+        return np.where(goes_on, divided(left, spread, self._least[now], self._needed[now]), _SPENT)
 
     def batch(self, model: MDP) -> Batch:
         """Return its decisions for a batch of episodes."""
         return BudgetedBatch(self)
-
-    def taken(self, places: Any, wants: Any, budgets: Any) -> tuple[Any, Any]:
-        """Return the actions at some places, and whether they are those that the original wants."""
-        covers = (self._follows[places, wants] > 0) & (self._worth[places, wants] <= budgets + _ROUNDING)
-        return np.where(covers, wants, self._taken[places, wants]), covers
 
 
 def divided(left: Any, spread: Any, least: Vector, needed: Vector) -> Vector:
@@ -312,64 +317,56 @@ def divided(left: Any, spread: Any, least: Vector, needed: Vector) -> Vector:
 
 
 class BudgetedBatch:
-    """The budgets of a batch of episodes.
+    """The decisions of a batch of episodes, each with a budget.
 
     Args:
         policy: The policy.
     """
 
     def __init__(self, policy: BudgetedTable) -> None:
-        self._policy = policy
-        weights = np.concatenate([policy.policy.weights(stage).T for stage in range(policy.horizon or 1)])
-        self._levels = np.cumsum(weights, axis=1)[:, :-1] / weights.sum(axis=1, keepdims=True)
-        self._stage = 0
+        self._policy, self._stage = policy, 0
+        weights = [policy.policy.weights(stage) for stage in range(policy.horizon or 1)]
+        self._drawing = ProbabilityBatch(np.concatenate(weights, axis=1))
 
     def begin(self, states: Indices, numbers: Vector) -> Indices:
         """Return the first actions."""
-        self._stage = 0
-        self._places, self._budgets, self._covers = states.copy(), self._policy.begin[states], states >= 0
-        return self._act(np.arange(len(states)), states, numbers)
-
-    def _act(self, episodes: Indices, places: Indices, numbers: Vector) -> Indices:
-        wants = (self._levels[places] <= numbers[:, None]).sum(axis=1)
-        actions, self._covers[episodes] = self._policy.taken(places, wants, self._budgets[episodes])
-        self._places[episodes] = places
-        chosen: Indices = actions
-        return chosen
+        self._stage, self._places, self._budgets = 0, states.copy(), self._policy.begin[states]
+        self._wants = self._drawing.begin(states, numbers)
+        return self._policy.taken(states, self._wants, self._budgets)
 
     def next(self, episodes: Indices, states: Indices, actions: Indices, seen: Indices, numbers: Vector) -> Indices:
         """Return the next actions."""
-        policy, before = self._policy, self._budgets[episodes]
+        policy = self._policy
         self._stage = min(self._stage + 1, (policy.horizon or 1) - 1)
         places = self._stage * policy.num_states + states
-        left = policy.left(before, self._places[episodes], actions, places)
-        spent = (before < 0) | ((policy.keep is not None) & ~self._covers[episodes])
-        self._budgets[episodes] = np.where(spent, _SPENT, left)
-        return self._act(episodes, places, numbers)
+        budgets, before, wanted = (each[episodes] for each in (self._budgets, self._places, self._wants))
+        budgets, wants = policy.left(budgets, before, wanted, actions, places), self._drawing.begin(places, numbers)
+        self._budgets[episodes], self._places[episodes], self._wants[episodes] = budgets, places, wants
+        return policy.taken(places, wants, budgets)
 
     def keep(self, which: npt.NDArray[np.bool_]) -> None:
         """Drop the other episodes."""
-        self._places, self._budgets = self._places[which], self._budgets[which]
-        self._covers = self._covers[which]
+        self._places, self._budgets, self._wants = self._places[which], self._budgets[which], self._wants[which]
 
 
 class BudgetedState:
     """A state that is observed, and the budget left.
 
     Args:
-        of: The original's information.
+        inner: The original's information.
         policy: The policy.
+
+    Attributes:
+        of: The information without the random numbers of an original that draws.
     """
 
     takes: Literal["state"] = "state"
 
-    def __init__(self, of: Information, policy: BudgetedTable) -> None:
-        self._inner: Any = of
-        self._policy = policy
+    def __init__(self, inner: Any, policy: BudgetedTable) -> None:
+        self._inner, self._policy = inner, policy
         self._budget: float | None = None
-        self.of: Any = getattr(of, "of", of)
-        self.expected = getattr(of, "expected", None)
-        self.horizon = policy.horizon
+        self.of: Any = getattr(inner, "of", inner)
+        self.expected, self.horizon = getattr(inner, "expected", None), policy.horizon
 
     @property
     def state(self) -> int | None:
@@ -398,12 +395,13 @@ class BudgetedState:
 
     def update(self, action: int | None, observation: int | None) -> float:
         """Set the state, and spend on the action before; nothing is spent where no state is seen. Return 1."""
-        before = self.current
+        before, its = self.current, self._policy
         self._inner.update(action, observation)
         if before is None and self.state is not None:
-            self._budget = float(self._policy.begin[self.state])
+            self._budget = float(its.begin[self.state])
         elif before is not None and action is not None and observation is not None:
-            self._budget = self._policy.after(before, action, self._inner.current)
+            wants, now = its.policy.action(before.by), its.place(self._inner.current)
+            self._budget = float(its.left(before.budget, its.place(before.by), wants, action, now))
         return 1.0
 
     def snapshot(self) -> Any:

@@ -24,7 +24,8 @@ from mdm.models import POMDP
 from mdm.models.matrices import csr
 from mdm.policies.batch import BeliefBatch
 from mdm.policies.finite_state_controller import FiniteStateController
-from mdm.policies.policy import BeliefPolicy, Scores, observable
+from mdm.policies.policy import BeliefPolicy, observable
+from mdm.policies.shielded import Shielded
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -86,31 +87,21 @@ class SupportMask:
         return int(found[np.diff(self.starts)[found].argmin()]) if len(found) else -1
 
 
-class ShieldedBelief(BeliefPolicy):
+class ShieldedBelief(Shielded, BeliefPolicy):
     """A policy over beliefs whose actions the support of the belief allows, see `mdm.shield`.
 
     Args:
         policy: The policy.
         mask: The actions that supports allow.
         margin: The transitions besides the model's, by which beliefs are tracked as well.
-
-    Attributes:
-        policy: The policy as it was.
     """
 
     form = "a shielded policy over beliefs"
 
     def __init__(self, policy: Any, mask: SupportMask, margin: Sequence[tuple[int, int, int]] = ()) -> None:
-        self.policy = policy
-        self.mask = mask
-        self.margin = margin
-        self.num_states, self.num_actions = policy.num_states, policy.num_actions
-        self.input = policy.input
-        self.horizon, self.by_support = policy.horizon, getattr(policy, "by_support", False)
-        self.discount_of, self.state_space = policy.discount_of, policy.state_space
-        self.avoid: str | None = None
-        self.keep: str | None = None
-        self.probability = 0.0
+        super().__init__(policy)
+        self.mask, self.margin = mask, margin
+        self.input, self.by_support = policy.input, getattr(policy, "by_support", False)
 
     def information(self, model: MDP | None) -> Information:
         """Return the policy's own, which knows of the margin."""
@@ -123,14 +114,19 @@ class ShieldedBelief(BeliefPolicy):
         states, weights = _support(x)
         return np.asarray(self.mask.at(states, weights[None, :])[0])
 
-    def action(self, x: Any, /) -> int:
+    def chosen(self, x: Any, wants: int, /) -> int:
         """Return the policy's action where it is allowed, else the best that is."""
-        return self._chosen(x, int(self.policy.action(x)))
+        if (allowed := self.allowed(x))[wants]:
+            return int(wants)
+        scores = self.policy.scores(x)
+        return self._best(x, allowed, None if scores is None else scores.numbers)
 
-    def wanted(self, x: Any, /) -> int | None:
-        """Return the action of the policy where it is not allowed; None where it is."""
-        wanted = int(self.policy.action(x))
-        return None if self.allowed(x)[wanted] else wanted
+    def _best(self, x: Any, allowed: Mask, numbers: Vector | None) -> int:
+        """Return the best allowed action by some numbers, or by the values of known states where there are none."""
+        if numbers is None or not np.isfinite(numbers[allowed]).any():
+            states, weights = _support(x)
+            numbers = weights @ self.mask.values[states]
+        return int(np.where(allowed, numbers, -np.inf).argmax())
 
     def actions_at(self, beliefs: Vector) -> npt.NDArray[np.intp]:
         """Return the action for each belief, N x S."""
@@ -142,42 +138,13 @@ class ShieldedBelief(BeliefPolicy):
             off = rows[~allowed[np.arange(len(rows)), actions[rows]]]
             if len(off):
                 _, each, which = np.unique(beliefs[off], axis=0, return_index=True, return_inverse=True)
-                chosen = [self._chosen(beliefs[row], int(actions[row])) for row in off[each].tolist()]
+                chosen = [self.chosen(beliefs[row], int(actions[row])) for row in off[each].tolist()]
                 actions[off] = np.array(chosen)[which.ravel()]
         return np.asarray(actions, dtype=np.intp)
 
-    def _chosen(self, x: Any, wanted: int) -> int:
-        allowed = self.allowed(x)
-        if allowed[wanted]:
-            return wanted
-        return int(np.where(allowed, self._numbers(x, allowed), -np.inf).argmax())
-
-    def _numbers(self, x: Any, allowed: Mask) -> Vector:
-        """Return the scores by which allowed actions are compared."""
-        scores = self.policy.scores(x)
-        if scores is not None and np.isfinite(scores.numbers[allowed]).any():
-            return np.asarray(scores.numbers)
-        states, weights = _support(x)
-        return np.asarray(weights @ self.mask.values[states])
-
-    def scores(self, x: Any, /) -> Scores | None:
-        """Return the policy's scores of the actions that are allowed."""
-        scores: Scores | None = self.policy.scores(x)
-        if scores is None:
-            return None
-        return scores._replace(numbers=np.where(self.allowed(x), scores.numbers, -np.inf))
-
-    def mismatch(self, model: MDP) -> str | None:
-        """Return why it does not fit a model, as a sentence; None if it fits."""
-        wrong: str | None = self.policy.mismatch(model)
-        return wrong
-
     def facts(self) -> dict[str, Any]:
         """Return its sizes and X by name."""
-        return {**self.policy.facts(), "supports": len(self.mask.allowed), "avoids": self.avoid}
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} of {self.policy!r}: avoids {self.avoid}>"
+        return {**super().facts(), "supports": len(self.mask.allowed)}
 
     def parameters(self) -> list[Any]:
         """Return all that decides besides the information."""
@@ -221,11 +188,6 @@ class Answered(NamedTuple):
 class ShieldedSearch(ShieldedBelief):
     """A search whose answers the support of the belief allows, and its fallback's as well.
 
-    Args:
-        policy: The search.
-        mask: The actions that supports allow.
-        margin: The transitions besides the model's.
-
     Attributes:
         fallback: The shielded fallback; None where there is none.
     """
@@ -242,14 +204,11 @@ class ShieldedSearch(ShieldedBelief):
 
     def answered(self, found: Any, x: Any, /) -> Answered:
         """Return the answer for a result of the search: its own action, or the best of its root that is allowed."""
-        allowed = self.allowed(x)
+        allowed, lower = self.allowed(x), getattr(found, "lower", None)
         if allowed[found.action]:
             return Answered(int(found.action), found.expansions, None)
-        lower = np.array(getattr(found, "lower", np.full(self.num_actions, -np.inf)))
-        if not np.isfinite(lower[allowed]).any():
-            states, weights = _support(x)
-            lower = weights @ self.mask.values[states]
-        return Answered(int(np.where(allowed, lower, -np.inf).argmax()), found.expansions, int(found.action))
+        best = self._best(x, allowed, None if lower is None else np.array(lower))
+        return Answered(best, found.expansions, int(found.action))
 
     def search(self, x: Any, /, *, timed: bool = True) -> Answered:
         """Search in this process."""
@@ -274,7 +233,7 @@ class ShieldedSearch(ShieldedBelief):
         return self._wishes.get(_key(x))
 
 
-class ShieldedController(FiniteStateController):
+class ShieldedController(Shielded, FiniteStateController):
     """A finite-state controller whose nodes know the support of the belief, which allows their actions.
 
     Args:
@@ -295,14 +254,12 @@ class ShieldedController(FiniteStateController):
         wanted: Sequence[int | None],
         allowed: Mask,
     ) -> None:
-        super().__init__(actions, successors, policy.num_actions)
-        self.policy = policy
-        self.state_space, self.discount_of = policy.state_space, policy.discount_of
-        self.avoid: str | None = None
-        self.keep: str | None = None
-        self.probability = 0.0
+        FiniteStateController.__init__(self, actions, successors, policy.num_actions)
+        self.policy, self.discount_of = policy, policy.discount_of
         self._wanted = [None if its == action else its for its, action in zip(wanted, actions, strict=True)]
         self._allowed = allowed
+
+    action, scores = FiniteStateController.action, FiniteStateController.scores
 
     def wanted(self, nodes: Sequence[int], /) -> int | None:
         """Return the action that the controller's own node has, where it is not taken; else None."""
@@ -314,10 +271,7 @@ class ShieldedController(FiniteStateController):
 
     def facts(self) -> dict[str, Any]:
         """Return its sizes and X by name."""
-        return {**super().facts(), "avoids": self.avoid}
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} of {self.policy!r}: avoids {self.avoid}>"
+        return {**super().facts(), "nodes": self.num_nodes}
 
 
 _CHANCE = 1e-6
@@ -328,20 +282,14 @@ def widened(model: POMDP, margin: Sequence[tuple[int, int, int]]) -> POMDP:
     """Return a model with a margin's transitions of probability 1e-6, by which beliefs are tracked."""
     if not margin:
         return model
-    model = model.flatten()
-    actions = range(len(model.action_space))
+    model, actions = model.flatten(), range(len(model.action_space))
     transitions = [csr(model.transition_matrix(action)).tolil() for action in actions]
     for before, action, after in margin:
         transitions[action][before] *= 1 - _CHANCE
         transitions[action][before, after] += _CHANCE
     wider = POMDP(
-        [csr(each) for each in transitions],
-        [model.observation_matrix(action) for action in actions],
-        model.rewards,
-        discount=model.discount,
-        states=model.state_space,
-        actions=model.action_space,
-        observation_names=model.observation_space,
-        initial_belief=model.initial_belief,
-    )
+        [csr(each) for each in transitions], [model.observation_matrix(action) for action in actions], model.rewards,
+        discount=model.discount, states=model.state_space, actions=model.action_space,
+        observation_names=model.observation_space, initial_belief=model.initial_belief,
+    )  # fmt: skip
     return wider.with_false_negatives(model.false_negative)

@@ -12,7 +12,7 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.sparse import coo_array, diags_array, eye_array, kron, vstack
+from scipy.sparse import coo_array, eye_array, kron
 
 from mdm.errors import ConfigError, FormatError, ModelError, ModelWarning
 from mdm.loading import model_of, policy_of
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from mdm.models.space import Symbol
     from mdm.models.specification import Mask
 
+    Transitions = Sequence[tuple[int, int, int]]
     Margin = Iterable[Sequence[Symbol]] | Callable[[MDP], Iterable[Sequence[Symbol]]]
 
 _ROUNDING = 1e-9
@@ -112,7 +113,6 @@ def shield(
             )
         made = over_supports(original, model, target.target, None if kept is None else kept.target, added)
     made.avoid, made.keep, made.probability = avoid, keep, float(probability)
-    made.resolve, made.margin = resolve, added
     result: Policy = made
     return result
 
@@ -142,84 +142,74 @@ def _triples(model: MDP, margin: Margin) -> list[tuple[int, int, int]]:
 class _Maker:
     """Makes the shield of a policy over states.
 
-    All arrays are over places, which are states, or stages and states: those of a stage one after the other, and one
-    more stage for the end.
+    All arrays are over places: states, or with stages the states of each stage, one stage after the other.
     """
 
-    def __init__(
-        self, model: MDP, policy: Any, avoid: Specification, margin: list[tuple[int, int, int]], probability: float
-    ) -> None:
-        self._model, self._policy, self._avoid, self._budget = model, policy, avoid.text[8:-1], probability
-        self._target = target = avoid.target
-        self._size, self._count, self._stages = len(model.state_space), len(model.action_space), policy.horizon
+    def __init__(self, model: MDP, policy: Any, avoid: Specification, margin: Transitions, budget: float) -> None:
         if getattr(policy.information(model), "takes", "observation") != "state" or not hasattr(policy, "weights"):
             raise ModelError(f"a {type(policy).__name__} keeps more than states in mind, and cannot be shielded")
-        self._its, self._free = self._choices(target, None), self._choices(np.zeros_like(target), None)
-        self._start = np.zeros(self._its.size)
+        self._model, self._policy, self._target, self._budget = model, policy, avoid.target, budget
+        self._size, self._count, self._stages = len(model.state_space), len(model.action_space), policy.horizon
+        self._wants = np.concatenate([policy.weights(stage).T for stage in range(self._stages or 1)])
+        self._start = np.zeros(len(self._wants))
         self._start[: self._size] = model.initial_belief
-        self._wants = np.zeros((self._its.size, self._count))
-        for stage in range(self._stages or 1):
-            self._wants[stage * self._size : (stage + 1) * self._size] = policy.weights(stage).T
-        self._wants[-self._size :, 0][self._wants[-self._size :].sum(axis=1) == 0] = 1  # behind the last stage
+        self._its, at_end = self._choices(avoid.target), avoid.target.copy()
+        at_end[:, :-1] = False
+        self._free = self._choices(at_end)
         self._least = reach(self._its, greatest=False)
         self._worth = self._its.hit + np.asarray(self._its.moves @ self._least.values)
-        self._allowed = self._mask(margin)
+        self._allowed = self._mask(avoid.text[8:-1], margin)
 
-    def _choices(self, target: Mask, before: Mask | None) -> Choices:
-        """Return the choices, over stages if there are any."""
+    def _choices(self, target: Mask, before: Mask | None = None, margin: Transitions = ()) -> Choices:
+        """Return the choices; those of the last stage reach X also where it holds behind them."""
         its = Choices.of_model(self._model, target, before)
-        if self._stages is None:
-            return its
-        size, stages, over = self._size, self._stages, target[:, -1]
-        late = np.zeros(size, dtype=bool) if before is None else before[:, -1] & ~over
-        stay = csr(np.arange(stages + 1)[None] == stages)
-        later, ends = eye_array(stages, stages + 1, k=1), diags_array((~over & ~late) * 1.0)
-        moves = [kron(one, other, format="csr") for one, other in ((later, its.moves), (stay, ends))]  # bsr has 0s
-        hit, miss = (np.append(np.tile(of, stages), end) for of, end in ((its.hit, over), (its.miss, late)))
-        places = (np.arange(stages)[:, None] * size + its.state).ravel()
-        action = np.append(np.tile(its.action, stages), np.zeros(size, dtype=its.action.dtype))
-        return Choices(csr(vstack(moves)), hit, miss, np.append(places, stages * size + np.arange(size)), action)
-
-    def _mask(self, margin: list[tuple[int, int, int]]) -> Mask:
-        """Return which choices are allowed."""
-        its, least = self._its, self._least
-        inside = np.minimum.reduceat(its.hit, its.firsts[:-1]) > 0  # whatever is done there
-        outside = np.where(inside[its.state], np.asarray(self._free.moves @ least.values), self._worth)
-        lowest = np.minimum.reduceat(outside, its.firsts[:-1])
-        allowed: Mask = outside <= lowest[its.state] + least.error + _ROUNDING
-        avoids, avoiding = Graph(its).avoiding()
-        allowed = np.where(avoids[its.state], avoiding, allowed)
         if margin:
-            rows, columns = [], []
-            for state, action, after in margin:
-                which = (its.state % self._size == state) & (its.action == action) & (its.hit == 0)
-                for row in np.flatnonzero(which[: len(which) if self._stages is None else -self._size]).tolist():
-                    rows.append(row)
-                    columns.append((its.state[row] // self._size + (self._stages is not None)) * self._size + after)
-            wider = its.moves + coo_array((np.ones(len(rows)), (rows, columns)), shape=its.moves.shape)
-            avoids, avoiding = Graph(its._replace(moves=csr(wider))).avoiding()
-            allowed = np.where(avoids[its.state], avoiding, allowed)
-        self._check_start(float(self._start @ least.values), avoids[self._start > 0], wider=bool(margin))
-        return allowed
+            state, action, after = np.array(margin).T
+            keys = its.state * self._count + its.action
+            known = np.isin(state * self._count + action, keys)
+            rows = np.searchsorted(keys, (state * self._count + action)[known])
+            added = coo_array((np.ones(len(rows)), (rows, after[known])), shape=its.moves.shape)
+            its = its._replace(moves=csr(its.moves + added))
+        if (stages := self._stages) is None:
+            return its
+        hit, miss = np.tile(its.hit, (stages, 1)), np.tile(its.miss, (stages, 1))
+        hit[-1] += its.moves @ target[:, -1]
+        miss[-1] += its.moves @ ~target[:, -1]
+        places = np.arange(stages)[:, None] * self._size + its.state
+        moves = kron(eye_array(stages, k=1), its.moves, format="csr")  # of another format it may have zeros
+        return Choices(moves, hit.ravel(), miss.ravel(), places.ravel(), np.tile(its.action, stages))
 
-    def _check_start(self, least: float, avoids: Mask, *, wider: bool) -> None:
-        if self._budget and least > self._budget + _ROUNDING:
+    def _mask(self, avoid: str, margin: Transitions) -> Mask:
+        """Return which choices are allowed."""
+        its, least, begins = self._its, self._least, self._start > 0
+        away = self._free.hit + np.asarray(self._free.moves @ least.values)
+        hits = self._target[its.state % self._size, its.action]
+        inside = np.minimum.reduceat(hits, its.firsts[:-1])  # whatever is done there
+        worth = np.where(inside[its.state], away, self._worth)
+        lowest = np.minimum.reduceat(worth, its.firsts[:-1])
+        allowed: Mask = worth <= lowest[its.state] + least.error + _ROUNDING
+        for each in [its, self._choices(self._target, margin=margin)] if margin else [its]:
+            avoids, avoiding = Graph(each).avoiding()
+            allowed = np.where(avoids[its.state], avoiding, allowed)
+        first, safe = float(self._start @ least.values), avoids[begins]
+        if self._budget and first > self._budget + _ROUNDING:
             raise ConfigError(
-                f"X is reached with probability {least:.6g} at least, which is more than the budget of "
+                f"X is reached with probability {first:.6g} at least, which is more than the budget of "
                 f"{self._budget:g}",
                 key="probability",
             )
-        if self._budget == 0 and not avoids.all():
-            where = f"it is reached with probability {least:.6g} at least"
-            where = "with the margin no action is certain to avoid it" if wider else where
-            if not avoids.any():
-                raise ConfigError(f"no action keeps the start from {self._avoid!r}: {where}", key="avoid")
-            states = f"{(~avoids).sum()} of the {len(avoids)} first states from {self._avoid!r}: {where}"
-            warnings.warn(f"no action keeps {states}", ModelWarning, stacklevel=5)
+        if self._budget == 0 and not safe.all():
+            where = f"it is reached with probability {first:.6g} at least"
+            where = "with the margin no action is certain to avoid it" if margin else where
+            if not safe.any():
+                raise ConfigError(f"no action keeps the start from {avoid!r}: {where}", key="avoid")
+            states = f"{(~safe).sum()} of the {len(safe)} first states from {avoid!r}: {where}"
+            warnings.warn(f"no action keeps {states}", ModelWarning, stacklevel=4)
+        return allowed
 
-    def _by_action(self, numbers: Any, otherwise: float, kind: type) -> npt.NDArray[Any]:
+    def _by_action(self, numbers: Any, otherwise: float) -> npt.NDArray[Any]:
         """Return numbers of choices as an array, places x actions."""
-        array: npt.NDArray[Any] = np.full((self._its.size, self._count), otherwise, dtype=kind)
+        array: npt.NDArray[Any] = np.full(self._wants.shape, otherwise)
         array[self._its.state, self._its.action] = numbers
         return array
 
@@ -230,17 +220,13 @@ class _Maker:
         moves, hit, miss = (mixed @ each for each in (choices.moves, choices.hit, choices.miss))
         return Choices(csr(moves), hit, miss, np.arange(choices.size), np.zeros(choices.size, dtype=np.intp))
 
-    def _taken(self, wants: Vector, taken: npt.NDArray[np.int32]) -> Vector:
-        weights = np.zeros_like(wants)
-        np.add.at(weights, (np.arange(len(wants))[:, None], taken), wants)
-        return weights
-
     def shielded(self, kept: Specification | None, *, resolve: bool) -> Policy:
         """Return the policy."""
-        wants, allowed = self._wants, self._by_action(self._allowed, False, bool)
+        allowed = self._by_action(self._allowed, False)
         best = self._solved(allowed) if resolve else self._best(allowed)
         taken = np.where(resolve | ~allowed, best[:, None], np.arange(self._count)).astype(np.int32)
-        follows = np.ones_like(allowed)
+        weights, follows = np.zeros_like(self._wants), np.ones_like(allowed)
+        np.add.at(weights, (np.arange(len(taken))[:, None], taken), self._wants)
         if kept is not None:
             choices = self._choices(kept.target, kept.before)
             attains = reach(choices.subset(self._allowed), greatest=True)
@@ -250,16 +236,24 @@ class _Maker:
                 choices = self._choices(kept.target | self._target, kept.before)
                 attains = reach(choices.subset(self._allowed), greatest=True)
                 follows = self._keeping(choices, attains.values)
-            own = reach(self._under(choices, self._taken(wants, taken)), greatest=True)
+            own = reach(self._under(choices, weights), greatest=True)
             short = own.values < attains.values - attains.error - own.error - _ROUNDING
             taken[short] = choices.action[self._allowed][attains.chosen[short]][:, None]
         elif self._stages is None and not self._budget:
-            self._check_stands(self._taken(wants, taken))
-        size = (self._stages or 1) * self._size
-        arrays: dict[str, Any] = {"taken": taken[:size], "allowed": allowed[:size].astype(np.uint8)}
+            self._check_stands(weights)
+        arrays: dict[str, Any] = {"taken": taken, "allowed": allowed.astype(np.uint8)}
         if not self._budget:
             return ShieldedTable(self._policy, arrays)
-        return BudgetedTable(self._policy, arrays | self._budgets(follows, size))
+        least = self._least.values
+        needed = np.maximum(reach(self._under(self._its, self._wants), greatest=True).values, least)
+        left, spread = self._budget - float(self._start @ least), float(self._start @ (needed - least))
+        arrays |= {
+            "least": least, "needed": needed, "begin": divided(left, spread, least, needed)[: self._size],
+            "worth": self._by_action(self._worth, np.inf),
+            "spread": self._by_action(np.asarray(self._its.moves @ (needed - least)), 0.0),
+            "follows": follows.astype(np.uint8),
+        }  # fmt: skip
+        return BudgetedTable(self._policy, arrays)
 
     def _best(self, allowed: Mask) -> npt.NDArray[np.intp]:
         """Return the best allowed action of each place where the policy may want another."""
@@ -292,13 +286,9 @@ class _Maker:
         """Return the actions of the model's solution with the allowed actions alone."""
         if self._stages is not None:
             raise ConfigError("a policy by stages is not solved again: solve without a horizon", key="resolve")
-        model, spaces = self._model, (self._model.state_space, self._model.action_space)
+        model = self._model
         moves = [model.transition_matrix(action) for action in range(self._count)]
-        rest = MDP(
-            moves, model.rewards, discount=model.discount, states=spaces[0], actions=spaces[1],
-            initial_belief=model.initial_belief, available=allowed,
-        )  # fmt: skip
-        policy = solve(rest).policy
+        policy = solve(MDP(moves, model.rewards, discount=model.discount, available=allowed)).policy
         return np.array([policy.action(state) for state in range(self._size)])
 
     def _keeping(self, choices: Choices, attains: Vector) -> Mask:
@@ -306,19 +296,7 @@ class _Maker:
         own = reach(self._under(choices, self._wants), greatest=True)
         after = choices.hit + np.asarray(choices.moves @ attains)
         enough = own.values[choices.state] >= attains[choices.state] - own.error - _ROUNDING
-        return self._by_action(enough & (after >= attains[choices.state] - _ROUNDING), False, bool)
-
-    def _budgets(self, follows: Mask, size: int) -> dict[str, Any]:
-        """Return the arrays of a budget, see `BudgetedTable`."""
-        least = self._least.values
-        needed = np.maximum(reach(self._under(self._its, self._wants), greatest=True).values, least)
-        begin = divided(self._budget - float(self._start @ least), float(self._start @ (needed - least)), least, needed)
-        return {
-            "least": least, "needed": needed, "begin": begin[: self._size],
-            "worth": self._by_action(self._worth, np.inf, float)[:size],
-            "spread": self._by_action(np.asarray(self._its.moves @ (needed - least)), 0.0, float)[:size],
-            "follows": follows[:size].astype(np.uint8),
-        }  # fmt: skip
+        return self._by_action(enough & (after >= attains[choices.state] - _ROUNDING), False)
 
     def _check_stands(self, weights: Vector) -> None:
         """Refuse a shield under which a run is certain to end in a state for ever that the policy would leave."""

@@ -216,22 +216,20 @@ class _Making:
 
     def _policy(self, ensemble: Ensemble, policy: Any) -> dict[str, Any]:
         """Return the keys of a policy: its file, or the reference to its stand-in."""
-        if (
-            hasattr(policy, "wanted") and getattr(policy, "kind", None) not in PACKABLE
-        ):  # made again around its original
+        packable = getattr(policy, "kind", None) in PACKABLE
+        if hasattr(policy, "wanted") and not packable:  # made again around its original
             found, model = self._policy(ensemble, policy.policy), ensemble.controller.model
             if found["policy"] in self.absent or model is None:
                 return found
             states, actions = model.state_space.names, model.action_space.names
             margin = [(states[state], actions[action], states[after]) for state, action, after in policy.margin]
-            options = {"avoid": policy.avoid, "keep": policy.keep, "resolve": policy.resolve, "margin": margin}
+            options = {"avoid": policy.avoid, "keep": policy.keep, "margin": margin}
             return {**found, "shield": {name: value for name, value in options.items() if value}}
         if getattr(policy, "deliberates", False) and policy.fallback is not None:
             limits, seed, _, *rest = policy.parameters()
             search = {name: limit for name, limit in limits if limit and name in SearchTable.__struct_fields__}
             search["plans"] = len(rest) > len(policy.fallback.parameters())
             return {**self._policy(ensemble, policy.fallback), "search": search, "seed": seed}
-        packable = getattr(policy, "kind", None) in PACKABLE
         file = self._file(ensemble, "policy", policy) if packable else None
         if file is None:
             name, form = type(policy).__name__, str(getattr(policy, "form", "a policy"))

@@ -52,6 +52,7 @@ def effect(shielded: Any, model: GivenModel, *, seconds: float = 10.0, seed: int
         seed: Of the simulations.
 
     Raises:
+        ConfigError: If the policy is not shielded.
         ModelError: If a number is not known, see `mdm.verify`.
 
     Example::
@@ -63,6 +64,8 @@ def effect(shielded: Any, model: GivenModel, *, seconds: float = 10.0, seed: int
     from mdm.simulation import evaluate  # noqa: PLC0415 - loads what runs episodes
 
     model = model_of(model)
+    if not hasattr(shielded, "wanted"):
+        raise ConfigError(f"the effect is that of a shield, and a {type(shielded).__name__} has none", key="shielded")
 
     def limit() -> Callable[[int, int], bool]:
         until = time.monotonic() + seconds / 6

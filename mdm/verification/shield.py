@@ -132,8 +132,11 @@ def _asked(model: MDP, given: str, text: str, key: str) -> Specification:
 def _triples(model: MDP, margin: Margin) -> list[tuple[int, int, int]]:
     """Return the indices of transitions."""
     states, actions, found = model.state_space, model.action_space, []
-    for each in margin(model) if callable(margin) else margin:
-        if isinstance(each, str) or len(each) != 3:
+    given: Any = margin(model) if callable(margin) else margin
+    if isinstance(given, str) or not hasattr(given, "__iter__"):
+        raise ConfigError(f"a margin is a list of transitions [state, action, state], not {given!r}", key="margin")
+    for each in given:
+        if not isinstance(each, list | tuple) or len(each) != 3:
             raise ConfigError(f"a margin is of transitions [state, action, state], not {each!r}", key="margin")
         found.append((states.index(each[0]), actions.index(each[1]), states.index(each[2])))
     return found

@@ -253,7 +253,10 @@ def _simulated(
     check_seed(seed)
     codes = asked.target.astype(float)
     codes[asked.miss] = -1
-    graph = Graph(Choices.of_model(model, asked.target, asked.before))
+    choices = Choices.of_model(model, asked.target, asked.before)
+    if hasattr(policy, "possible"):
+        choices = choices.subset(policy.possible()[choices.state, choices.action])
+    graph = Graph(choices)
     codes[(codes == 0) & graph.impossible()[:, None]] = -1
     if asked.kind == "P" and asked.within is None:
         codes[(codes == 0) & graph.unavoidable()[0][:, None]] = 1

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import mdm
+from mdm.errors import ConfigError
 from mdm.models import MDP
 from mdm.policies import BudgetedTable
 from mdm.verification import Estimate, Exact, effect
@@ -63,3 +64,18 @@ def test_the_file_of_a_model_is_taken(tmp_path):
     safe = mdm.shield([0, 0, 0], tmp_path / "hall.npz", avoid="stairs")
     assert effect(safe, tmp_path / "hall.npz").avoid[1].value == 0
     assert np.isfinite(effect(safe, model()).value).all()
+
+
+def test_a_budget_is_not_simulated_where_the_policy_stays_for_ever():
+    """Wait stays at the edge for ever, from where Go would still lead to X: the policy never takes it there."""
+    moves = [np.eye(3), [[0, 0.5, 0.5], [0, 1, 0], [0, 0, 1]]]
+    names = {"states": ["home", "edge", "end"], "actions": ["Wait", "Go"]}
+    waits = MDP(moves, [[0, 1], [0, 0], [0, 0]], discount=0.9, initial_belief=[1, 0, 0], **names)
+    safe = mdm.shield([1, 0, 0], waits, avoid="edge and action = Go", probability=0.1)
+    after = effect(safe, waits).avoid[1]
+    assert (after.lower, after.undecided) == (0, 0)
+
+
+def test_only_a_shield_has_an_effect():
+    with pytest.raises(ConfigError, match="the effect is that of a shield, and a RandomPolicy has none"):
+        effect(mdm.policies.RandomPolicy(3, 2, input="state"), model())

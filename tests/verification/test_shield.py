@@ -124,6 +124,8 @@ WRONG = {
     "a budget of no number": {"avoid": "stairs", "probability": float("nan")},
     "a budget that is a truth": {"avoid": "stairs", "probability": True},
     "a margin of two": {"avoid": "stairs", "margin": [["hall", "Rush"]]},
+    "a margin that is a number": {"avoid": "stairs", "margin": 3},
+    "a margin of numbers": {"avoid": "stairs", "margin": [5]},
     "a margin of a text": {"avoid": "stairs", "margin": ["hallway"]},
     "a margin of other states": {"avoid": "stairs", "margin": [["hall", "Rush", "lift"]]},
     "a margin and a budget": {"avoid": "stairs", "margin": [["hall", "Wait", "stairs"]], "probability": 0.5},

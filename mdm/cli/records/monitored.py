@@ -34,7 +34,8 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         monitor = Monitor(arguments.specification)
     except FormatError as error:
-        raise FormatError(f"the formula does not parse at column {error.column}: {error.message}") from None
+        where = f"the formula does not parse at column {error.column}: {error.message}"
+        raise FormatError(f"{where}; a record takes a formula in time, such as 'G(not Stairs)'") from None
     record = Record(arguments.model)
     values: dict[str, bool | None] = {}
     told: list[tuple[int, dict[str, Any]]] = []

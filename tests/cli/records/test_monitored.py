@@ -96,7 +96,13 @@ def test_a_record_whose_process_was_killed_is_judged_up_to_there(mdm, record):
     [
         ("G(not Lwo)", "{record}: there is no predicate 'Lwo' in this record; did you mean 'Low'?"),
         ("G(stairs)", "{record}: there is no predicate 'stairs' in this record; there are Low, Near, Quiet, Careful"),
-        ("G(not Low", "the formula does not parse at column 10: ')' was expected, not 'the end'"),
+        (
+            "G(not Low",
+            (
+                "the formula does not parse at column 10: ')' was expected, not 'the end'; a record takes a formula in "
+                "time, such as 'G(not Stairs)'"
+            ),
+        ),
         ("G(true)", "a monitor has 1 to 8 predicates, not 0"),
     ],
 )

@@ -281,8 +281,6 @@ class BudgetedTable(ShieldedStates):
         """Return the original's own part of the information's ``current``."""
         return x.by
 
-<<<<<<< HEAD
-=======
     def possible(self) -> npt.NDArray[np.bool_]:
         """Return the actions that it may take in each state, at any budget and stage: S x A."""
         found = np.zeros((self.num_states, self.num_actions), dtype=bool)
@@ -292,11 +290,6 @@ class BudgetedTable(ShieldedStates):
             found[state, self._taken[stage * self.num_states + state, wants]] = True
         return found
 
-    def covers(self, x: Budgeted, /) -> bool:
-        """Return whether the original's action is taken."""
-        return bool(self.taken(self.place(x.by), self.policy.action(x.by), x.budget)[1])
-
->>>>>>> 6c707811 (Know what a budgeted policy never does, and refuse three wrong margins, effects and formulas plainly)
     def allowed(self, x: Budgeted, /) -> npt.NDArray[np.bool_]:
         """Return for each action whether it is the safest, or the budget left covers it."""
         place = self.place(x.by)

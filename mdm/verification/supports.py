@@ -20,7 +20,7 @@ from mdm.models import POMDP
 from mdm.models.dynamics import Dynamics, dense
 from mdm.models.matrices import csr
 from mdm.policies.policy import observable
-from mdm.policies.supported import ShieldedBelief, ShieldedController, ShieldedSearch, SupportMask
+from mdm.policies.supported import ShieldedBelief, ShieldedController, ShieldedSearch, SupportMask, widened
 from mdm.solvers.bounds import known_state_values
 from mdm.verification.chains import chain_of_policy
 from mdm.verification.choices import Choices, Graph
@@ -50,31 +50,28 @@ _EPISODES, _PHASES, _GOLDEN = 200, 32, 0.6180339887498949
 
 
 class Supports:
-    """The supports that may be met, K in all, by where X and the goal hold, as `Specification.target` has them.
+    """The supports that may be met, K in all, and their states behind each other, N in all; see `SupportMask`.
 
     States that only the goal leads to are behind it. A state that is also on the way counts as reached only where the
     goal is reached again; a goal that is met between two observations does not count.
 
     Args:
         model: The model.
-        avoid: X, S x (A + 1).
-        keep: The goal; None where there is none.
+        avoid: X, S x (A + 1), as `Specification.target` has it.
+        keep: The goal in the same form; None where there is none.
         margin: Transitions that may happen besides the model's, as state, action and next state. They do not help to
             reach the goal.
 
     Attributes:
-        starts: Where the states of each support begin, and N: K + 1.
-        states: Their states behind each other, N in all, those of each support in ascending order.
+        starts: As a mask has them, like ``states``, ``allowed`` and ``gain``; an action gains only if it shortens the
+            way of a policy that draws allowed ones by more than `SLOWEST` steps, and nothing behind a goal.
         after: The support after each support, action and observation, K x A x (O + 1), of which the last is that of
             nothing; -1 where there is none, or the action is not safe at once.
         first: The supports in which an episode may begin.
-        allowed: The actions of each, K x A: those that keep the goal certain where it is, else those that keep X out;
-            none where X may be reached by all actions.
-        keeps: In which the goal can be reached for certain, K; without a goal those in which X can be kept out.
+        keeps: In which the goal can be reached for certain, K; without a goal those in which X can be kept out. Of the
+            others the allowed actions are those that keep X out.
         time: The expected time to the goal of random allowed actions from the start; infinite where it is not certain.
         ahead: An action that leads each state of a support on to the goal with a probability above 0, N; else -1.
-        gain: By how many steps more than `SLOWEST` an action is expected to shorten the way to the goal, for a policy
-            that draws allowed actions: N x A. It is 0 where the goal is behind or not certain.
 
     Raises:
         ModelError: If the supports are too many to enumerate.
@@ -84,12 +81,11 @@ class Supports:
         self, model: POMDP, avoid: Mask, keep: Mask | None = None, margin: Sequence[tuple[int, int, int]] = ()
     ) -> None:
         self._explore(model, avoid, margin)
-        count = self.after.shape[1]
-        row, symbol = np.nonzero(self.after.reshape(-1, self.after.shape[2]) >= 0)
-        nexts = self.after.reshape(-1, self.after.shape[2])[row, symbol]
-        places = np.arange(len(self.after) * count)
-        moves = coo_array((np.ones(len(row)), (row, nexts)), (len(places), len(self.after))).tocsr()
-        shut = (self.after < 0).all(axis=2).ravel()
+        size, count, _ = self.after.shape
+        known, places = self.after.reshape(size * count, -1) >= 0, np.arange(size * count)
+        nexts = self.after.reshape(known.shape)[known]
+        moves = csr((np.ones(len(nexts)), nexts, np.append(0, known.sum(axis=1).cumsum())), (len(places), size))
+        shut = ~known.any(axis=1)
         choices = Choices(moves, shut.astype(float), np.zeros(len(places)), *np.divmod(places, count))
         self._graph = Graph(choices)
         self.keeps, opened = self._graph.avoiding()
@@ -97,7 +93,7 @@ class Supports:
         self.time, self.ahead = np.inf, np.full(len(self.states), -1)
         self.gain = np.zeros((len(self.states), count))
         if keep is not None:
-            self._keep(choices, keep[:, :-1][self.states], _behind(model, keep[:, :-1])[self.states])
+            self._keep(choices, keep[:, :-1][self.states], _behind(model, keep)[self.states])
 
     def _explore(self, model: POMDP, avoid: Mask, margin: Sequence[tuple[int, int, int]]) -> None:
         """Enumerate the supports, and the transitions of pairs of a support and one of its states."""
@@ -105,7 +101,10 @@ class Supports:
         size, count, nothing = dynamics.num_states, dynamics.num_actions, dynamics.num_observations
         safe = Graph(Choices.of_model(model, avoid, None)).avoiding()[0]
         shut = avoid[:, :-1] if model.available is None else avoid[:, :-1] | ~model.available
-        moves = [_moves(model, dynamics, action, margin) for action in range(count)]
+        real = moves = [_moves(model, dynamics, action) for action in range(count)]
+        if margin:
+            wider = widened(model, margin)
+            moves = [_moves(wider, Dynamics(wider), action) for action in range(count)]
         supports: dict[bytes, int] = {}
         pending: list[Indices] = []
         after: list[Indices] = []
@@ -125,7 +124,7 @@ class Supports:
             for action, (rows, unseen) in enumerate(moves):
                 its = rows[states]
                 symbols, targets = np.divmod(its.indices.astype(np.int64), size)
-                if shut[_until_seen(states, unseen), action].any() or not safe[targets].all():
+                if not len(targets) or shut[_until_seen(states, unseen), action].any() or not safe[targets].all():
                     continue
                 keys = np.unique(symbols * size + targets)
                 seen, cuts = np.unique(keys // size, return_index=True)
@@ -133,6 +132,8 @@ class Supports:
                 if seen[-1] == nothing:  # the tracker predicts
                     parts[-1] = np.unique(targets)
                 after[-1][action, seen] = [number(part) for part in parts]
+                its = real[action][0][states]
+                symbols, targets = np.divmod(its.indices.astype(np.int64), size)
                 sources = (place + np.repeat(np.arange(len(states)), np.diff(its.indptr))) * count + action
                 entries.append((sources, after[-1][action, symbols] * size + targets, its.data))
                 total += len(targets)
@@ -142,17 +143,13 @@ class Supports:
                     f"the belief may have more than {min(len(pending), MOST):,} supports, which are too many to "
                     "enumerate: shield a policy of a smaller model"
                 )
-        self.starts, self.states, self.after = (
-            np.cumsum([0, *map(len, pending)]),
-            np.concatenate(pending),
-            np.array(after),
-        )
+        self.starts, self.states = np.cumsum([0, *map(len, pending)]), np.concatenate(pending)
+        self.after = np.array(after)
         self._of = np.repeat(np.arange(len(pending)), np.diff(self.starts))
         sources, targets, chances = (np.concatenate(part) for part in zip(*entries, strict=True))
-        real = chances > 0
-        pairs = np.searchsorted(self._of * size + self.states, targets[real])
+        pairs = np.searchsorted(self._of * size + self.states, targets)
         shape = len(self.states) * count, len(self.states)
-        self._moves = coo_array((chances[real].astype(float), (sources[real], pairs)), shape).tocsr()
+        self._moves = coo_array((chances.astype(float), (sources, pairs)), shape).tocsr()
 
     def _keep(self, choices: Choices, reached: Mask, behind: Mask) -> None:
         """Narrow the actions to those that keep the goal certain, where it is; ``reached`` is for pairs and actions."""
@@ -189,26 +186,10 @@ class Supports:
         self.gain = np.where((its & ~behind)[:, None], gain, 0)
 
 
-def _moves(
-    model: POMDP, dynamics: Dynamics, action: int, margin: Sequence[tuple[int, int, int]]
-) -> tuple[Matrix, Matrix | None]:
-    """Return P(s', o | s, a) up to an observation, S x (O + 1) S', and the steps without one, or None.
-
-    Transitions of the margin have the probability 0 in it.
-    """
+def _moves(model: POMDP, dynamics: Dynamics, action: int) -> tuple[Matrix, Matrix | None]:
+    """Return P(s', o | s, a) up to an observation, S x (O + 1) S', and the steps without one, or None."""
     size, nothing = dynamics.num_states, dynamics.num_observations
     joints = dynamics.joint(action).side_by_side(nothing + 1)
-    added = [(before, after) for before, its, after in margin if its == action]
-    if added:
-        seen = [
-            (before, symbol * size + after)
-            for before, after in added
-            for symbol in np.flatnonzero(model.observation(action, after))
-        ]
-        rows, columns = np.array(seen).T
-        known = joints.tocoo()
-        parts = np.append(known.data, np.zeros(len(seen))), (np.append(known.row, rows), np.append(known.col, columns))
-        joints = coo_array(parts, joints.shape).tocsr()
     if not model.waits_in(action):
         return joints, None
     blocks = [joints[:, each * size : (each + 1) * size] for each in range(nothing + 1)]
@@ -232,13 +213,11 @@ def _until_seen(states: Indices, unseen: Matrix | None) -> Indices:
 
 def _behind(model: POMDP, goal: Mask) -> Mask:
     """Return which states only the goal leads to."""
-    met = np.zeros(len(goal), dtype=bool)
-    more = model.initial_belief > 0
+    its = Choices.of_model(model, goal, None)
+    met, more = np.zeros(its.size, dtype=bool), model.initial_belief > 0
     while (more & ~met).any():
-        met |= more
-        for action in range(goal.shape[1]):
-            on = met & ~goal[:, action]
-            more = more | (np.asarray(on.astype(float) @ model.flatten().transition_matrix(action)) > 0)
+        met = met | more
+        more = np.asarray(met[its.state].astype(float) @ its.moves) > 0
     return ~met
 
 

@@ -220,6 +220,16 @@ def test_a_margin_is_tracked_and_avoided():
     assert tracker.belief.tolist() == [0, 1, 0, 0]
 
 
+def test_an_action_after_which_nothing_is_ever_detected_is_not_allowed():
+    moves = [np.eye(2), [[0.0, 1.0], [0.0, 1.0]]]
+    seen = [[[1.0, 0.0], [1.0, 0.0]], [[0.0, 1.0], [0.0, 1.0]]]
+    model = mdm.POMDP(moves, seen, np.zeros((2, 2)), discount=0.9, initial_belief=[1, 0]).with_false_negatives(0)
+    avoid = np.zeros((2, 3), dtype=bool)
+    found = Supports(model, avoid)
+    assert found.allowed[found.first].tolist() == [[False, True]]
+    assert found.keeps.all()
+
+
 def test_a_model_of_too_many_supports_is_refused_with_their_number(monkeypatch):
     monkeypatch.setattr("mdm.verification.supports.MOST", 3)
     with pytest.raises(mdm.Error, match="more than 3 supports"):

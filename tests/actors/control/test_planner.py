@@ -518,3 +518,20 @@ def test_what_a_shielded_search_wanted_is_told_and_a_replay_and_an_explanation_a
     why = "The policy wanted 'left', which may lead to eaten: next eaten (1); the shield took 'right' in its place."
     assert why in told["why"]
     assert why in why_recorded(record, rebuilt(record, tmp_path / "again").ensembles["tiger"], 1e9).text
+
+
+@pytest.mark.parametrize("planted", [True, False])
+def test_a_fallback_without_a_shield_is_a_fault_of_a_running_ensemble(planted):
+    make, avoid, goal = HIDDEN["tiger"]
+    model, opens = make(), mdm.policies.AlphaVectors([[0.0] * 4], [1], 3)
+    safe = mdm.shield(mdm.solvers.TreeSearch(model, expansions=2, fallback=opens), model, avoid=avoid, keep=goal)
+    safe.fallback = opens if planted else safe.fallback
+    one = mdm.Ensemble("tiger", model=model, policy=safe, actions=dict.fromkeys(["listen", "left", "right"], nothing))
+
+    async def main(runtime):
+        faults = probe(runtime.faults)
+        await runtime.start(one)
+        await runtime.clock.sleep(1)
+        return [(fault.source, fault.kind, "not shielded" in fault.detail) for fault in faults]
+
+    assert run_virtual(main) == [("tiger/control/planner", "shield", True)] * planted

@@ -86,3 +86,32 @@ def test_a_fallback_without_a_shield_is_found(planted):
     notes = [text for _, text in of_shields([ensemble, ensemble])]
     assert len(notes) == 1 + planted
     assert ("the fallback of the search is not shielded: it may lead to position = stairs" in notes) is planted
+
+
+PROGRAM = """
+from hidden_dangers import tiger
+
+import mdm
+
+
+def make(planted=False):
+    model, opens = tiger(), mdm.policies.AlphaVectors([[0.0] * 4], [1], 3)
+    search = mdm.solvers.TreeSearch(model, expansions=2, fallback=opens)
+    policy = mdm.shield(search, model, avoid="eaten", keep="reach free")
+    policy.fallback = opens if planted else policy.fallback
+    actions = dict.fromkeys(["listen", "left", "right"], lambda: None)
+    return mdm.Ensemble("tiger", model=model, policy=policy, actions=actions)
+
+
+def planted():
+    return make(planted=True)
+"""
+
+
+@pytest.mark.parametrize("function", ["make", "planted"])
+def test_check_of_a_program_finds_a_fallback_without_a_shield(folder, capsys, monkeypatch, function):
+    monkeypatch.setattr("mdm.cli.files.shields._SECONDS", 0.0)
+    (folder / "robot.py").write_text(PROGRAM)
+    status, out, err = check(f"{folder / 'robot.py'}:{function}", capsys)
+    assert (status, "the shield changes P(reach eaten) from " in out) == (0, True), out + err
+    assert ("the fallback of the search is not shielded: it may lead to eaten" in out) is (function == "planted")

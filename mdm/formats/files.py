@@ -22,6 +22,7 @@ from mdm.formats.target import check_place
 from mdm.models import MDP
 from mdm.models.validation import collect_problems
 from mdm.policies import (
+    PACKABLE,
     AlphaVectors,
     DeterministicPolicy,
     FiniteStateController,
@@ -379,6 +380,11 @@ def save_policy(policy: Policy, path: str | Path, model: MDP | None = None) -> N
     wrong = None if model is None else mismatch(policy, model)
     if wrong is not None:
         raise ModelError(wrong)
+    if hasattr(policy, "wanted") and getattr(policy, "kind", None) not in PACKABLE:
+        raise ModelError(
+            f"a {type(policy).__name__} is not saved in files: save its original, and let the ensemble's key shield "
+            f"make it again, shield = {{ avoid = {getattr(policy, 'avoid', '')!r} }}"
+        )
     form = _written(type(policy), Path(path))
     names = (model,) if form in {_ARCHIVE, _JOINT} else ()  # the others do not use the model's names
     format_of(form).write(policy, Path(path), *names)

@@ -15,7 +15,7 @@ seen from the next step on.
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -245,6 +245,8 @@ class ShieldedController(Shielded, FiniteStateController):
     """
 
     form = "a shielded finite-state controller"
+    kind: ClassVar[str] = "shielded controller"
+    margin: Sequence[tuple[int, int, int]] = ()
 
     def __init__(
         self,
@@ -268,6 +270,10 @@ class ShieldedController(Shielded, FiniteStateController):
     def allowed(self, nodes: Sequence[int], /) -> Mask:
         """Return which actions are allowed at a node: A truth values."""
         return np.asarray(self._allowed[nodes[0]])
+
+    def parameters(self) -> list[Any]:
+        """Return all that decides, and the original's."""
+        return [*super().parameters(), *self.policy.parameters()]
 
     def facts(self) -> dict[str, Any]:
         """Return its sizes and X by name."""

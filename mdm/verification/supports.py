@@ -251,7 +251,9 @@ def over_supports(
     dynamics.discount = min(dynamics.discount, _DISCOUNT)
     mask = SupportMask(found.starts, found.states, found.allowed, None, risk, known_state_values(dynamics))
     if policy.input == "observation":
-        return _controller(policy, seen, found, mask, keep)
+        controller = _controller(policy, seen, found, mask, keep)
+        controller.margin = margin
+        return controller
     kind = ShieldedSearch if getattr(policy, "deliberates", False) else ShieldedBelief
     shielded = kind(policy, mask, margin)
     if keep is not None and (kind is ShieldedSearch or not _attains(model, shielded, keep, found)):

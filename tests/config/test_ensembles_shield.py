@@ -6,8 +6,9 @@ import asyncio
 
 import pytest
 import team_file
+from hidden_dangers import tiger
 from sentences import refused
-from shielded import ACTIONS, SHIELD, STATES, WRONG, house, stand, written
+from shielded import ACTIONS, CODE, SHIELD, STATES, WRONG, house, stand, written
 
 import mdm
 from mdm.cli.records.page import recorded_run
@@ -15,8 +16,9 @@ from mdm.config import load_system, look_over
 from mdm.config.rebuilt import rebuilt
 from mdm.errors import ConfigError
 from mdm.estimation import as_text, chains_of_records, statistics
+from mdm.formats import save_model, save_policy
 from mdm.messages import Action
-from mdm.policies import AlphaVectors
+from mdm.policies import AlphaVectors, FiniteStateController
 from mdm.policies.shielded import Budgeted
 from mdm.recording import Record
 from mdm.replay import replay
@@ -155,6 +157,94 @@ def test_a_record_of_a_program_holds_the_shield_of_a_policy_over_beliefs(folder,
     assert replay(record, rebuilt(record, folder / "laid").actors).same
     told = asyncio.run(recorded_run(record.path).explain("robot", 0.5)).text
     assert "The policy wanted 'risky', which may lead to pit: next good (0.5), pit (0.5)" in told
+
+
+BUDGETS = ["probability = 0.3", "probability = 0.1", 'probability = 0.1, keep = "reach position = goal"']
+
+
+@pytest.mark.parametrize("by", ["file", "program"])
+@pytest.mark.parametrize("budget", BUDGETS)
+def test_a_record_of_a_budget_explains_and_replays_it(folder, by, budget):
+    options = f'avoid = "position = stairs", {budget}'
+    system = load_system(written(folder, f"shield = {{ {options} }}"))
+    safe = system.ensembles["robot"].controller.policy
+    program = mdm.Ensemble("robot", policy=safe, model=house(), actions=dict.fromkeys(ACTIONS, lambda: None))
+    told = {}
+
+    async def drive(runtime):
+        await runtime.start(system if by == "file" else program)
+        for place in ("home", "landing", "hall", "landing", "home", "landing"):
+            if by == "file":
+                stand(system, place)
+            else:
+                program.publish_state(STATES.index(place))
+            await asyncio.sleep(1)
+            told[runtime.now() / 1e9] = str(runtime.explain("robot"))
+
+    run_virtual(drive, record=folder / "run.mcap")
+    for name in ("robot.toml", "house.npz"):
+        (folder / name).unlink()
+    record = Record(folder / "run.mcap")
+    assert not record.cannot
+    decisions = [each.message for each in record.messages(["decisions"])]
+    assert decisions[1].wanted == (None if budget == BUDGETS[0] else 2)
+    assert decisions[3].wanted == 2
+    run = rebuilt(record, folder / "laid")
+    again = run.ensembles["robot"].controller.policy
+    assert (again.probability, again.keep, again.avoid) == (safe.probability, safe.keep, safe.avoid)
+    assert replay(record, run.actors).same
+    for at, words in told.items():
+        assert asyncio.run(recorded_run(record.path).explain("robot", at - 0.5)).text == words
+
+
+OVER_BELIEFS = """
+[ensembles.robot]
+model = "tiger.npz"
+policy = "opens.npz"
+shield = { avoid = "eaten", keep = "reach free" }
+actions = { listen = "drives:wait", left = "drives:around", right = "drives:straight" }
+"""
+
+
+@pytest.mark.parametrize("by", ["file", "program"])
+@pytest.mark.parametrize("kind", ["alpha vectors", "controller"])
+def test_a_record_of_a_shield_by_supports_explains_and_replays_it(folder, by, kind):
+    model = tiger()
+    opens = {"alpha vectors": AlphaVectors([[0.0] * 4], [1], 3), "controller": FiniteStateController([1], [[0] * 5], 3)}
+    save_model(model, folder / "tiger.npz")
+    save_policy(opens[kind], folder / "opens.npz")
+    (folder / "drives.py").write_text(CODE)
+    (folder / "robot.toml").write_text(OVER_BELIEFS)
+    safe = mdm.shield(opens[kind], model, avoid="eaten", keep="reach free")
+    actions = dict.fromkeys(["listen", "left", "right"], lambda: None)
+    robot = mdm.Ensemble("robot", policy=safe, model=model, actions=actions)
+    system = load_system(folder / "robot.toml") if by == "file" else robot
+    robot = system.ensembles["robot"] if by == "file" else robot
+    told = {}
+
+    async def drive(runtime):
+        await runtime.start(system)
+        for seen in ("nothing", "nothing", "tiger left"):
+            await asyncio.sleep(1)
+            robot.publish_observation(seen)
+            told[runtime.now() / 1e9] = str(runtime.explain("robot"))
+
+    run_virtual(drive, record=folder / "run.mcap")
+    for name in ("robot.toml", "tiger.npz", "opens.npz"):
+        (folder / name).unlink()
+    record = Record(folder / "run.mcap")
+    assert not record.cannot
+    decisions = [each.message for each in record.messages(["decisions"])]
+    assert [(each.action, each.wanted, each.wanted_name) for each in decisions] == [(0, 1, "left")] * 3 + [
+        (2, 1, "left")
+    ]
+    run = rebuilt(record, folder / "laid")
+    again = run.ensembles["robot"].controller.policy
+    assert (type(again), again.keep, again.avoid) == (type(safe), safe.keep, safe.avoid)
+    assert replay(record, run.actors).same
+    for at, words in told.items():
+        assert "The policy wanted 'left', which may lead to eaten" in words
+        assert asyncio.run(recorded_run(record.path).explain("robot", at + 0.5)).text == words
 
 
 def test_a_replay_with_a_shield_of_another_kind_wants_something_else(folder):

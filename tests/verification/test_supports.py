@@ -157,7 +157,7 @@ def test_it_takes_what_the_policy_wants_where_that_is_allowed():
 
 
 @pytest.mark.parametrize("kind", ["ShieldedBelief", "ShieldedSearch", "ShieldedController"])
-def test_it_is_shown_as_its_original_and_what_it_avoids(kind):
+def test_it_is_shown_as_its_original_and_what_it_avoids_and_not_saved(tmp_path, kind):
     model = HIDDEN["tiger"][0]()
     policy = {
         "ShieldedBelief": mdm.policies.ConstantPolicy(1, 3, 4),
@@ -167,6 +167,10 @@ def test_it_is_shown_as_its_original_and_what_it_avoids(kind):
     safe = mdm.shield(policy, model, avoid="eaten", keep="reach free")
     assert repr(safe) == f"<{kind} of {policy!r}: avoids eaten>"
     assert safe.facts()["avoids"] == "eaten"
+    for suffix in ("npz", "pg"):
+        with pytest.raises(mdm.Error, match=rf"a {kind} is not saved in files: .* shield = {{ avoid = 'eaten' }}"):
+            mdm.save_policy(safe, tmp_path / f"safe.{suffix}", model)
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_unknown_support_is_taken_for_the_smallest_known_around_it_and_an_unsafe_one_risks_least():

@@ -70,30 +70,30 @@ class Shielded(Kind):
         """Return for each action whether it is allowed, for the information's ``current``."""
         raise NotImplementedError
 
-    def chosen(self, x: Any, wants: int, /) -> int:
+    def _chosen(self, x: Any, wants: int) -> int:
         """Return the action that is taken where the original wants some action."""
         raise NotImplementedError
 
-    def own(self, x: Any, /) -> Any:
-        """Return the original's own part of the information's ``current``."""
+    def _own(self, x: Any) -> Any:
+        """Return the original's part of the information."""
         return x
 
     def action(self, x: Any, /) -> int:
         """Return the original's action for the information's ``current``, or the one taken in its place."""
-        return self.chosen(x, self.policy.action(self.own(x)))
+        return self._chosen(x, self.policy.action(self._own(x)))
 
     def wanted(self, x: Any, /) -> int | None:
         """Return the action that the original wants, for the information's ``current``; None if that is taken."""
-        wants: int = self.policy.action(self.own(x))
-        return None if wants == self.chosen(x, wants) else wants
+        wants: int = self.policy.action(self._own(x))
+        return None if wants == self._chosen(x, wants) else wants
 
     def scores(self, x: Any, /) -> Scores | None:
         """Return the original's scores, -inf for actions that are not allowed; or the probabilities of those taken."""
-        its: Scores | None = self.policy.scores(self.own(x))
+        its: Scores | None = self.policy.scores(self._own(x))
         if its is None:
             return None
         if its.by == "chance":
-            taken = [self.chosen(x, wants) for wants in range(self.num_actions)]
+            taken = [self._chosen(x, wants) for wants in range(self.num_actions)]
             return its._replace(numbers=np.asarray(np.bincount(taken, its.numbers, self.num_actions), dtype=float))
         allowed = self.allowed(x)
         upper = None if its.upper is None else np.where(allowed, its.upper, -np.inf)
@@ -162,24 +162,19 @@ class ShieldedStates(Shielded):
         if type(self.policy) not in _ORIGINALS.values():
             return None
         sizes, arrays = self.policy.packed()
-        texts = {"kind": self.policy.kind, "avoid": self.avoid, **({} if self.keep is None else {"keep": self.keep})}
-        told = {name: np.frombuffer(text.encode(), dtype=np.uint8) for name, text in texts.items()}
-        its = {**told, "probability": np.array([self.probability]), **self._arrays}
+        texts = np.frombuffer("\0".join((self.policy.kind, self.avoid, self.keep or "")).encode(), dtype=np.uint8)
+        its = {"texts": texts, "probability": np.array([self.probability]), **self._arrays}
         return sizes, {**arrays, **{f"shield_{name}": array for name, array in its.items()}}
 
     @classmethod
     def unpacked(cls, sizes: Mapping[str, int], arrays: Arrays, seed: int | None) -> Self:
         """Return a packed policy."""
-
-        def text(name: str) -> str:
-            return arrays[f"shield_{name}"].tobytes().decode()
-
-        if (kind := text("kind")) not in _ORIGINALS:
+        kind, avoid, keep = arrays["shield_texts"].tobytes().decode().split("\0")
+        if kind not in _ORIGINALS:
             raise ModelError(f"a shield is of no policy of kind {kind[:40]!r}")
         original: Any = _ORIGINALS[kind].unpacked(sizes, arrays, seed)
         made = cls(original, {name: arrays[f"shield_{name}"] for name in cls.names})
-        made.avoid, made.probability = text("avoid"), float(arrays["shield_probability"][0])
-        made.keep = text("keep") if "shield_keep" in arrays else None
+        made.avoid, made.keep, made.probability = avoid, keep or None, float(arrays["shield_probability"][0])
         return made
 
     def parameters(self) -> list[Any]:
@@ -213,8 +208,7 @@ class ShieldedTable(ShieldedStates, StatePolicy):
         """Return for each action whether it is allowed, for the information's ``current``."""
         return np.asarray(self._allowed[self.place(x)] > 0)
 
-    def chosen(self, x: Any, wants: int, /) -> int:
-        """Return the action that is taken where the original wants some action."""
+    def _chosen(self, x: Any, wants: int) -> int:
         return int(self._taken[self.place(x), wants])
 
     def weights(self, stage: int = 0) -> Vector:
@@ -277,8 +271,7 @@ class BudgetedTable(ShieldedStates):
         """Return the state, and the budget."""
         return BudgetedState(self.policy.information(model), self)
 
-    def own(self, x: Budgeted, /) -> Any:
-        """Return the original's own part of the information's ``current``."""
+    def _own(self, x: Budgeted) -> Any:
         return x.by
 
     def possible(self) -> npt.NDArray[np.bool_]:
@@ -295,8 +288,7 @@ class BudgetedTable(ShieldedStates):
         place = self.place(x.by)
         return np.asarray(self.covers(place, slice(None), x.budget) | (self._allowed[place] > 0))
 
-    def chosen(self, x: Budgeted, wants: int, /) -> int:
-        """Return the action that is taken where the original wants some action."""
+    def _chosen(self, x: Budgeted, wants: int) -> int:
         return int(self.taken(self.place(x.by), wants, x.budget))
 
     def covers(self, places: Any, wants: Any, budgets: Any) -> npt.NDArray[np.bool_]:

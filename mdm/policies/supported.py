@@ -114,8 +114,7 @@ class ShieldedBelief(Shielded, BeliefPolicy):
         states, weights = _support(x)
         return np.asarray(self.mask.at(states, weights[None, :])[0])
 
-    def chosen(self, x: Any, wants: int, /) -> int:
-        """Return the policy's action where it is allowed, else the best that is."""
+    def _chosen(self, x: Any, wants: int) -> int:
         if (allowed := self.allowed(x))[wants]:
             return int(wants)
         scores = self.policy.scores(x)
@@ -138,7 +137,7 @@ class ShieldedBelief(Shielded, BeliefPolicy):
             off = rows[~allowed[np.arange(len(rows)), actions[rows]]]
             if len(off):
                 _, each, which = np.unique(beliefs[off], axis=0, return_index=True, return_inverse=True)
-                chosen = [self.chosen(beliefs[row], int(actions[row])) for row in off[each].tolist()]
+                chosen = [self._chosen(beliefs[row], int(actions[row])) for row in off[each].tolist()]
                 actions[off] = np.array(chosen)[which.ravel()]
         return np.asarray(actions, dtype=np.intp)
 
@@ -200,7 +199,7 @@ class ShieldedSearch(ShieldedBelief):
         self.worker, self.seconds, self.expansions = policy.worker, policy.seconds, policy.expansions
         self.fallback = None if policy.fallback is None else ShieldedBelief(policy.fallback, mask, margin)
         self.parts, self.prepare, self.belief_of = policy.parts, policy.prepare, policy.belief_of
-        self._wishes: dict[int, int] = {}
+        self._wishes: dict[int, int | None] = {}
 
     def answered(self, found: Any, x: Any, /) -> Answered:
         """Return the answer for a result of the search: its own action, or the best of its root that is allowed."""
@@ -222,11 +221,9 @@ class ShieldedSearch(ShieldedBelief):
 
     def note(self, x: Any, wanted: int | None, /) -> None:
         """Remember the action that the search wanted at a belief; None where the shield took no other one."""
-        self._wishes.pop(_key(x), None)
-        if wanted is not None:
-            self._wishes[_key(x)] = wanted
-            if len(self._wishes) > _WISHES:
-                del self._wishes[next(iter(self._wishes))]
+        self._wishes[_key(x)] = wanted
+        if len(self._wishes) > _WISHES:
+            del self._wishes[next(iter(self._wishes))]
 
     def wanted(self, x: Any, /) -> int | None:
         """Return the action of the search in its last answer at a belief, of the newest 1,000; None if taken."""

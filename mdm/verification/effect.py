@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from mdm.loading import GivenModel
 
-    Pair = tuple[Exact | Estimate, Exact | Estimate]
-
 
 class Effect(msgspec.Struct, frozen=True):
     """The numbers of a policy without and with its shield.
@@ -71,17 +69,12 @@ def effect(shielded: Any, model: GivenModel, *, seconds: float = 10.0, seed: int
         until = time.monotonic() + seconds / 6
         return lambda ended, _: ended > 0 and time.monotonic() > until
 
-    def asked(text: str) -> Pair:
-        first, second = (
-            verify(model, text, each, seed=seed, progress=limit()).result for each in (shielded.policy, shielded)
-        )
-        assert first is not None
-        assert second is not None
-        return first, second
+    both, values, error = (shielded.policy, shielded), list[float](), 0.0
 
-    values: list[float] = []
-    error = 0.0
-    for each in (shielded.policy, shielded):
+    def asked(text: str) -> Any:
+        return tuple(verify(model, text, each, seed=seed, progress=limit()).result for each in both)
+
+    for each in both:
         try:
             exact = exact_values(model, each)
             if exact is not None:

@@ -235,6 +235,8 @@ def over_supports(
     Raises:
         ModelError: If X cannot be kept out for certain, or the supports are too many.
     """
+    from mdm.simulation.batch import outcomes  # noqa: PLC0415 - slow to import
+
     seen = observable(model)
     if margin and seen.event_observations:
         raise ModelError("a margin needs observations of states: those of events are not known for its transitions")
@@ -255,19 +257,13 @@ def over_supports(
         controller.margin = margin
         return controller
     kind = ShieldedSearch if getattr(policy, "deliberates", False) else ShieldedBelief
-    shielded = kind(policy, mask, margin)
-    if keep is not None and (kind is ShieldedSearch or not _attains(model, shielded, keep, found)):
+    shielded, given = kind(policy, mask, margin), {"episodes": _EPISODES, "seed": 0, "progress": None}
+    longest = 1_000 if found.time == np.inf else 100 + 10 * int(min(found.time, 1_000))
+    if keep is not None and (
+        kind is ShieldedSearch or not outcomes(model, shielded, keep.astype(float), longest, **given).returns.all()
+    ):
         mask.gain = found.gain
     return shielded
-
-
-def _attains(model: MDP, shielded: ShieldedBelief, keep: Mask, found: Supports) -> bool:
-    """Return whether the mask alone brings all simulated episodes to the goal."""
-    from mdm.simulation.batch import outcomes  # noqa: PLC0415 - slow to import
-
-    longest = 1_000 if found.time == np.inf else 100 + 10 * int(min(found.time, 1_000))
-    given: Any = {"episodes": _EPISODES, "seed": 0, "progress": None}
-    return bool(outcomes(model, shielded, keep.astype(float), longest, **given).returns.all())
 
 
 def _controller(policy: Any, model: POMDP, found: Supports, mask: SupportMask, keep: Mask | None) -> ShieldedController:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.sparse import coo_array, hstack
 
-from mdm.errors import ModelError
+from mdm.errors import ConfigError, ModelError
 from mdm.models import POMDP
 from mdm.models.dynamics import Dynamics, dense
 from mdm.models.matrices import csr
@@ -70,6 +70,7 @@ class Supports:
         first: The supports in which an episode may begin.
         keeps: In which the goal can be reached for certain, K; without a goal those in which X can be kept out. Of the
             others the allowed actions are those that keep X out.
+        possible: Whether allowed actions reach the goal from the start with a probability above 0.
         time: The expected time to the goal of random allowed actions from the start; infinite where it is not certain.
         ahead: An action that leads each state of a support on to the goal with a probability above 0, N; else -1.
 
@@ -90,7 +91,7 @@ class Supports:
         self._graph = Graph(choices)
         self.keeps, opened = self._graph.avoiding()
         self.allowed = opened.reshape(-1, count)
-        self.time, self.ahead = np.inf, np.full(len(self.states), -1)
+        self.possible, self.time, self.ahead = True, np.inf, np.full(len(self.states), -1)
         self.gain = np.zeros((len(self.states), count))
         if keep is not None:
             self._keep(choices, keep[:, :-1][self.states], _behind(model, keep)[self.states])
@@ -161,8 +162,10 @@ class Supports:
         of, action = np.divmod(np.arange(size * count), count)
         pairs = Choices(moves, ends.astype(float), np.zeros(len(ends)), of, action)
         graph, opened, sure = Graph(pairs), self.allowed, self.keeps
+        none, begins = np.zeros(size, dtype=bool), np.isin(self._of, self.first)
+        self.possible = bool(graph.attracted(none, ends, opened=opened[self._of].ravel())[0][begins].any())
         while True:
-            found, by = graph.attracted(np.zeros(size, dtype=bool), ends, opened=opened[self._of].ravel())
+            found, by = graph.attracted(none, ends, opened=opened[self._of].ravel())
             going = sure & np.logical_and.reduceat(found, self.starts[:-1])
             sure = ~self._graph.attracted(~going, choices.hit > 0, every=True)[0]
             opened = ((choices.hit == 0) & ~choices.lead_to(~sure) & sure[choices.state]).reshape(opened.shape)
@@ -181,7 +184,7 @@ class Supports:
         times[its] = steps(Choices(drawn, hit, np.zeros(len(hit)), every, every), greatest=True).values
         times[behind] = 0
         if sure[self.first].all():
-            self.time = float(times[np.isin(self._of, self.first)].max())
+            self.time = float(times[begins].max())
         gain = times[:, None] - np.asarray(moves @ times).reshape(size, count) - SLOWEST
         self.gain = np.where((its & ~behind)[:, None], gain, 0)
 
@@ -234,6 +237,7 @@ def over_supports(
 
     Raises:
         ModelError: If X cannot be kept out for certain, or the supports are too many.
+        ConfigError: If the shield makes the goal impossible.
     """
     from mdm.simulation.batch import outcomes  # noqa: PLC0415 - slow to import
 
@@ -245,6 +249,8 @@ def over_supports(
         raise ModelError(
             "from the start no policy that goes by the observations avoids it for certain: the shield allows nothing"
         )
+    if not found.possible:
+        raise ConfigError("the shield leaves no way to the goal: no actions that supports allow lead there", key="keep")
     choices = Choices.of_model(model, avoid, None)
     least = reach(choices, greatest=False).values
     risk = np.full(avoid[:, :-1].shape, np.inf)

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hidden_dangers import HIDDEN
+from hidden_dangers import HIDDEN, tiger
 
 import mdm
 from mdm.models.specification import Specification
@@ -114,6 +114,68 @@ def test_supports_win_where_a_strategy_over_supports_does(absorbing, goal):
             elif keeps:
                 assert support in truth, (seed, support)
     assert 10 < won < compared
+
+
+def reaches(model, avoid, keep):
+    """Return whether allowed actions reach the goal from the start; None where that would take long."""
+    safe = wins(model, avoid, None)
+    start = frozenset(np.flatnonzero(model.initial_belief).tolist())
+    if safe is None or start not in safe:
+        return None
+    met = [(start, state) for state in start]
+    for support, state in met:
+        for action in range(2):
+            after = following(model, support, action)
+            if any(avoid[each, action] for each in support) or not safe.issuperset(after.values()):
+                continue
+            if keep[state, action]:
+                return True
+            for symbol, states in after.items():
+                chances = model.transition_matrix(action)[state] * model.observation_matrix(action)[:, symbol]
+                met += [each for each in ((states, to) for to in np.flatnonzero(chances).tolist()) if each not in met]
+    return False
+
+
+def test_a_goal_is_possible_where_allowed_actions_reach_it():
+    found = []
+    for seed in range(80):
+        model, avoid, keep = drawn(seed, absorbing=seed % 2)
+        truth = reaches(model, avoid, keep)
+        if truth is not None:
+            found.append(truth)
+            assert Supports(model, avoid, keep).possible == truth, seed
+    assert 5 < sum(found) < len(found) - 5
+
+
+def test_a_goal_that_the_shield_makes_impossible_is_refused():
+    model = tiger()
+    opens = mdm.policies.ConstantPolicy(1, 3, 4)
+    search = mdm.solvers.TreeSearch(model, expansions=2)
+    plan = mdm.policies.FiniteStateController([1], [[0] * 5], 3)
+    for policy in (opens, search, plan):
+        with pytest.raises(mdm.ConfigError, match="no way to the goal") as told:
+            mdm.shield(policy, model, avoid="free or eaten", keep="reach free")
+        assert told.value.key == "keep"
+
+
+def test_a_goal_that_is_not_certain_from_the_start_is_told_with_its_probability():
+    """Ten per cent of the way ends in a ditch that shows as the way does."""
+    model = mdm.POMDP.from_functions(
+        ["road", "ditch", "home", "pit"],
+        ["walk", "jump"],
+        ["seen"],
+        transition=lambda state, action: (
+            {state: 1.0} if state != "road" else {"home": 0.9, "ditch": 0.1} if action == "walk" else {"pit": 1.0}
+        ),
+        observation=lambda action, state: "seen",
+        reward=lambda state, action: float(state == "road") * (1 + (action == "jump")),
+        discount=0.9,
+        initial="road",
+    )
+    jumps = mdm.policies.ConstantPolicy(1, 2, 4)
+    found = mdm.verification.effect(mdm.shield(jumps, model, avoid="pit", keep="reach home"), model, seconds=1.0)
+    assert found.keep[0].upper < 0.1
+    assert found.keep[1].lower <= 0.9 <= found.keep[1].upper < 1
 
 
 def shielded(name, keep=True):

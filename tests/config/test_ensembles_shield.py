@@ -8,7 +8,7 @@ import pytest
 import team_file
 from hidden_dangers import tiger
 from sentences import refused
-from shielded import ACTIONS, CODE, SHIELD, STATES, WRONG, house, stand, written
+from shielded import ACTIONS, CODE, SHIELD, STATES, WRONG, Kept, house, stand, written
 
 import mdm
 from mdm.cli.records.page import recorded_run
@@ -29,16 +29,6 @@ from mdm.testing import run_virtual
 def folder(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     return tmp_path
-
-
-class Kept:
-    """A logger that keeps its lines."""
-
-    def __init__(self):
-        self.lines = []
-
-    def __getattr__(self, level):
-        return lambda event, **fields: self.lines.append((level, event, fields))
 
 
 WHY = (

@@ -16,6 +16,7 @@ from patience import PATIENCE
 from places import EXAMPLES
 from programs import python
 from sentences import refused
+from shielded import Kept
 
 import mdm
 from mdm.actors import ControlLayer
@@ -55,11 +56,11 @@ def ensemble(model, *, drive=None, deadline=None, horizon=None, safe_action=None
     )
 
 
-def live(main, patience=60, **options):
+def live(main, patience=60, log=None, **options):
     """Run a coroutine function with a runtime in real time, within so many seconds."""
 
     async def program():
-        async with asyncio.timeout(patience), mdm.Runtime(log=None, **options) as runtime:
+        async with asyncio.timeout(patience), mdm.Runtime(log=log, **options) as runtime:
             return await main(runtime)
 
     return asyncio.run(program())
@@ -492,7 +493,7 @@ def test_what_a_shielded_search_wanted_is_told_and_a_replay_and_an_explanation_a
     opens = mdm.policies.AlphaVectors([[0.0] * 4], [1], 3)
     safe = mdm.shield(mdm.solvers.TreeSearch(model, expansions=2, fallback=opens), model, avoid=avoid, keep=goal)
     one = mdm.Ensemble("tiger", model=model, policy=safe, actions=dict.fromkeys(["listen", "left", "right"], nothing))
-    told = {}
+    told, kept = {}, Kept()
 
     async def main(runtime):
         actions = probe(runtime.channel("tiger/action", Action))
@@ -507,10 +508,14 @@ def test_what_a_shielded_search_wanted_is_told_and_a_replay_and_an_explanation_a
         told["why"] = str(runtime.explain("tiger"))
         return [(each.index, each.wanted) for each in actions], [each.wanted_name for each in decisions], sources
 
-    actions, names, sources = run(main, record=tmp_path / "run.mcap")
+    actions, names, sources = run(main, record=tmp_path / "run.mcap", log=kept)
     assert actions == [(0, 1), (0, 1), (2, 1)]
     assert names == ["left"] * 3
     assert sources == ["search" if run is run_virtual else "fallback", "search", "search"]
+    lines = [fields for _, event, fields in kept.lines if event == "shielded"]
+    assert {("listen", "left", "eaten"), ("right", "left", "eaten")} == {
+        (each["action"], each["wanted"], each["avoids"]) for each in lines
+    }
     record = Record(tmp_path / "run.mcap")
     assert [(each.message.action, each.message.wanted) for each in record.messages(["decisions"])] == actions
     system = rebuilt(record, tmp_path / "laid")

@@ -106,11 +106,8 @@ def shield(
         made = _Maker(model, original, target, added, float(probability)).shielded(kept, resolve=resolve)
     else:
         if resolve or probability or (kept is not None and kept.before is not None):
-            raise ConfigError(
-                f"a {type(original).__name__} is shielded by the support of its belief: that allows no budget, no "
-                "'before', and solves nothing again",
-                key="policy",
-            )
+            why = f"a {type(original).__name__} is shielded by the support of its belief"
+            raise ConfigError(f"{why}: that allows no budget, no 'before', and solves nothing again", key="policy")
         made = over_supports(original, model, target.target, None if kept is None else kept.target, added)
     made.avoid, made.keep, made.probability = avoid, keep, float(probability)
     result: Policy = made
@@ -196,11 +193,8 @@ class _Maker:
             allowed = np.where(avoids[its.state], avoiding, allowed)
         first, safe = float(self._start @ least.values), avoids[begins]
         if self._budget and first > self._budget + _ROUNDING:
-            raise ConfigError(
-                f"X is reached with probability {first:.6g} at least, which is more than the budget of "
-                f"{self._budget:g}",
-                key="probability",
-            )
+            told = f"X is reached with probability {first:.6g} at least"
+            raise ConfigError(f"{told}, which is more than the budget of {self._budget:g}", key="probability")
         if self._budget == 0 and not safe.all():
             where = f"it is reached with probability {first:.6g} at least"
             where = "with the margin no action is certain to avoid it" if margin else where
@@ -238,7 +232,10 @@ class _Maker:
             if self._budget:
                 choices = self._choices(kept.target | self._target, kept.before)
                 attains = reach(choices.subset(self._allowed), greatest=True)
-                follows = self._keeping(choices, attains.values)
+                its = reach(self._under(choices, self._wants), greatest=True)
+                after, most = choices.hit + np.asarray(choices.moves @ attains.values), attains.values[choices.state]
+                enough = (its.values[choices.state] >= most - its.error - _ROUNDING) & (after >= most - _ROUNDING)
+                follows = self._by_action(enough, False)
             own = reach(self._under(choices, weights), greatest=True)
             short = own.values < attains.values - attains.error - own.error - _ROUNDING
             taken[short] = choices.action[self._allowed][attains.chosen[short]][:, None]
@@ -294,13 +291,6 @@ class _Maker:
         policy = solve(MDP(moves, model.rewards, discount=model.discount, available=allowed)).policy
         return np.array([policy.action(state) for state in range(self._size)])
 
-    def _keeping(self, choices: Choices, attains: Vector) -> Mask:
-        """Return which actions of the original may be followed, see `BudgetedTable`."""
-        own = reach(self._under(choices, self._wants), greatest=True)
-        after = choices.hit + np.asarray(choices.moves @ attains)
-        enough = own.values[choices.state] >= attains[choices.state] - own.error - _ROUNDING
-        return self._by_action(enough & (after >= attains[choices.state] - _ROUNDING), False)
-
     def _check_stands(self, weights: Vector) -> None:
         """Refuse a shield under which a run is certain to end in a state for ever that the policy would leave."""
         stays = [self._under(self._free, each).moves.diagonal() for each in (weights, self._wants)]
@@ -311,8 +301,5 @@ class _Maker:
         ends = self._start @ reach(chain._replace(hit=stands.astype(float)), greatest=True).values
         if ends >= 1 - _ROUNDING:
             name = self._model.state_space.names[int(np.flatnonzero(stands)[0])]
-            raise ConfigError(
-                f"the robot would stand for ever where the policy goes on, as in {name!r}: say with keep where it "
-                f"has to go",
-                key="avoid",
-            )
+            where = f"the robot would stand for ever where the policy goes on, as in {name!r}"
+            raise ConfigError(f"{where}: say with keep where it has to go", key="avoid")

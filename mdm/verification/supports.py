@@ -246,9 +246,8 @@ def over_supports(
         raise ModelError("a margin needs observations of states: those of events are not known for its transitions")
     found = Supports(seen, avoid, keep, margin)
     if not found.allowed[found.first].any(axis=1).all():
-        raise ModelError(
-            "from the start no policy that goes by the observations avoids it for certain: the shield allows nothing"
-        )
+        why = "from the start no policy that goes by the observations avoids it for certain"
+        raise ModelError(f"{why}: the shield allows nothing")
     if not found.possible:
         raise ConfigError("the shield leaves no way to the goal: no actions that supports allow lead there", key="keep")
     choices = Choices.of_model(model, avoid, None)
@@ -263,7 +262,7 @@ def over_supports(
         controller.margin = margin
         return controller
     kind = ShieldedSearch if getattr(policy, "deliberates", False) else ShieldedBelief
-    shielded, given = kind(policy, mask, margin), {"episodes": _EPISODES, "seed": 0, "progress": None}
+    shielded, given = kind(policy, mask, margin), dict[str, Any](episodes=_EPISODES, seed=0, progress=None)
     longest = 1_000 if found.time == np.inf else 100 + 10 * int(min(found.time, 1_000))
     if keep is not None and (
         kind is ShieldedSearch or not outcomes(model, shielded, keep.astype(float), longest, **given).returns.all()

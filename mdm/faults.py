@@ -152,6 +152,10 @@ KINDS: Final[dict[str, FaultKind]] = {
         "The process that searches is not there, does not answer, or has ended.",
         "The detail says which; it is started again, and a `deadline` with a fallback bridges the time.",
     ),
+    "shield": FaultKind(
+        "The fallback of a shielded search has no shield.",
+        "Shield the search with its fallback, and leave `fallback` as `mdm.shield` has made it.",
+    ),
     "control": FaultKind(
         "An ensemble was not started, since one above it is safe or ends.",
         "Start it when that is over; it starts by itself with the action that it is bound to.",

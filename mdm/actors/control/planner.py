@@ -132,8 +132,7 @@ class Planner(Layer):
         self._found = Subscription(None, self, self._on_found)
         self._answers = channel("answer", Answer)
         self._answers.input = True
-        fallback: Any = self.policy.fallback
-        if self._shielded is not None and fallback is not None and not hasattr(fallback, "wanted"):
+        if self._shielded is not None and not hasattr(self.policy.fallback or self.policy, "wanted"):
             self.report("shield", "the fallback of the search is not shielded: what it decides may be dangerous")
         self.subscribe(channel("question", Question), self._on_question)
         self.subscribe(channel("control", Control), self._on_control)

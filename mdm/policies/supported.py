@@ -66,8 +66,7 @@ class SupportMask:
 
     def at(self, states: Indices, weights: Vector) -> Mask:
         """Return which actions are allowed at each of n beliefs of one support: n x A, given their n x M weights."""
-        number = self._numbers.get(states.tobytes(), -1)
-        if number < 0:
+        if (number := self._numbers.get(states.tobytes(), -1)) < 0:
             number = self._around(states)
         if number < 0 or not self.allowed[number].any():
             risk = weights @ self.risk[states]
@@ -221,7 +220,8 @@ class ShieldedSearch(ShieldedBelief):
 
     def note(self, x: Any, wanted: int | None, /) -> None:
         """Remember the action that the search wanted at a belief; None where the shield took no other one."""
-        self._wishes[_key(x)] = wanted
+        self._wishes.pop(key := _key(x), None)  # the newest comes last
+        self._wishes[key] = wanted
         if len(self._wishes) > _WISHES:
             del self._wishes[next(iter(self._wishes))]
 

@@ -278,10 +278,8 @@ def _controller(policy: Any, model: POMDP, found: Supports, mask: SupportMask, k
     of the support for the true one, and leads it on.
     """
     if len(policy.controllers) > 1 or len(found.first) > 1:
-        raise ModelError(
-            "a controller of each agent, or one that sees the first state, does not go by one support: shield a "
-            "policy over beliefs"
-        )
+        why = "a controller of each agent, or one that sees the first state, does not go by one support"
+        raise ModelError(f"{why}: shield a policy over beliefs")
     shielded, labels = _product(policy.controllers[0], model, found, mask, set())
     chain = None if keep is None else chain_of_policy(model, shielded)
     if chain is None or keep is None:

@@ -274,6 +274,16 @@ def test_a_search_and_its_fallback_are_shielded():
     assert safe.answered(found, [1, 0, 0, 0]) == (2, 2, 1)
 
 
+def test_a_search_forgets_the_oldest_wish_first(monkeypatch):
+    monkeypatch.setattr("mdm.policies.supported._WISHES", 2)
+    make, avoid, goal = HIDDEN["tiger"]
+    safe = mdm.shield(mdm.solvers.TreeSearch(make(), expansions=2), make(), avoid=avoid, keep=goal)
+    first, second, third = np.eye(4)[:3]
+    for belief, wanted in ((first, 1), (second, 2), (first, 2), (third, 1)):
+        safe.note(belief, wanted)
+    assert [safe.wanted(belief) for belief in (first, second, third)] == [2, None, 1]
+
+
 def test_a_margin_is_tracked_and_avoided():
     model, policy, _ = shielded("tiger")
     with pytest.raises(mdm.Error, match="allows nothing"):

@@ -46,7 +46,7 @@ Home = {{ formula = "not (Landing or Hall or Goal or Stairs)" }}
 model = "house.npz"
 policy = {policy}
 {shield}
-actions = {{ Wait = "drives:wait", Around = "drives:around", Straight = "drives:straight" }}
+actions = {{ Wait = "house_drives:wait", Around = "house_drives:around", Straight = "house_drives:straight" }}
 
 [ensembles.robot.states]
 position = {{ home = "Home", landing = "Landing", hall = "Hall", goal = "Goal", stairs = "Stairs" }}
@@ -81,7 +81,7 @@ class Kept:
 def written(folder, shield=SHIELD, policy=WRONG):
     """Write the file, the model and the code into a folder; return the file's path."""
     save_model(house(), folder / "house.npz")
-    (folder / "drives.py").write_text(CODE)
+    (folder / "house_drives.py").write_text(CODE)
     path = folder / "robot.toml"
     path.write_text(FILE.format(shield=shield, policy=list(policy)))
     return path

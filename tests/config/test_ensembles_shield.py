@@ -192,7 +192,7 @@ OVER_BELIEFS = """
 model = "tiger.npz"
 policy = "opens.npz"
 shield = { avoid = "eaten", keep = "reach free" }
-actions = { listen = "drives:wait", left = "drives:around", right = "drives:straight" }
+actions = { listen = "house_drives:wait", left = "house_drives:around", right = "house_drives:straight" }
 """
 
 
@@ -203,7 +203,7 @@ def test_a_record_of_a_shield_by_supports_explains_and_replays_it(folder, by, ki
     opens = {"alpha vectors": AlphaVectors([[0.0] * 4], [1], 3), "controller": FiniteStateController([1], [[0] * 5], 3)}
     save_model(model, folder / "tiger.npz")
     save_policy(opens[kind], folder / "opens.npz")
-    (folder / "drives.py").write_text(CODE)
+    (folder / "house_drives.py").write_text(CODE)
     (folder / "robot.toml").write_text(OVER_BELIEFS)
     safe = mdm.shield(opens[kind], model, avoid="eaten", keep="reach free")
     actions = dict.fromkeys(["listen", "left", "right"], lambda: None)
@@ -306,8 +306,8 @@ def test_a_shield_needs_a_model(folder):
 
 def test_a_policy_that_is_code_is_not_run_to_look_at_its_shield(folder):
     path = written(folder, policy="POLICY")
-    path.write_text(path.read_text().replace("['P', 'O', 'L', 'I', 'C', 'Y']", '"drives:policy"'))
-    (folder / "drives.py").write_text((folder / "drives.py").read_text() + CODE_POLICY)
+    path.write_text(path.read_text().replace("['P', 'O', 'L', 'I', 'C', 'Y']", '"house_drives:policy"'))
+    (folder / "house_drives.py").write_text((folder / "house_drives.py").read_text() + CODE_POLICY)
     assert not hasattr(look_over(path).ensembles["robot"].controller.policy, "avoid")
     assert load_system(path).ensembles["robot"].controller.policy.avoid == "position = stairs"
 

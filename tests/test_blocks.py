@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import shutil
 
@@ -16,6 +17,7 @@ import mdm
 from mdm.cli import main
 from mdm.maps import Edge, Graph, Node, Pose, save_graph
 from mdm.models import Factor, Space
+from mdm.testing import capture_decisions, run_virtual
 
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").rglob("*.md")]
 PAGES = sorted(page.relative_to(ROOT).as_posix() for page in PAGES)
@@ -100,9 +102,9 @@ LONG = ["docs/solving.md", "docs/how-to.md", "docs/start.md"]
 """Pages with many episodes, solvers or a pytest of their own."""
 
 
-def run(page, folder, *, wanted=lambda block: True, most=None):
+def run(page, folder, *, wanted=lambda block: True, most=None, known=()):
     files(folder, page)
-    names, here = scope(page), folder
+    names, here = scope(page) | dict(known), folder
     for block in filter(wanted, blocks.blocks(page)):
         if block.info.keys() & {"checked", "not-run"}:
             continue
@@ -112,17 +114,38 @@ def run(page, folder, *, wanted=lambda block: True, most=None):
         here = blocks.run(block, folder if begins else here, names, most=most)
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if page not in {"docs/records.md", "docs/solving.md"}])
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if page not in {"docs/records.md", "docs/solving.md", "docs/how-to.md"}]
+)
 def test_every_block_runs(page, tmp_path, monkeypatch):
     """With few episodes; the tests of a page's project are called in this process."""
     monkeypatch.chdir(tmp_path)
     run(page, tmp_path, most=20)
 
 
-@pytest.mark.parametrize("of_episodes", [False, True])
-def test_every_block_on_records_runs(of_episodes, tmp_path, monkeypatch):
+@pytest.mark.parametrize("first", [True, False])
+def test_every_answer_runs(first, tmp_path, monkeypatch):
+    """The first answers, which make projects of their own, and the others."""
+    page = "docs/how-to.md"
+    lines = (ROOT / page).read_text(encoding="utf-8").splitlines()
+    imported = {"asyncio": asyncio, "run_virtual": run_virtual, "capture_decisions": capture_decisions}
+    others = 1 + lines.index("## … use my own particle filter?")
     monkeypatch.chdir(tmp_path)
-    run("docs/records.md", tmp_path, wanted=lambda block: bool(EPISODES.search(block.text)) is of_episodes)
+    run(page, tmp_path, wanted=lambda block: (block.line < others) is first, most=20, known={} if first else imported)
+
+
+OF_RECORDS = {"episodes": EPISODES, "pictures": re.compile("mdm plot"), "replays": re.compile(r"\Amdm replay")}
+"""The kinds of blocks on docs/records.md that need no more than the record, which the first block makes."""
+
+
+@pytest.mark.parametrize("kind", [*OF_RECORDS, ""])
+def test_every_block_on_records_runs(kind, tmp_path, monkeypatch):
+    def wanted(block):
+        found = next((name for name, pattern in OF_RECORDS.items() if pattern.search(block.text)), "")
+        return found == kind or (kind != "episodes" and "mdm run patrol/" in block.text)
+
+    monkeypatch.chdir(tmp_path)
+    run("docs/records.md", tmp_path, wanted=wanted)
 
 
 @pytest.mark.slow

@@ -58,16 +58,22 @@ def test_what_all_verbs_take_is_known_without_numpy():
     )
 
 
-def test_a_solver_loads_no_actors_and_a_robot_no_solvers(tiger):
+def test_a_solver_loads_no_actors(tiger):
     solving = loaded("solve", tiger, "--gap", "1")
     assert len(of("mdm", solving)) <= 110
     assert of("mdm.solvers", solving)
     for package in ("mdm.actors", "mdm.runtime", "mdm.config", "mdm.team", "mdm.maps", "mdm.views"):
         assert not of(package, solving)
+
+
+def test_a_robot_loads_no_solvers():
     running = loaded("run", "--virtual", "--epochs", "2", "examples/patrol/patrol.toml")
     assert of("mdm.actors", running)
     for package in ("mdm.solvers", "mdm.views", "mdm.ros2"):
         assert not of(package, running)
+
+
+def test_a_robot_is_checked_without_ros():
     assert not of("mdm.ros2", loaded("check", "examples/patrol/patrol.toml"))
 
 

@@ -122,7 +122,7 @@ class ShieldTable(Options, frozen=True):
         avoid: A formula over states and actions, out of which it keeps.
         keep: Kept as probable as that allows, such as ``reach goal``.
         probability: The budget of a whole run for reaching the first; by default 0, which allows nothing.
-        resolve: Whether the model is solved anew within the mask.
+        resolve: Whether the model is solved again with the allowed actions.
         margin: Transitions that the model lacks and the world may have: state, action and next state, by name.
     """
 

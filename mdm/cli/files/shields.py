@@ -1,4 +1,4 @@
-"""Shields as `mdm check` tells of them: what they change, and what stands in for the policy without one."""
+"""Notes of `mdm check` on shields: the numbers before and after, and fallbacks and safe actions without one."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Shielded policies over states, which do as another policy does where that is allowed.
+"""Shielded policies, which do as another policy does where that is allowed: their base, and those over states.
 
-They are tables, which `mdm.shield` computes: for each state and each action that the original wants there, the action
-that is taken. With a budget the information state also holds how much of it is left, see `Budgeted`.
+Over states they are tables, which `mdm.shield` computes: for each state and action that the original wants there, the
+action that is taken. With a budget the information state also holds how much of it is left, see `Budgeted`.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _LED = 4
 """Changes of predicates, and decisions, that are told before a violation."""
-_OF_MODELS = ("policy", "start", "output", "greatest", "episodes", "seed", "false_negative")
+_OF_MODELS = ("policy", "start", "output", "greatest", "episodes", "seed", "bounds", "false_negative")
 _VALUES = {True: "true", False: "false", None: "unknown"}
 
 

@@ -110,7 +110,9 @@ def test_a_wrong_formula_is_a_sentence(mdm, record, formula, sentence):
     assert mdm("verify", record, formula) == (1, [], f"mdm verify: {sentence.format(record=record)}\n")
 
 
-@pytest.mark.parametrize("arguments", [("robot", "G(Low)"), ("G(Low)", "--from", "hall"), ("G(Low)", "--seed", "1")])
+@pytest.mark.parametrize(
+    "arguments", [("robot", "G(Low)"), *(("G(Low)", option, "1") for option in ("--from", "--seed", "--bounds"))]
+)
 def test_arguments_for_models_are_refused(mdm, record, arguments):
     status, lines, errors = mdm("verify", record, *arguments)
     assert (status, lines) == (2, [])

@@ -46,6 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     options = {name: getattr(arguments, name) for name in ("start", "episodes", "seed", "bounds")}
     with counting(arguments.interruption) as progress:
         answer = verify(model, arguments.specification, policy, **options, progress=progress)
+    if not isinstance(answer.result, Estimate) and (arguments.episodes, arguments.seed) != (None, None):
+        raise UsageError("--episodes and --seed are for policies that are simulated: this number is exact without them")
     if arguments.output is not None:
         found = answer.policies[arguments.greatest]
         if found is None:
@@ -63,6 +65,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _check_usage(arguments: argparse.Namespace) -> None:
+    if arguments.config is not None:
+        raise UsageError("--config is the configuration of a record's run: it goes without a model")
+    if arguments.policy is None and arguments.false_negative is not None:
+        raise UsageError("--false-negative is for a policy over beliefs: give a POLICY")
     if arguments.output is None:
         if arguments.greatest:
             raise UsageError("--greatest says which policy -o keeps: give -o")

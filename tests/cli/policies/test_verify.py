@@ -113,6 +113,9 @@ def test_a_long_way_is_cut(mdm, tmp_path):
         (["go.npz", "P(reach stairs)", "-o", "other.npz"], 2, "goes without a POLICY"),
         (["P(reach stairs)", "-o", "other.txt"], 1, "other.txt"),
         (["tiger.npz", "P(reach stairs)"], 1, "the policy is for"),
+        (["P(reach stairs)", "--config", "robot.toml"], 2, "it goes without a model"),
+        (["P(reach stairs)", "--seed", "1"], 2, "this number is exact without them"),
+        (["go.npz", "P(reach stairs)", "--episodes", "5"], 2, "this number is exact without them"),
     ],
 )
 def test_wrong_input(mdm, floor, monkeypatch, more, status, words):

@@ -1,6 +1,7 @@
 // The headline, the tree of ensembles, and one of them at close range.
-import { html, useEffect, useRef, useState } from "./vendor/htm-preact.js";
+import { html, useState } from "./vendor/htm-preact.js";
 import { VirtualList } from "./list.js";
+import { Panel } from "./panel.js";
 import { called, clock, feeding, number, percent, seconds, SIGNS, since, standing } from "./words.js";
 
 const PAUSE = 2;   // Seconds without anything to do that nobody need be told of.
@@ -76,28 +77,25 @@ export function Tree({ scene, frame, selected, choose }) {
       <span class="soft number">${live.length ? seconds(frame.time - live[live.length - 1].since) : ""}</span>
     </div>`;
   };
-  return html`<section class="panel" aria-label="Ensembles">
-    <div class="head"><h2>Ensembles</h2><span class="soft number">${scene.ensembles.length}</span></div>
+  return html`<${Panel} name="Ensembles" aside=${html`<span class="soft number">${scene.ensembles.length}</span>`}>
     <p class="soft legend">An ensemble is one process that decides: a model, its policy, and the actions that it may start.</p>
     ${scene.ensembles.length > 12 && html`<input type="search" placeholder="Find" aria-label="Find an ensemble" value=${sought} onInput=${(event) => seek(event.currentTarget.value)} />`}
     <${VirtualList} count=${places.length} height=${32} row=${row} label="Tree of ensembles" role="listbox"
       selected=${places.findIndex((place) => scene.ensembles[place].path === selected)}
       choose=${(index) => choose(scene.ensembles[places[index]].path)} />
     <p class="soft legend">${Object.entries(SIGNS).map(([word, sign]) => html`<span class=${word} key=${word}>${sign}</span> ${word}  `)}</p>
-  </section>`;
+  <//>`;
 }
 
-export function Detail({ scene, frame, path, why, ask, lost, control, command }) {
+export function Detail({ scene, frame, path, ask, lost, control, command }) {
   const place = scene.ensembles.findIndex((each) => each.path === path);
   const of = scene.ensembles[place];
   const each = frame.ensembles[place];
-  if (!of || !each) return html`<section class="panel"><h2>Ensemble</h2><p class="empty">None is chosen.</p></section>`;
+  if (!of || !each) return html`<${Panel} name="Ensemble"><p class="empty">None is chosen.</p><//>`;
   const detail = frame.details?.[path] ?? {};
   const how = standing(each);
-  const isEarlier = scene.source === "live" && why?.why?.epoch >= 0 ? why.why.epoch !== each.epoch : why?.decided !== detail.decided;
   const ended = Object.entries(frame.statistics?.ended?.[path] ?? {});
-  return html`<section class="panel" aria-label=${`Ensemble ${path}`}>
-    <div class="head"><h2>${path}</h2><span class=${`badge ${how}`}>${SIGNS[how]} ${how} ${seconds(frame.time - since(each))}</span></div>
+  return html`<${Panel} name="Ensemble" label=${`Ensemble ${path}`} title=${path} aside=${html`<span class=${`badge ${how}`}>${SIGNS[how]} ${how} ${seconds(frame.time - since(each))}</span>`}>
     ${(each.odd ?? []).map((text) => html`<p class="said waiting" key=${text.slice(0, 12)}>? looks odd: ${text}</p>`)}
     <p class="soft said">${of.summary}${of.bound ? `; it is the action ${of.bound} of the ensemble above` : ""}</p>
     <dl>
@@ -115,8 +113,7 @@ export function Detail({ scene, frame, path, why, ask, lost, control, command })
     ${detail.observations?.length > 0 && html`<div><h3>the last observations</h3><ol class="heard number">${[...detail.observations].reverse().map(([time, name]) => html`<li key=${time}><span class="soft">${clock(time)}</span> ${name}</li>`)}</ol></div>`}
     <div class="commands"><button disabled=${lost} onClick=${ask} title="w">Why this action?</button>
       ${control && ["start", "stop", "reset", "release"].map((word) => html`<button key=${word} disabled=${lost || hinders(word, each)} title=${hinders(word, each)} onClick=${() => command(word, path)}>${word}</button>`)}</div>
-    ${why && why.ensemble === path && html`<h3>Why${why.why?.epoch >= 0 ? ` decision ${why.why.epoch}` : ""}${why.decided == null ? "" : ` at ${clock(why.decided)}`} ${isEarlier && html`<span class="soft">since then it has decided anew</span>`}</h3><${Why} told=${why.why} question=${why.question} />`}
-  </section>`;
+  <//>`;
 }
 
 // Why a command would do nothing now; null where it does something.
@@ -137,17 +134,6 @@ function source(scene, of, factor, value) {
   const known = feeding(scene, of).map((place) => scene.predicates[place]).find((each) => each.name === name || each.name.endsWith(`: ${name}`) || each.name.endsWith(`/${name}`));
   const [, teller] = /^(told by [^,]*)/.exec(known?.definition ?? "") ?? [];
   return teller ? `${name}, ${teller}` : name;
-}
-
-function Why({ told, question }) {
-  const box = useRef(null);
-  useEffect(() => box.current.scrollIntoView({ block: "nearest" }), [question]);
-  if (!told) return html`<p class="empty" ref=${box}>Nothing tells why: this version explains no decisions of this kind.</p>`;
-  const values = (told.values ?? []).filter(([, value]) => value != null);
-  const least = Math.min(...values.map(([, value]) => value));
-  const span = Math.max(...values.map(([, value]) => value)) - least || 1;
-  return html`<div ref=${box}><pre class="why">${told.text}</pre>
-    ${values.length > 1 && html`<h3>values of the actions</h3>${values.slice(0, 12).map(([action, value]) => html`<${Bar} key=${action} label=${action} share=${0.04 + (0.96 * (value - least)) / span} text=${number(value)} />`)}`}</div>`;
 }
 
 export function Bar({ label, share, text, rest }) {

@@ -1,5 +1,6 @@
 // The floor: places, ways, robots with where they head for, and the belief over places.
 import { html, useEffect, useRef } from "./vendor/htm-preact.js";
+import { Panel } from "./panel.js";
 import { colour, percent } from "./words.js";
 
 const pictures = new Map();
@@ -59,11 +60,10 @@ export function Floor({ floors, frame, scheme }) {
   const chances = overPlaces(frame, floor);
   const told = robot ? `The robot is ${robot.place ? `in ${robot.place}` : "in no place that is known"}${robot.goal ? ` and heads for ${robot.goal}` : ""}.` : "It is not known where the robot is.";
   useEffect(() => draw(box.current, floor, frame, scheme, chances));
-  return html`<section class="panel" aria-label="Floor">
-    <div class="head"><h2>Floor${floor.name ? ` ${floor.name}` : ""}</h2><span>${told}</span></div>
+  return html`<${Panel} name="Floor" title=${`Floor${floor.name ? ` ${floor.name}` : ""}`} aside=${html`<span>${told}</span>`}>
     <canvas ref=${box} role="img" aria-label=${`${told} ${[...chances].filter(([, chance]) => chance > 0.005).map(([place, chance]) => `${place} ${percent(chance)}`).join(", ")}`}></canvas>
     <p class="soft legend">▲ robot, ◎ where it heads for${chances.size ? ", ● how likely it is where" : ""}</p>
-  </section>`;
+  <//>`;
 }
 
 function draw(canvas, floor, frame, scheme, chances) {
@@ -136,7 +136,7 @@ function draw(canvas, floor, frame, scheme, chances) {
     if (robot.floor !== floor.name) continue;
     const [x, y] = at(robot.row, robot.column);
     const goal = places.get(robot.goal);
-    context.strokeStyle = context.fillStyle = colour("bad");
+    context.strokeStyle = context.fillStyle = colour("robot");
     if (goal) {
       const [to, down] = at(goal.row, goal.column);
       context.lineWidth = 2;

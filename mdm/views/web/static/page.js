@@ -4,10 +4,12 @@ import { Connection } from "./connection.js";
 import { Detail, Headline, Tree } from "./ensembles.js";
 import { Counts, Faults, Predicates, Team } from "./facts.js";
 import { Floor } from "./floor.js";
+import { Panel, settle } from "./panel.js";
 import { Part } from "./part.js";
 import { Plots, Seen } from "./plots.js";
 import { Question } from "./question.js";
 import { History, Timeline } from "./timeline.js";
+import { Why } from "./why.js";
 import { clock } from "./words.js";
 
 const told = {
@@ -324,23 +326,21 @@ function Header() {
 function Help() {
   const keys = Object.entries(KEYS).filter(([, each]) => works(each));
   keys.sort(([one], [two]) => (one === "0") - (two === "0"));   // a number comes first in any object
-  return html`<section class="panel wide" aria-label="Keys"><div class="head"><h2>Keys</h2></div><dl>
+  return html`<${Panel} name="Keys" wide><dl class="keys">
     ${keys.map(([key, [text]]) => html`<dt key=${key}><kbd>${{ " ": "space", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" }[key] ?? key}</kbd></dt><dd>${text[told.scene?.source] ?? text}</dd>`)}</dl>
-    ${isRecord() && html`<p class="soft">With shift, <kbd>d</kbd>, <kbd>n</kbd>, <kbd>f</kbd>, <kbd>m</kbd> and <kbd>o</kbd> go to the one before.</p>`}</section>`;
+    ${isRecord() && html`<p class="soft">With shift, <kbd>d</kbd>, <kbd>n</kbd>, <kbd>f</kbd>, <kbd>m</kbd> and <kbd>o</kbd> go to the one before.</p>`}<//>`;
 }
 
 function Controls() {
   if (!isRecord() || !told.frame) return null;
   const { scene, frame } = told;
   const lost = !isOpen();
-  // What has the focus scrolls into sight above this bar.
-  const bar = (box) => { document.documentElement.style.scrollPaddingBottom = box ? `${box.offsetHeight + 8}px` : ""; };
-  return html`<div class="controls" ref=${bar} role="toolbar" aria-label="Time of the record">
+  return html`<div class="controls" role="toolbar" aria-label="Time of the record">
     <button disabled=${lost} onClick=${freeze} aria-label=${told.playing ? "Pause" : "Play"}>${told.playing ? "❚❚" : "▶"}</button>
     <select aria-label="Speed" value=${told.speed} onChange=${(event) => { told.speed = Number(event.currentTarget.value); schedule(); }}>${[0.1, 0.5, 1, 2, 5, 10, 60].map((each) => html`<option value=${each} selected=${each === told.speed}>${each}×</option>`)}</select>
     <input type="range" aria-label="Time" disabled=${lost} min=${scene.first} max=${scene.last} step="0.001" value=${frame.time} aria-valuetext=${clock(frame.time)} onInput=${(event) => go(Number(event.currentTarget.value))} />
     <span class="number">${clock(frame.time)}</span>
-    ${[["decision", "d"], ["change", "n", "other action"], ["fault", "f"], ["mode", "m"], ["odd", "o"]].map(([kind, key, word = kind]) => html`<span key=${kind}><button disabled=${lost} aria-label=${`${word} before`} title=${`shift ${key}`} onClick=${() => step(kind, true)}>◀</button> <button disabled=${lost} title=${key} onClick=${() => step(kind, false)}>${word} ▶</button></span>`)}
+    <span class="steps">${[["decision", "d"], ["change", "n", "other action"], ["fault", "f"], ["mode", "m"], ["odd", "o"]].map(([kind, key, word = kind]) => html`<span class="pair" key=${kind}><button disabled=${lost} aria-label=${`${word} before`} title=${`shift ${key}`} onClick=${() => step(kind, true)}>◀</button><button disabled=${lost} title=${key} onClick=${() => step(kind, false)}>${word} ▶</button></span>`)}</span>
     <span class="ended" role="status">${told.ended}</span>
   </div>`;
 }
@@ -357,27 +357,32 @@ function Page() {
   if (!scene || !frame) {
     return html`<${Header} /><main><section class="panel wide"><p class="empty">${told.link === "open" ? "Waiting for the first frame." : "Not connected. Open the address that the program has printed; this page goes on trying."}</p></section></main>`;
   }
-  return html`<a class="skip" href="#main">To the ensembles</a><${Header} />
-    <${Part} name="the headline"><${Headline} scene=${scene} frame=${frame} lost=${isOpen() ? null : told.link} /><//>
-    <main id="main" class=${isOpen() ? "" : "past"}>
+  const at = isRecord() ? go : null;
+  return html`<a class="skip" href="#main">To the ensembles</a><div class="shell"><${Header} />
+    <div class="content"><${Part} name="the headline"><${Headline} scene=${scene} frame=${frame} lost=${isOpen() ? null : told.link} /><//>
+    <div class="notes">${told.said && html`<p class=${`said ${told.said.refused ? "refused" : ""}`} role="status">${told.said.refused ? `✕ refused: ${told.said.refused}` : `✓ done: ${told.said.done}`}</p>`}
+      ${(scene.remarks ?? []).map((text) => html`<p class="said" key=${text}>Note: ${text}</p>`)}</div>
+    <main id="main" class=${isOpen() ? "" : "past"}><div class="panels">
       ${told.help && html`<${Help} />`}
-      ${told.said && html`<p class=${`said wide ${told.said.refused ? "refused" : ""}`} role="status">${told.said.refused ? `✕ refused: ${told.said.refused}` : `✓ done: ${told.said.done}`}</p>`}
-      ${(scene.remarks ?? []).map((text) => html`<p class="said wide" key=${text}>Note: ${text}</p>`)}
       <${Part} name="the timeline"><${Timeline} scene=${scene} frame=${frame} history=${told.history} selected=${told.selected} view=${told.view} extent=${extent()}
-        setView=${(view) => { told.view = view; schedule(); }} choose=${choose} go=${isRecord() ? go : null} scheme=${told.scheme} /><//>
-      <div class="column"><${Part} name="the tree of ensembles"><${Tree} scene=${scene} frame=${frame} selected=${told.selected} choose=${choose} /><//>
-        <${Part} name="the faults"><${Faults} faults=${told.history.faults} frame=${frame} go=${isRecord() ? go : null} /><//></div>
-      <div class="column"><${Part} name="the ensemble"><${Detail} scene=${scene} frame=${frame} path=${told.selected} why=${told.why} ask=${ponder} lost=${!isOpen()} control=${scene.control} command=${command} /><//>
-        <${Part} name="the course of the belief"><${Plots} ...${courseShown()} path=${told.selected} time=${frame.time} go=${isRecord() ? go : null} scheme=${told.scheme} /><//></div>
-      <div class="column third">${scene.floors?.length > 0 && html`<${Part} name="the floor"><${Floor} floors=${scene.floors} frame=${frame} scheme=${told.scheme} /><//>`}
-        <${Part} name="the team"><${Team} team=${frame.team} /><//>
-        <${Part} name="the predicates"><${Predicates} scene=${scene} frame=${frame} path=${told.selected} lost=${!isOpen()} control=${scene.control} sense=${sense} /><//>
-        <${Part} name="latency and counts"><${Counts} statistics=${frame.statistics} path=${told.selected} /><//></div>
-    </main><${Controls} />
+        setView=${(view) => { told.view = view; schedule(); }} choose=${choose} go=${at} scheme=${told.scheme} /><//>
+      <${Part} name="the tree of ensembles"><${Tree} scene=${scene} frame=${frame} selected=${told.selected} choose=${choose} /><//>
+      <${Part} name="the ensemble"><${Detail} scene=${scene} frame=${frame} path=${told.selected} ask=${ponder} lost=${!isOpen()} control=${scene.control} command=${command} /><//>
+      ${told.why && html`<${Part} name="why"><${Why} scene=${scene} why=${told.why} decides=${{ epoch: frame.ensembles[place()]?.epoch, time: decided() }} /><//>`}
+      ${scene.floors?.length > 0 && html`<${Part} name="the floor"><${Floor} floors=${scene.floors} frame=${frame} scheme=${told.scheme} /><//>`}
+      <${Part} name="the course of the belief"><${Plots} ...${courseShown()} path=${told.selected} time=${frame.time} go=${at} scheme=${told.scheme} /><//>
+      <${Part} name="the team"><${Team} team=${frame.team} /><//>
+      <${Part} name="the predicates"><${Predicates} scene=${scene} frame=${frame} path=${told.selected} lost=${!isOpen()} control=${scene.control} sense=${sense} /><//>
+      <${Part} name="the faults"><${Faults} faults=${told.history.faults} frame=${frame} go=${at} /><//>
+      <${Part} name="latency and counts"><${Counts} statistics=${frame.statistics} path=${told.selected} /><//>
+    </div></main></div><${Controls} /></div>
     ${told.asked && html`<${Part} name="the question"><${Question} key=${told.asked.text} text=${told.asked.text} yes=${told.asked.yes} answer=${answer} /><//>`}`;
 }
 
 const root = document.getElementById("page");
-function redraw() { render(html`<${Part} name="the page"><${Page} /><//>`, root); }
+function redraw() {
+  render(html`<${Part} name="the page"><${Page} /><//>`, root);
+  settle();
+}
 globalThis.mdmPage = told;   // for tests and for the curious
 schedule();

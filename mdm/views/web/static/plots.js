@@ -1,5 +1,6 @@
 // Over time: the belief as a band, and expected reward and return as lines.
 import { html, useEffect, useRef } from "./vendor/htm-preact.js";
+import { Panel } from "./panel.js";
 import { clock, colour } from "./words.js";
 
 const STATES = 5, KEPT = 600;
@@ -97,10 +98,10 @@ export function Plots({ course, version, path, time, range, go, scheme }) {
     { ...options, series: [{}, { label, stroke: colour("s0"), width: 2, paths: steps(), points: { show: course.times.length <= DOTS, size: 5 } }] });
   const lines = [["expected reward", course.rewards], ["expected return", course.values]].filter(([, list]) => some(list));
   if (!believes && !lines.length) return null;
-  return html`<section class="panel" aria-label="Over time"><h2>Over time: ${path}</h2>
+  return html`<${Panel} name="Over time" title=${`Over time: ${path}`}>
     ${course.decisions > course.times.length && html`<p class="soft legend number">${course.times.length.toLocaleString("en")} of ${course.decisions.toLocaleString("en")} decisions are drawn, the last one of each part of the time; where the timeline is zoomed in, there are more.</p>`}
     ${believes && html`<div><h3>belief, its likeliest states, stacked</h3><p class="soft legend">Each band is as wide as its state is likely; all together come to 1; what is above the bands is the rest.</p>
       <${Drawing} key="belief" make=${bands} of=${of} now=${go && time} label="Belief over time, a band for each state, one on top of the other" /></div>`}
     ${lines.map(([label, list]) => html`<div key=${label}><h3>${label}</h3><${Drawing} make=${line(label, list)} of=${of} now=${go && time} label=${`${label[0].toUpperCase()}${label.slice(1)} over time`} /></div>`)}
-  </section>`;
+  <//>`;
 }

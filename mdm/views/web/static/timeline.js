@@ -1,6 +1,7 @@
 // The timeline: a lane an ensemble, with modes, lives of actions and decisions; below them predicates; faults above. It
 // zooms and scrolls, and tells of all that is in it.
 import { html, useEffect, useRef, useState } from "./vendor/htm-preact.js";
+import { Panel } from "./panel.js";
 import { called, clock, colour, feeding, seconds, SIGNS } from "./words.js";
 
 const LANE = 46, THIN = 18, HEAD = 24, LEFT = 118, MOST = 10, PREDICATES = 8;
@@ -130,6 +131,7 @@ export function Timeline({ scene, frame, history, selected, view, setView, choos
   };
   useEffect(() => {
     const canvas = box.current;
+    if (!canvas) return undefined;   // The panel is closed.
     const wheel = (event) => {
       if (!event.ctrlKey && !event.shiftKey && Math.abs(event.deltaX) < Math.abs(event.deltaY) && !canvas.matches(":focus")) return;
       event.preventDefault();
@@ -170,17 +172,16 @@ export function Timeline({ scene, frame, history, selected, view, setView, choos
     const by = { ArrowLeft: -0.2, ArrowRight: 0.2 }[event.key];
     if (by && !go) { event.preventDefault(); event.stopPropagation(); setView({ follow: false, span, end: end + by * span }); }
   };
-  return html`<section class="panel wide timeline" aria-label="Timeline">
-    <div class="head"><h2>Timeline</h2><span class="commands">
+  return html`<${Panel} name="Timeline" wide kind="timeline" aside=${html`<span class="commands">
       <span class="soft">▶ decides ■ safe ○ stopped | decision, ✕ failed, ⚠ fault, ? looks odd${predicates.length > 0 && "; predicates: ▬ true, ─ false, ▨ unknown"}</span>
       <button onClick=${() => zoom(0.5)} title="+" aria-label="Zoom in">+</button><button onClick=${() => zoom(2)} title="-" aria-label="Zoom out">−</button>
       <button onClick=${() => setView({ follow: false, span: Math.max(1, last - first), end: last })} title="0">all</button>
-      ${!go && html`<button aria-pressed=${view.follow} onClick=${() => setView({ ...view, follow: !view.follow, end })}>keep to now</button>`}</span></div>
+      ${!go && html`<button aria-pressed=${view.follow} onClick=${() => setView({ ...view, follow: !view.follow, end })}>keep to now</button>`}</span>`}>
     <div class="held"><canvas ref=${box} tabindex="0" role="img" aria-label=${`Timeline from ${clock(begin)} to ${clock(end)} of ${counted(lanes, "ensemble")}, ${counted(predicates, "predicate")}, ${counted(history.faults, "fault")}`}
       onPointerDown=${down} onPointerMove=${move} onPointerUp=${up} onPointerLeave=${() => show(null)} onKeyDown=${keys}></canvas>
       ${tip && html`<div class="tip number" role="tooltip" style=${`left:${tip.x}px;top:${tip.y}px`}>${tip.text}</div>`}</div>
     <p class="told soft number">${(selected && decision(history, selected, frame.time)) || "Nothing is decided yet."}${faultsAt(history, frame.time)}</p>
-  </section>`;
+  <//>`;
 }
 
 // The changes of a predicate: where none is kept any more, for many others have changed since, its value is known from its frame.

@@ -55,7 +55,16 @@ if TYPE_CHECKING:
     from mdm.beliefs import BeliefTracker
     from mdm.config import System, load_system
     from mdm.controller import Controller, Step
-    from mdm.errors import ConfigError, Error, FormatError, MapError, MapWarning, ModelError, ModelWarning
+    from mdm.errors import (
+        ConfigError,
+        Error,
+        FormatError,
+        MapError,
+        MapWarning,
+        ModelError,
+        ModelWarning,
+        WorkerWarning,
+    )
     from mdm.formats import load_model, load_policy, load_rewards, save_model, save_policy
     from mdm.logic import Formula, P, parse
     from mdm.models import MDP, POMDP
@@ -74,7 +83,7 @@ if TYPE_CHECKING:
         WallClock,
         run,
     )
-    from mdm.simulation import World, evaluate
+    from mdm.simulation import World, compare, evaluate
     from mdm.simulation.world import simulate
     from mdm.solvers import solve
     from mdm.team.team import Team
@@ -127,11 +136,13 @@ __all__ = [
     "VirtualClock",
     "VirtualEventLoop",
     "WallClock",
+    "WorkerWarning",
     "World",
     "__version__",
     "actors",
     "beliefs",
     "bind",
+    "compare",
     "config",
     "estimation",
     "evaluate",
@@ -179,7 +190,10 @@ _HOMES = {
     "beliefs": ("BeliefTracker",),
     "controller": ("Controller", "Step"),
     "config": ("System", "load_system"),
-    "errors": ("ConfigError", "Error", "FormatError", "MapError", "MapWarning", "ModelError", "ModelWarning"),
+    "errors": (
+        *("ConfigError", "Error", "FormatError", "MapError", "MapWarning", "ModelError", "ModelWarning"),
+        "WorkerWarning",
+    ),
     "formats": ("load_model", "load_policy", "load_rewards", "save_model", "save_policy"),
     "logic": ("Formula", "P", "parse"),
     "models": ("MDP", "POMDP"),
@@ -187,7 +201,7 @@ _HOMES = {
         *("Actor", "ActorFailure", "Channel", "Clock", "DeadlockError", "Extension", "Observer", "Restart", "Runtime"),
         *("VirtualClock", "VirtualEventLoop", "WallClock", "run"),
     ),
-    "simulation": ("World", "evaluate", "simulate"),
+    "simulation": ("World", "compare", "evaluate", "simulate"),
     "solvers": ("solve",),
     "team": ("Team",),
     "verification": ("shield", "verify"),

@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["ConfigError", "Error", "FormatError", "MapError", "MapWarning", "ModelError", "ModelWarning", "PolicyError"]
+__all__ = [
+    "ConfigError",
+    "Error",
+    "FormatError",
+    "MapError",
+    "MapWarning",
+    "ModelError",
+    "ModelWarning",
+    "PolicyError",
+    "WorkerWarning",
+]
 
 
 class Error(Exception):
@@ -61,6 +71,10 @@ class MapWarning(UserWarning):
 
 class ModelWarning(UserWarning):
     """A model was accepted with a change, such as normalised probabilities."""
+
+
+class WorkerWarning(UserWarning):
+    """Something of parts that run on workers: some are missing, hosts differ, or each worker searches by itself."""
 
 
 class ConfigError(Error):

@@ -139,6 +139,14 @@ class DrawnInformation:
         self.expected = getattr(of, "expected", None)
         self._generator = np.random.PCG64(seed)
         self._number: float | None = None
+        self._divided: str | None = None
+        self._episode, self._drawn = 0, False
+
+    def divide(self, episode: int) -> None:
+        """Give each episode random numbers of its own, 2^64 of the sequence; the next one has those of this number."""
+        self.draws = self._divided = self._divided or self.draws
+        self._generator.advance(episode << 64)
+        self._episode, self._drawn = episode, False
 
     @property
     def state(self) -> int | None:
@@ -150,7 +158,7 @@ class DrawnInformation:
     def current(self) -> Drawn:
         """The information and the number, which is drawn on first access."""
         if self._number is None:
-            self._number = np.random.Generator(self._generator).random()
+            self._number, self._drawn = np.random.Generator(self._generator).random(), True
         return Drawn(self.of.current, self._number)
 
     @property
@@ -168,11 +176,14 @@ class DrawnInformation:
     def draws(self, draws: str) -> None:
         state, inc = map(int, draws.split())
         self._generator.state = {**self._generator.state, "state": {"state": state, "inc": inc}}
+        self._divided = self._divided and draws
 
     def reset(self, belief: npt.ArrayLike | None = None) -> None:
-        """Begin an episode; the sequence of random numbers goes on."""
+        """Begin an episode; the sequence of random numbers goes on, unless each has its own."""
         self.of.reset(belief)
         self._number = None
+        if self._divided and self._drawn:
+            self.divide(self._episode + 1)
 
     def update(self, action: int, observation: Any) -> float:
         """Update the information, and discard the number."""

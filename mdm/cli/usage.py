@@ -184,6 +184,10 @@ def _unit(text: str) -> Unit:
         raise argparse.ArgumentTypeError(f"step, second, or the seconds of a step was expected, not {text!r}") from None
 
 
+def _workers(text: str) -> Any:
+    return text if text == "auto" else number("auto or a whole number of 0 or more", 0, kind=int)(text)
+
+
 DEBUG = Argument("--debug", "show the traceback of an error, and more in the log")
 JSON = Argument("--json", "one JSON object")
 SEED = Argument("--seed S", "the same seed gives the same result", seed)
@@ -200,6 +204,15 @@ DURATIONS = Argument(
 FALSE_NEGATIVE = Argument(
     "--false-negative O",
     "the observation, by name or index, that is a false negative: an event that nobody detected",
+)
+WORKERS = (
+    Argument(
+        "--workers N",
+        "simulate in N processes here, auto for one on each processor; 0 (the default) in the command's own",
+        _workers,
+        default=0,
+    ),
+    Argument("--dask ADDRESS", "simulate on the workers of the Dask scheduler at this address, or of its file"),
 )
 IMPORT = Argument("--import", "import the functions of a TOML file, which runs its modules", dest="imports")
 

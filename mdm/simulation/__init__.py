@@ -2,15 +2,20 @@
 
 from mdm.simulation.batch import Evaluation, ReachingEvaluation, evaluate
 from mdm.simulation.communication import CommunicationEvaluation, evaluate_communication
+from mdm.simulation.comparison import Comparison, compare
+from mdm.simulation.processes import Processes
 from mdm.simulation.sampler import Sampler
 from mdm.simulation.world import World, simulate
 
 __all__ = [
     "CommunicationEvaluation",
+    "Comparison",
     "Evaluation",
+    "Processes",
     "ReachingEvaluation",
     "Sampler",
     "World",
+    "compare",
     "evaluate",
     "evaluate_communication",
     "simulate",

@@ -12,6 +12,7 @@ episode at a time; a policy of each kind have different ones.
 
 from __future__ import annotations
 
+import functools
 import math
 import time
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -20,9 +21,10 @@ import msgspec
 import numpy as np
 from scipy.special import betaincinv
 
-from mdm.beliefs import Support
+from mdm.beliefs import DrawnInformation, Support
 from mdm.checks import check_seed, is_whole
 from mdm.controller import Controller
+from mdm.controller.controller import seeded
 from mdm.errors import ConfigError
 from mdm.loading import model_of, policy_of
 from mdm.models.durations import discounts_in_time, paid_in_time
@@ -32,15 +34,18 @@ from mdm.models.specification import Specification
 from mdm.models.units import check_steps
 from mdm.policies import mismatch
 from mdm.policies.batch import ENDED
+from mdm.simulation.parts import Worker, run_parts
 from mdm.simulation.sampler import BatchSampler, Sampler, ended_states
 from mdm.texts import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from concurrent.futures import Executor
 
     from mdm.loading import GivenModel, GivenPolicy
     from mdm.models import MDP, Durations
     from mdm.policies.batch import Batch
+    from mdm.simulation.parts import Work
 
 _TOGETHER = 2_000
 """States up to which beliefs are kept as a matrix."""
@@ -63,6 +68,8 @@ class Evaluation(msgspec.Struct, frozen=True):
         seed: The seed, for the same episodes again.
         moves: The number of simulated time steps.
         seconds: The time of the simulation.
+        missing: How many episodes have no return, since the part that they were in failed.
+        workers: Who ran it, where it ran in parts.
     """
 
     mean: float
@@ -72,14 +79,18 @@ class Evaluation(msgspec.Struct, frozen=True):
     seed: int
     moves: int
     seconds: float
+    missing: int = 0
+    workers: tuple[Worker, ...] = ()
 
     @classmethod
-    def of(cls, returns: Vector, steps: int, seed: int, moves: int, seconds: float) -> Evaluation:
+    def of(
+        cls, returns: Vector, steps: int, seed: int, moves: int, seconds: float, missing: int = 0, workers: Any = ()
+    ) -> Evaluation:
         """Return the result of some returns; of none, it is not a number."""
         if not len(returns):
-            return cls(math.nan, math.nan, returns, steps, seed, moves, seconds)
+            return cls(math.nan, math.nan, returns, steps, seed, moves, seconds, missing, workers)
         error = float(returns.std(ddof=1)) / math.sqrt(len(returns)) if len(returns) > 1 else 0.0
-        return cls(float(returns.mean()), error, returns, steps, seed, moves, seconds)
+        return cls(float(returns.mean()), error, returns, steps, seed, moves, seconds, missing, workers)
 
     @property
     def episodes(self) -> int:
@@ -93,7 +104,7 @@ class Evaluation(msgspec.Struct, frozen=True):
 
     def __repr__(self) -> str:
         low, high = self.interval
-        episodes = counted(self.episodes, "episode")
+        episodes = counted(self.episodes, "episode") + (f", and {self.missing} are missing" if self.missing else "")
         return f"Evaluation({self.mean:.6g}, between {low:.6g} and {high:.6g} by 95 %, {episodes})"
 
     @property
@@ -102,7 +113,7 @@ class Evaluation(msgspec.Struct, frozen=True):
         return self.moves / self.seconds if self.seconds > 0 else math.inf
 
 
-class ReachingEvaluation(Evaluation, frozen=True):
+class ReachingEvaluation(Evaluation, frozen=True, kw_only=True):
     """The share of simulated episodes in which something comes to hold.
 
     Attributes:
@@ -130,6 +141,7 @@ def evaluate(
     durations: Durations | None = None,
     until: str | None = None,
     progress: Callable[[int, int], object] | None = None,
+    executor: Executor | None = None,
 ) -> Evaluation:
     """Estimate the value of a policy at the start of its model, or how probable it is that it reaches something.
 
@@ -149,11 +161,15 @@ def evaluate(
         until: A formula over states and actions, or more, as in ``P(reach …)`` of `mdm.verify`. Returns are then 1
             where it comes to hold and else 0, the mean is the share of such episodes, and the interval that of the
             probability. An episode ends in states from where it is out of reach, or undecided after 10,000 time steps.
-        progress: Called at each time step with how many episodes have ended, and of how many; where it returns True,
-            the result is of those that are known by then, which may be none.
+        progress: Called at each time step, with an executor ten times a second, with how many episodes have ended, and
+            of how many; where it returns True, the result is of those that are known by then, which may be none.
+        executor: Any executor of ``concurrent.futures``, to run parts of the episodes on its workers, such as
+            `Processes`: the result is the same.
 
     Raises:
-        ConfigError: If the policy does not fit the model, or episodes have no end.
+        ConfigError: If the policy does not fit the model, episodes have no end, or the executor's workers cannot be
+            sent the work; see `mdm.simulation.parts.run_parts`, also for its warnings.
+        Error: If a part failed twice, and none had ended before.
         FormatError: If ``until`` does not parse.
         ModelError: If the durations do not fit the model, its discount is of a second and there are none, or it lacks a
             name of ``until``.
@@ -176,7 +192,8 @@ def evaluate(
         codes = asked.target.astype(float)
         codes[ended_states(Dynamics(model), codes)] = -1
         codes[asked.miss] = -1
-        return outcomes(model, policy, codes, asked.within, episodes=episodes, seed=seed, progress=progress)
+        given: dict[str, Any] = {"episodes": episodes, "seed": seed, "progress": progress, "executor": executor}
+        return outcomes(model, policy, codes, asked.within, **given)
     discounts = None
     if durations is None:
         check_steps(model)
@@ -184,7 +201,7 @@ def evaluate(
         discounts = discounts_in_time(model, durations)
         model = paid_in_time(model, durations)
     ends = limits(model, policy, steps, None if discounts is None else float(discounts.max()))
-    return _simulated(model, policy, ends, discounts, None, episodes, seed, progress)
+    return _simulated(model, policy, ends, discounts, None, episodes, seed, progress, executor)
 
 
 def outcomes(
@@ -200,7 +217,7 @@ def outcomes(
         within: The most time steps, after which X is missed; by default there are 10,000, after which it is open.
         timed: Returns are the time steps until X, infinite where it is out of reach; those of open episodes are
             as many as ``steps``.
-        given: The ``episodes``, ``seed`` and ``progress`` of `evaluate`.
+        given: The ``episodes``, ``seed``, ``progress`` and ``executor`` of `evaluate`.
     """
     open_, horizon = codes == 0, getattr(policy, "horizon", None)
     open_[:, -1] = False
@@ -210,7 +227,7 @@ def outcomes(
         its = _simulated(model, policy, ends, open_.astype(float), paid, **given)
         returns = np.nan_to_num(its.returns, nan=ends.moves if timed else 0.0, posinf=math.inf)
         reached = read_only(returns if timed else (returns > 0).astype(float))
-        found = Evaluation.of(reached, int(ends.moves), its.seed, its.moves, its.seconds)
+        found = Evaluation.of(reached, int(ends.moves), its.seed, its.moves, its.seconds, its.missing, its.workers)
     if timed:
         return found
     undecided = int((returns == 0).sum()) if within is None else 0
@@ -226,22 +243,36 @@ def _simulated(
     episodes: int | None,
     seed: int | None,
     progress: Callable[[int, int], object] | None,
+    executor: Executor | None = None,
 ) -> Evaluation:
     seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
     takes = getattr(policy, "input", "belief")
     small = takes != "belief" or len(model.state_space) <= _TOGETHER
-    batch = policy.batch(model) if small and hasattr(policy, "batch") else None
+    together = small and hasattr(policy, "batch") and policy.batch(model) is not None
+    count = (10_000 if together else 1_000) if episodes is None else episodes
+    if not together and getattr(policy, "_seed", seed) is None:  # a search or a draw without a seed of its own
+        policy = seeded(policy, seed)
+    work = Episodes(model, policy, ends, count, seed, discounts, paid, together=together)
+    return joined_evaluation(work, int(min(ends)), progress, executor)
+
+
+def joined_evaluation(
+    work: Work, steps: int, progress: Callable[[int, int], object] | None, executor: Executor | None
+) -> Evaluation:
+    """Run a work, each part of which gives the returns of its episodes and their time steps, and join them.
+
+    Args:
+        work: The work.
+        steps: The longest episode.
+        progress: See `evaluate`.
+        executor: See `evaluate`.
+    """
     began = time.perf_counter()
-    if batch is None:
-        count = 1_000 if episodes is None else episodes
-        returns, moves = one_by_one(
-            model, policy, ends, episodes=count, seed=seed, discounts=discounts, paid=paid, progress=progress
-        )
-    else:
-        run = EpisodeBatch(model, batch, ends, observed=takes != "state", discounts=discounts, paid=paid)
-        chunk = min(_CHUNK, max(_TOGETHER, _NUMBERS // len(model.state_space)))
-        returns, moves = _in_chunks(run, 10_000 if episodes is None else episodes, chunk, seed, progress)
-    return Evaluation.of(returns, int(min(ends)), seed, moves, time.perf_counter() - began)
+    joined = run_parts(work, executor, progress)
+    returns = np.concatenate([part for part, _ in joined.results]) if joined.results else np.empty(0)
+    returns.setflags(write=False)
+    moves, seconds = sum(moves for _, moves in joined.results), time.perf_counter() - began
+    return Evaluation.of(returns, steps, work.seed, moves, seconds, joined.missing, joined.workers)
 
 
 def _check(model: MDP, policy: Any, episodes: int | None, steps: int | None) -> None:
@@ -256,32 +287,81 @@ def _check(model: MDP, policy: Any, episodes: int | None, steps: int | None) -> 
         raise ConfigError(wrong)
 
 
-def _in_chunks(
-    run: EpisodeBatch, episodes: int, chunk: int, seed: int, progress: Callable[[int, int], object] | None
-) -> tuple[Vector, int]:
-    """Run episodes in parts that fit into memory, each with its own random numbers.
+class Episodes:
+    """The episodes of an evaluation, which run in parts: in batches that fit into memory, or one by one.
 
-    The first parts are smaller, so that something is known soon. They are the same whatever the policy.
+    The first batches are smaller, so that something is known soon. They are the same whatever the policy.
+
+    Args:
+        model: The model.
+        policy: The policy.
+        ends: The end of an episode.
+        episodes: How many.
+        seed: Of their random numbers: each batch, or each episode, has its own.
+        discounts: Of each state and action, S x A; by default that of the model.
+        paid: As of `EpisodeBatch`.
+        together: Whether they run in batches.
     """
-    sizes: list[int] = []
-    while (left := episodes - sum(sizes)) > 0:
-        sizes.append(min(left, chunk, _FIRST * 4 ** len(sizes)))
-    streams = np.random.SeedSequence(seed).spawn(len(sizes))
-    parts: list[tuple[Vector, int]] = []
-    ended = 0
 
-    def ends(more: int) -> bool:
-        return progress is not None and progress(ended + more, episodes) is True
+    def __init__(
+        self,
+        model: MDP,
+        policy: Any,
+        ends: Limits,
+        episodes: int,
+        seed: int,
+        discounts: Vector | None = None,
+        paid: Vector | None = None,
+        *,
+        together: bool,
+    ) -> None:
+        self.model, self.policy, self.seed = model, policy, seed
+        self._ends, self._given = ends, {"discounts": discounts, "paid": paid}
+        self._together: EpisodeBatch | None = None
+        self._alone: EpisodeRunner | None = None
+        self._sizes: list[int] | None = [] if together else None
+        self.units = episodes
+        if self._sizes is not None:
+            chunk = min(_CHUNK, max(_TOGETHER, _NUMBERS // len(model.state_space)))
+            while (left := episodes - sum(self._sizes)) > 0:
+                self._sizes.append(min(left, chunk, _FIRST * 4 ** min(len(self._sizes), 9)))
+            self.units = len(self._sizes)
 
-    for size, stream in zip(sizes, streams, strict=True):
-        part = run(size, np.random.default_rng(stream), ends)
-        if part is None:
-            break
-        parts.append(part)
-        ended += size
-    returns = np.concatenate([part for part, _ in parts]) if parts else np.empty(0)
-    returns.setflags(write=False)
-    return returns, sum(moves for _, moves in parts)
+    def size(self, first: int, last: int) -> int:
+        """Return how many episodes are in some units."""
+        return last - first if self._sizes is None else sum(self._sizes[first:last])
+
+    def prepare(self) -> None:
+        """Make what runs them."""
+        if self._sizes is None:
+            self._alone = EpisodeRunner(self.model, self.policy, endless=self._given["paid"] is not None)
+            return
+        observed = getattr(self.policy, "input", "belief") != "state"
+        batch = self.policy.batch(self.model)
+        self._together = EpisodeBatch(self.model, batch, self._ends, observed=observed, **self._given)
+
+    def run(self, first: int, last: int, tell: Callable[[int], bool] = lambda _: False) -> tuple[Vector, int]:
+        """Return the returns of some units, and their time steps; of what has ended where `tell` returns True."""
+        if self._together is None:
+            return one_by_one(
+                *(self.model, self.policy, self._ends),
+                episodes=last - first,
+                seed=self.seed,
+                progress=lambda ended, _: tell(ended),
+                first=first,
+                run=self._alone,
+                **self._given,
+            )
+        parts: list[tuple[Vector, int]] = []
+        for unit in range(first, last):
+            random = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(unit,)))
+            told = functools.partial(_beyond, tell, self.size(first, unit))
+            part = self._together(self.size(unit, unit + 1), random, told)
+            if part is None:
+                break
+            parts.append(part)
+        returns = np.concatenate([part for part, _ in parts]) if parts else np.empty(0)
+        return returns, sum(moves for _, moves in parts)
 
 
 # -- Episodes ----------------------------------------------------------------------------------------------------------
@@ -424,6 +504,10 @@ class EpisodeBatch:
                 returns[going[over]] += self._paid[states[over], ENDED]
 
 
+def _beyond(tell: Callable[[int], bool], ended: int, more: int) -> bool:
+    return tell(ended + more)
+
+
 class EpisodeStep(NamedTuple):
     """A time step of an episode.
 
@@ -457,11 +541,14 @@ class EpisodeRunner:
         self._sampler = Sampler(model)
         self._ended = np.zeros(len(model.state_space), dtype=bool) if endless else ended_states(Dynamics(model))
 
-    def __call__(self, seed: int | np.random.SeedSequence | None) -> Iterator[EpisodeStep]:
+    def __call__(self, seed: int | np.random.SeedSequence | None, number: int | None = None) -> Iterator[EpisodeStep]:
         """Yield the time steps of an episode until no further reward is possible, or the plan has ended.
 
-        The caller may stop before.
+        The caller may stop before. A policy that draws does so by its seed and the number of the episode, if it is
+        given, else it draws on.
         """
+        if number is not None and isinstance(self._controller.information, DrawnInformation):
+            self._controller.information.divide(number)
         model, sampler, controller = self._model, self._sampler, self._controller
         sees, false_negative = controller.takes == "state", model.false_negative
         sampler.seed(seed)
@@ -501,6 +588,8 @@ def one_by_one(
     discounts: Vector | None = None,
     paid: Vector | None = None,
     progress: Callable[[int, int], object] | None = None,
+    first: int = 0,
+    run: EpisodeRunner | None = None,
 ) -> tuple[Vector, int]:
     """Run episodes one at a time, for policies of any kind.
 
@@ -513,16 +602,18 @@ def one_by_one(
         discounts: Of each state and action, S x A; by default that of the model.
         paid: As of `EpisodeBatch`; the return of an episode that ends by itself is not a number then.
         progress: Told at each time step how many have ended; where it returns True, there are no more.
+        first: The number of the first: each has random numbers of its own.
+        run: What runs them; by default it is made.
 
     Returns:
         The discounted returns of those that have ended, and the total number of time steps.
     """
-    run, discount = EpisodeRunner(model, policy, endless=paid is not None), model.discount
+    run, discount = run or EpisodeRunner(model, policy, endless=paid is not None), model.discount
     rewards = model.rewards if paid is None else paid
     returns, moves = np.zeros(episodes), 0
-    for episode, stream in enumerate(np.random.SeedSequence(seed).spawn(episodes)):
+    for episode in range(episodes):
         weight, total, decisions, time = 1.0, 0.0, 0, 0
-        for step in run(stream):
+        for step in run(np.random.SeedSequence(seed, spawn_key=(first + episode,)), first + episode):
             total += weight * float(rewards[step.state, step.action])
             weight *= discount if discounts is None else float(discounts[step.state, step.action])
             time += 1

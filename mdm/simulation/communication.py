@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from mdm.team import CommunicationPolicy, SharedHistory
 
 
-class CommunicationEvaluation(Evaluation, frozen=True):
+class CommunicationEvaluation(Evaluation, frozen=True, kw_only=True):
     """The result of simulated episodes of a communicating team.
 
     Attributes:
@@ -118,9 +118,9 @@ def evaluate_communication(
     too_late = sum(agent.own.statistics().too_late for agent in agents)
     return CommunicationEvaluation(
         *(told.mean, told.standard_error, told.returns, told.steps, told.seed, told.moves, told.seconds),
-        messages,
-        team.lost,
-        too_late,
+        messages=messages,
+        lost=team.lost,
+        too_late=too_late,
     )
 
 

@@ -6,24 +6,25 @@
 from __future__ import annotations
 
 import math
-import time
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
 from mdm.actors import Ensemble, FixedRate
+from mdm.beliefs import DrawnInformation
 from mdm.checks import check_seed, is_whole
 from mdm.errors import ConfigError
 from mdm.loading import model_of, policy_of
 from mdm.messages import Action, Belief, Fault, Observation, Reward, State
 from mdm.models.units import check_steps, seconds_in
 from mdm.runtime import Actor, Runtime, run
-from mdm.simulation.batch import Evaluation
+from mdm.simulation.batch import joined_evaluation
 from mdm.simulation.sampler import Lengths, Sampler
 from mdm.stimuli import TRUE_REWARD, TRUE_STATE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from concurrent.futures import Executor
     from pathlib import Path
 
     from mdm.actors import ControlOptions
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from mdm.models.matrices import Vector
     from mdm.recording import Recorder
     from mdm.runtime.time.clock import Timer
+    from mdm.simulation.batch import Evaluation
 
 
 _LONGEST = 10_000
@@ -368,11 +370,13 @@ def simulate(
     steps: int | None = None,
     progress: Callable[[int, int], object] | None = None,
     record: str | Path | Recorder | None = None,
+    executor: Executor | None = None,
     **options: Unpack[ControlOptions],
 ) -> Evaluation:
     """Run episodes of a policy in its model through the real decision loop, and return their value.
 
-    It runs an ensemble and a `World` in an event loop of its own: call it from outside asyncio.
+    It runs an ensemble and a `World` in an event loop of its own: call it from outside asyncio. Each episode has random
+    numbers of its own, whatever those before it took.
 
     Args:
         model: The model of the world and of belief tracking, or the path of its file.
@@ -380,15 +384,18 @@ def simulate(
         episodes: The number of episodes.
         steps: Decisions per episode, at most those of the policy's plan. By default as many as the plan has, or until
             the discounted weight of the rest is below 1e-4.
-        progress: Called after each episode with how many have ended, and of how many; where it returns True, the
-            result is of these.
+        progress: Called after each episode, with an executor ten times a second, with how many have ended, and of how
+            many; where it returns True, the result is of these.
         record: A file, such as ``simulated.mcap``, to which all is recorded, with the world's true states and a second
             of virtual time from decision to decision; or a `mdm.recording.Recorder` of one.
+        executor: Any executor of ``concurrent.futures``, to run parts of the episodes on its workers; without a record.
         options: Options of the control layer, see `ControlOptions`. The ``seed`` is also the world's: the same seed
             gives the same result; by default it is random.
 
     Raises:
-        ConfigError: If sizes do not fit, or episodes have no end.
+        ConfigError: If sizes do not fit, episodes have no end, or the executor's workers cannot be sent the work, see
+            `mdm.simulation.parts.run_parts`.
+        Error: If a part failed twice, and none had ended before.
         ModelError: If the model's discount is of a second: each action takes a step here.
 
     Example::
@@ -404,33 +411,78 @@ def simulate(
     seed = int(np.random.SeedSequence().generate_state(1)[0]) if given is None else given
     model = model_of(model)
     check_steps(model)
-    ensemble = simulated(model, policy, steps=steps, **options)
-    count = ensemble.controller.horizon or 0
-    returns: list[float] = []
-    moves = 0
-    began = time.perf_counter()
+    if executor is not None and record is not None:
+        raise ConfigError("a record is of one process: simulate without an executor", key="record")
+    work = _Loop(model, policy_of(policy, model), episodes, seed, steps, record, options)
+    work.prepare()
+    assert work.ensemble is not None
+    return joined_evaluation(work, work.ensemble.controller.horizon or 0, progress, executor)
 
-    async def main() -> None:
-        async with Runtime(log=None, record=record) as runtime:
 
-            def finished(value: float) -> None:
-                nonlocal moves
-                returns.append(value)
-                moves += world.moves
-                enough = progress is not None and progress(len(returns), episodes) is True
-                if enough or len(returns) == episodes:
-                    runtime.shut_down()
-                    ensemble.stop()
+class _Loop:
+    """The episodes of a simulation, which run in parts by the real decision loop."""
 
-            world = World(ensemble, seed=seed, period=0.0 if record is None else 1.0, finished=finished)
-            await runtime.start(world)
-            await runtime.start(ensemble)
-            await runtime.wait()
+    def __init__(
+        self, model: MDP, policy: Any, episodes: int, seed: int, steps: int | None, record: Any, options: ControlOptions
+    ) -> None:
+        self.model, self.policy, self.seed, self.units = model, policy, seed, episodes
+        self._steps, self._record, self._options = steps, record, options
+        self.ensemble: Ensemble | None = None
 
-    run(main, virtual=True)
-    values = np.array(returns[:episodes])
-    values.setflags(write=False)
-    return Evaluation.of(values, count, seed, moves, time.perf_counter() - began)
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but the ensemble, which each process makes for itself."""
+        return {**self.__dict__, "ensemble": None}
+
+    def size(self, first: int, last: int) -> int:
+        """Return how many episodes are in some units: one in each."""
+        return last - first
+
+    def prepare(self) -> None:
+        """Make the ensemble."""
+        if self.ensemble is None:
+            self.ensemble = simulated(self.model, self.policy, steps=self._steps, **self._options)
+
+    def run(self, first: int, last: int, tell: Callable[[int], bool] = lambda _: False) -> tuple[Vector, int]:
+        """Return the returns of some episodes, and their time steps; of fewer where `tell` returns True."""
+        returns, moves, ended = np.zeros(last - first), 0, 0
+        assert self.ensemble is not None
+        ensemble = self.ensemble
+
+        async def main() -> None:
+            async with Runtime(log=None, record=self._record) as runtime:
+
+                def finished(value: float) -> None:
+                    nonlocal moves, ended
+                    if ended < len(returns):
+                        returns[ended] = value
+                        ended += 1
+                        moves += world.moves
+                        if tell(ended) or ended == len(returns):
+                            runtime.shut_down()
+                            ensemble.stop()
+
+                period = 0.0 if self._record is None else 1.0
+                world = _Episodic(ensemble, period=period, finished=finished)
+                world.seed, world.episode = self.seed, first
+                await runtime.start(world)
+                await runtime.start(ensemble)
+                await runtime.wait()
+
+        if isinstance(draws := ensemble.controller.information, DrawnInformation):
+            draws.divide(first)
+        run(main, virtual=True)
+        return returns[:ended], moves
+
+
+class _Episodic(World):
+    """A world whose episodes have random numbers of their own, by the number of the next one."""
+
+    seed = episode = 0
+
+    def _begin_episode(self) -> None:
+        self._sampler.seed(np.random.SeedSequence(self.seed, spawn_key=(self.episode,)))
+        self.episode += 1
+        super()._begin_episode()
 
 
 def simulated(
@@ -447,7 +499,10 @@ def simulated(
     else:
         options["horizon"] = steps_for(world_model.discount) if steps is None else steps
     actions = dict.fromkeys(range(len(world_model.action_space.factors[0])), _nothing)
-    return Ensemble("ensemble", policy=decides, model=world_model, actions=actions, **options)
+    ensemble = Ensemble("ensemble", policy=decides, model=world_model, actions=actions, **options)
+    if isinstance(draws := ensemble.controller.information, DrawnInformation):
+        draws.divide(0)
+    return ensemble
 
 
 def _nothing() -> None:

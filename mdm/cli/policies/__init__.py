@@ -13,6 +13,7 @@ from mdm.cli.usage import (
     FALSE_NEGATIVE,
     JSON,
     SEED,
+    WORKERS,
     Argument,
     Verb,
     count,
@@ -60,6 +61,7 @@ _VALUES = (
     DISCOUNT_OF,
     DURATIONS,
     FALSE_NEGATIVE,
+    *WORKERS,
     JSON,
 )
 """The options that evaluation and comparison share."""
@@ -86,6 +88,7 @@ VERBS = {
                 "record all decisions, with the world's true states, to this file, such as run.mcap; a record there is "
                 "kept, and run.2.mcap written",
             ),
+            *WORKERS,
             JSON,
         ),
         "policies.simulate",

@@ -12,13 +12,14 @@ import numpy as np
 
 from mdm.cli.files.info import describe_policy
 from mdm.cli.policies.inputs import load, load_durations_for, load_for, visibility
+from mdm.cli.policies.workers import executor_of, of_run
 from mdm.cli.progress import counting
 from mdm.cli.report import as_json, columns
 from mdm.cli.usage import UsageError
 from mdm.formats.source import suffixes
 from mdm.models.matrices import Vector
 from mdm.models.units import Unit, in_words, ratio
-from mdm.simulation import Evaluation, evaluate
+from mdm.simulation import Comparison, Evaluation, evaluate
 from mdm.solvers import exact_values
 from mdm.texts import counted
 
@@ -46,7 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
         policy, world = load_for(model, arguments.policy, arguments)
     if (note := visibility(world, policy)) is not None:
         print(f"mdm evaluate: {note}", file=sys.stderr)
-    verdict = judge(world, policy, arguments, durations)
+    with executor_of(arguments) as arguments.executor:
+        verdict = judge(world, policy, arguments, durations)
     from mdm.verification.dangers import avoidable_end  # noqa: PLC0415 - slow to import
 
     if (danger := avoidable_end(world, policy)) is not None:
@@ -59,7 +61,8 @@ def run(arguments: argparse.Namespace) -> int:
             print(f"{title:20}{text}")
         if interrupted:
             print(f"{'interrupted':20}this is of the episodes that had ended by then")
-    return arguments.interruption.status if interrupted else 0
+    missing = verdict.simulated is not None and verdict.simulated.missing > 0
+    return arguments.interruption.status if interrupted else int(missing)
 
 
 def of_ensemble(arguments: argparse.Namespace) -> tuple[Any, MDP, Durations | None]:
@@ -88,21 +91,25 @@ def compare(arguments: argparse.Namespace) -> int:
     for note in filter(None, dict.fromkeys(visibility(world, policy) for policy, world in pairs)):
         print(f"mdm compare: {note}", file=sys.stderr)
     verdicts: list[tuple[str, Verdict]] = []
-    for place, (policy, world) in enumerate(pairs, 1):
-        told = f"policy {place} of {len(pairs)}  "
-        verdict = judge(world, policy, arguments, durations, simulated=True, what=told)
-        verdicts.append((arguments.policies[place - 1], verdict))
-        if interrupted := arguments.interruption.number is not None:
-            break
+    with executor_of(arguments) as arguments.executor:
+        for place, (policy, world) in enumerate(pairs, 1):
+            told = f"policy {place} of {len(pairs)}  "
+            verdict = judge(world, policy, arguments, durations, simulated=True, what=told)
+            verdicts.append((arguments.policies[place - 1], verdict))
+            if interrupted := arguments.interruption.number is not None:
+                break
     first = verdicts[0][1]
     facts, known = [], []
     table: list[tuple[str, ...]] = [("policy", "claimed", "exact", "simulated", "", "difference", "")]
     for path, verdict in verdicts:
-        difference, within = _difference(verdict, first)
-        row = {"policy": path} | verdict.facts()
-        row |= {"difference": difference, "difference_within": within, "interrupted": interrupted}
         result = verdict.simulated
         assert result is not None
+        assert first.simulated is not None
+        difference, within = Comparison((first.simulated, result)).difference(1)
+        if verdict.exact is not None and first.exact is not None:
+            difference, within = verdict.exact[0] - first.exact[0], 0.0
+        row = {"policy": path} | verdict.facts()
+        row |= {"difference": difference, "difference_within": within, "interrupted": interrupted}
         half = (result.interval[1] - result.interval[0]) / 2
         values = (verdict.claimed, verdict.exact and verdict.exact[0], result.mean)
         cells = ("" if value is None else f"{value:.6g}" for value in values)
@@ -113,9 +120,10 @@ def compare(arguments: argparse.Namespace) -> int:
             beside = "" if verdict is first else f", difference {less:+.4g} to {more:+.4g}"
             known.append(f"{path} by the model's records: {low:.4g} to {high:.4g}{beside}")
         facts.append(row)
+    status = arguments.interruption.status if interrupted else int(any(row.get("missing") for row in facts))
     if arguments.json:
         print(as_json(facts))
-        return arguments.interruption.status if interrupted else 0
+        return status
     print("\n".join([*columns(table, range(1, 7)), *known]))
     assert first.simulated is not None
     print(
@@ -128,21 +136,7 @@ def compare(arguments: argparse.Namespace) -> int:
             f"interrupted: the last policy above has {counted(result.episodes, 'episode')}, and those after it are not "
             f"compared"
         )
-    return arguments.interruption.status if interrupted else 0
-
-
-def _difference(verdict: Verdict, first: Verdict) -> tuple[float, float]:
-    """Return the difference of a policy's value from the first's, and its 95 % margin, from paired episodes."""
-    if verdict.exact is not None and first.exact is not None:
-        return verdict.exact[0] - first.exact[0], 0.0
-    assert verdict.simulated is not None
-    assert first.simulated is not None
-    ours, theirs = verdict.simulated, first.simulated
-    if ours.episodes != theirs.episodes:
-        return ours.mean - theirs.mean, 1.96 * math.hypot(ours.standard_error, theirs.standard_error)
-    differences = ours.returns - theirs.returns
-    error = float(differences.std(ddof=1)) / math.sqrt(len(differences)) if len(differences) > 1 else 0.0
-    return float(differences.mean()), 1.96 * error
+    return status
 
 
 class Verdict(msgspec.Struct, frozen=True):
@@ -192,8 +186,8 @@ class Verdict(msgspec.Struct, frozen=True):
             facts |= dict(zip(("exact", "exact_min", "exact_max"), self.exact, strict=True))
         result = self.simulated
         if result is not None:
-            keys = ("mean", "standard_error", "interval", "episodes", "steps", "seed", "steps_a_second")
-            facts |= {key: getattr(result, key) for key in keys}
+            keys = ("mean", "standard_error", "interval", "episodes", "missing", "steps", "seed")
+            facts |= {key: getattr(result, key) for key in keys} | {"run": of_run(result)}
         if self.possible is not None:
             facts["possible"] = _between(self.possible)
         facts["claim_is"] = {1: "too high", -1: "too low"}.get(self.contradicts, "not contradicted")
@@ -223,6 +217,8 @@ class Verdict(msgspec.Struct, frozen=True):
                 f"{counted(result.episodes, 'episode')} of at most {counted(result.steps, 'step')}, seed {result.seed}"
             )
             yield "", f"{each}, {result.steps_a_second:.3g} steps a second"
+            if result.missing:
+                yield "missing", f"{counted(result.missing, 'episode')}, of parts that failed"
         if self.contradicts > 0:
             yield "contradiction", "the value is less than claimed, as with an upper bound (such as QMDP's)"
         elif self.contradicts < 0:
@@ -267,7 +263,8 @@ def judge(
     if simulated or exact is None or arguments.episodes is not None:
         given = {name: getattr(arguments, name) for name in ("episodes", "steps", "seed")}
         with counting(arguments.interruption, what) as progress:
-            result = evaluate(model, policy, durations=durations, progress=progress, **given)
+            given |= {"progress": progress, "executor": arguments.executor}
+            result = evaluate(model, policy, durations=durations, **given)
     facts = describe_policy(policy)
     size = ""
     for noun in ("states", "nodes", "vectors"):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from mdm.cli.policies.inputs import visibility
+from mdm.cli.policies.workers import executor_of, of_run
 from mdm.cli.progress import counting
 from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError, take_model
@@ -30,13 +31,14 @@ def run(arguments: argparse.Namespace) -> int:
     if given.file is None and (sentence := visibility(options["model"], options["policy"])):
         print(f"mdm simulate: {sentence}", file=sys.stderr)
     recorder = _recorder(given, arguments.record)
-    with counting(arguments.interruption) as progress:
+    with executor_of(arguments) as executor, counting(arguments.interruption) as progress:
         result = simulate(
             **options,
             episodes=arguments.episodes,
             seed=arguments.seed,
             progress=progress,
             record=recorder,
+            executor=executor,
         )
     if recorder is not None and recorder.kept_files:
         print(f"mdm simulate: recorded to {recorder.path}: {recorder.kept_files[-1]} is kept as it is", file=sys.stderr)
@@ -44,7 +46,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         fields = ("episodes", "steps", "mean", "standard_error")
         facts = {field: getattr(result, field) for field in fields}
-        print(as_json(facts | {"seed": arguments.seed, "interrupted": interrupted}))
+        facts |= {"seed": arguments.seed, "interrupted": interrupted}
+        if executor is not None:
+            facts |= {"missing": result.missing, "run": of_run(result)}
+        print(as_json(facts))
     else:
         print(
             f"mean discounted return {result.mean:.6g} ± {result.standard_error:.3g} (standard error), "
@@ -52,7 +57,9 @@ def run(arguments: argparse.Namespace) -> int:
         )
         if interrupted:
             print(f"interrupted: this is of {counted(result.episodes, 'episode')}, not of {arguments.episodes}")
-    return arguments.interruption.status if interrupted else 0
+        if result.missing:
+            print(f"missing: {counted(result.missing, 'episode')}, of parts that failed")
+    return arguments.interruption.status if interrupted else int(result.missing > 0)
 
 
 def _check_usage(arguments: argparse.Namespace) -> None:
@@ -60,6 +67,8 @@ def _check_usage(arguments: argparse.Namespace) -> None:
         raise UsageError("give a TOML file, or both --model and --policy")
     if arguments.file is None and arguments.ensemble is not None:
         raise UsageError("--ensemble is for a TOML file")
+    if arguments.record is not None and (arguments.workers or arguments.dask is not None):
+        raise UsageError("a record is of one process: give --record without --workers and --dask")
     if arguments.file is None:
         return
     if arguments.model is not None or arguments.policy is not None:

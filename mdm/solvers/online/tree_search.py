@@ -232,6 +232,7 @@ class TreeSearch(Kind):
         self.num_actions = len(model.action_space)
         self.seconds = seconds
         self.expansions = expansions
+        self.memory = memory
         self.fallback = fallback
         if plans is not None and not hasattr(plans, "vectors"):
             raise ModelError("plans are alpha vectors, but the policy is of another kind")
@@ -260,6 +261,10 @@ class TreeSearch(Kind):
         self._mapped = model.bare() if model.flatten().stacked else None
         """The model, where another process can map its matrices as this one does."""
         self.seed(seed)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but the tree, which other processes make for themselves."""
+        return {**self.__dict__, "_search": None}
 
     def seed(self, seed: int | None) -> None:
         """Begin the samples again."""

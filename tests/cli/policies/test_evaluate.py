@@ -22,7 +22,7 @@ def test_a_policy_over_beliefs_is_simulated(mdm, facts):
     assert (found["exact"], found["episodes"], found["claim_is"]) == (None, 10_000, "not contradicted")
     found, again = (facts("evaluate", TIGER, TIGER_VECTORS, "--seed", "3", "--episodes", "500") for _ in range(2))
     for result in (found, again):
-        del result["steps_a_second"]
+        del result["run"]
     assert found == again
     text = "\n".join(mdm("evaluate", TIGER, TIGER_VECTORS, "--seed", "3", "--episodes", "100")[1])
     assert "100 episodes" in text

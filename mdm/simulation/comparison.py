@@ -1,0 +1,94 @@
+"""The values of several policies in one model, from the same random numbers: differences are known far better."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import msgspec
+import numpy as np
+
+from mdm.errors import ConfigError
+from mdm.loading import model_of
+from mdm.simulation.batch import Evaluation, evaluate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from concurrent.futures import Executor
+
+    from mdm.loading import GivenModel, GivenPolicy
+    from mdm.models import Durations
+
+
+class Comparison(msgspec.Struct, frozen=True):
+    """The results of several policies.
+
+    Attributes:
+        evaluations: Of each policy; fewer, and the last of fewer episodes, where it was ended.
+    """
+
+    evaluations: tuple[Evaluation, ...]
+
+    def difference(self, place: int) -> tuple[float, float]:
+        """Return how much more a policy is worth than the first, and the half of the 95 % confidence interval of that.
+
+        Episodes are paired where none is missing of either.
+        """
+        theirs, ours = self.evaluations[0], self.evaluations[place]
+        if ours.episodes != theirs.episodes or ours.missing or theirs.missing:
+            return ours.mean - theirs.mean, 1.96 * math.hypot(ours.standard_error, theirs.standard_error)
+        differences = ours.returns - theirs.returns
+        error = float(differences.std(ddof=1)) / math.sqrt(len(differences)) if len(differences) > 1 else 0.0
+        return float(differences.mean()), 1.96 * error
+
+
+def compare(
+    model: GivenModel,
+    policies: Sequence[GivenPolicy],
+    *,
+    episodes: int | None = None,
+    steps: int | None = None,
+    seed: int | None = None,
+    durations: Durations | None = None,
+    progress: Callable[[int, int], object] | None = None,
+    executor: Executor | None = None,
+) -> Comparison:
+    """Estimate the values of several policies at the start of a model, in episodes with the same random numbers.
+
+    Args:
+        model: The model, or the path of its file.
+        policies: The policies, of any kind; the first is what others are compared with.
+        episodes: The number of episodes of each, as of `evaluate`.
+        steps: Decisions per episode.
+        seed: The same seed gives the same result; by default it is random.
+        durations: How long actions take, as of `evaluate`.
+        progress: Called as by `evaluate`, with the episodes of all policies; where it returns True, the result is of
+            the policies, and the episodes of the last, that are known by then.
+        executor: Who runs parts of the episodes, as of `evaluate`.
+
+    Raises:
+        ConfigError: If there is no policy, or as of `evaluate`.
+
+    Example::
+
+        result = mdm.compare("tiger.pomdp", ["tiger.vf", [0, 0]], episodes=1000, seed=1)
+        result.evaluations[0].mean, result.difference(1)
+    """
+    if not policies:
+        raise ConfigError("a comparison needs a policy", key="policies")
+    model = model_of(model)
+    seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
+    found: list[Evaluation] = []
+    stopped = False
+
+    def tell(ended: int, count: int) -> bool:
+        nonlocal stopped
+        stopped = progress is not None and progress(len(found) * count + ended, len(policies) * count) is True
+        return stopped
+
+    for policy in policies:
+        given = {"episodes": episodes, "steps": steps, "seed": seed}
+        found.append(evaluate(model, policy, **given, durations=durations, progress=tell, executor=executor))
+        if stopped:
+            break
+    return Comparison(tuple(found))

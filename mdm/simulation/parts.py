@@ -1,0 +1,450 @@
+"""Long work in parts, on any `concurrent.futures.Executor`: on processes here, on other machines, in any order.
+
+A work is a number of units, such as episodes, each with random numbers of its own. A part is some consecutive units, as
+plain data; `run_part` runs one anywhere. Results are joined in the order of units, so that they depend on the work and
+its seed alone: not on how many workers there are, how units were joined to parts, which ended first, or what ran twice.
+Units are joined until a part takes a second: a small one costs more to send than to run.
+
+A model and what is done with it travel once to each worker: a part has their digests, a worker that lacks one says so,
+and the part is sent again with them.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import pickle
+import socket
+import threading
+import time
+import traceback
+import warnings
+from collections import Counter, deque
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, wait
+from functools import cache
+from pkgutil import resolve_name
+from types import FunctionType
+from typing import TYPE_CHECKING, Any, Protocol
+
+import msgspec
+
+from mdm.errors import ConfigError, Error, WorkerWarning
+from mdm.models.digest import of_bytes
+from mdm.simulation.processes import Processes
+from mdm.texts import counted
+from mdm.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from concurrent.futures import Future
+
+    _Units = tuple[int, int]
+
+_LONG = 1.0
+"""Seconds that a part of joined units takes."""
+_OFTEN = 0.1
+"""Seconds between two looks at what has ended."""
+_UNKNOWN = 64
+"""Parts at a time, for executors that do not say how many workers they have."""
+_KILLED = 3
+"""How often a part that runs alone may lose its worker and is run again."""
+_HOPELESS = 10
+"""Units that fail, before any part has ended, after which there are no more."""
+_BITS = ("numpy", "numba", "blas", "machine")
+"""What the last bits of numbers depend on."""
+
+
+class Work(Protocol):
+    """What can be done in parts.
+
+    Attributes:
+        model: Its model, which travels by itself.
+        policy: What decides in it.
+        seed: Of its random numbers; unit n has those of the spawn key (n,).
+        units: How many there are.
+    """
+
+    model: Any
+    policy: Any
+    seed: int
+    units: int
+
+    def size(self, first: int, last: int) -> int:
+        """Return how many episodes are in these units."""
+        ...
+
+    def prepare(self) -> None:
+        """Make what its units share, once in each worker."""
+        ...
+
+    def run(self, first: int, last: int, tell: Callable[[int], bool] = lambda _: False) -> Any:
+        """Run these units; told how many episodes have ended, `tell` returns True to have the result of those alone."""
+        ...
+
+
+class Part(msgspec.Struct, frozen=True):
+    """Some units of a work, as plain data.
+
+    Attributes:
+        first: The spawn key of the first unit.
+        last: That after the last unit.
+        seed: Of the work.
+        needs: The digests of the model, and of all else.
+        number: How many were sent before, so that no two are the same.
+        version: That of mdm where it was made.
+    """
+
+    first: int
+    last: int
+    seed: int
+    needs: tuple[str, str]
+    number: int = 0
+    version: str = __version__
+
+
+class Worker(msgspec.Struct, frozen=True):
+    """A process that has run parts.
+
+    Attributes:
+        host: The name of its machine.
+        process: Its number there.
+        environment: The versions of what computes there.
+        parts: How many it ran.
+        seconds: How long they took.
+    """
+
+    host: str
+    process: int
+    environment: dict[str, str]
+    parts: int = 0
+    seconds: float = 0.0
+
+
+class Answer(msgspec.Struct, frozen=True):
+    """What has become of a part.
+
+    Attributes:
+        worker: Who ran it, and for how long.
+        result: The result of its units.
+        lacks: The digests of what the worker has to be sent.
+        version: That of mdm there, where it is another.
+        reason: Why it failed.
+        failure: The traceback of that; empty where the reason says all.
+    """
+
+    worker: Worker
+    result: Any = None
+    lacks: tuple[str, ...] = ()
+    version: str = ""
+    reason: str = ""
+    failure: str = ""
+
+
+class Joined(msgspec.Struct, frozen=True):
+    """The results of a work.
+
+    Attributes:
+        results: Those of its parts, in the order of units.
+        missing: How many episodes have none, since their part failed.
+        workers: Who ran the parts; none where there were none.
+    """
+
+    results: list[Any]
+    missing: int = 0
+    workers: tuple[Worker, ...] = ()
+
+
+# -- At the worker -----------------------------------------------------------------------------------------------------
+
+_held = threading.local()
+"""The last model and work of each thread: works hold what they make, such as random numbers."""
+
+
+def run_part(part: Part, sent: Mapping[str, bytes]) -> Answer:
+    """Run a part here, with what it is sent with or what was sent before; its seconds are those of its units alone."""
+    here, held = _here(), _held.__dict__
+    if part.version != __version__:
+        return Answer(here, version=__version__)
+    model, rest = part.needs
+    try:
+        if held.get("needs") != part.needs:
+            lacks = () if held.get("digest") == model or model in sent else (model,)
+            if lacks or rest not in sent:
+                return Answer(here, lacks=(*lacks, rest))
+            if held.get("digest") != model:
+                held.clear()
+                held.update(model=pickle.loads(sent[model]), digest=model)  # noqa: S301 - its program's own
+            held.pop("needs", None)
+            held["work"] = _Reader(io.BytesIO(sent[rest])).load()
+            held["work"].prepare()
+            held["needs"] = part.needs
+        began = time.perf_counter()
+        result = held["work"].run(part.first, part.last)
+        seconds = time.perf_counter() - began
+    except Error as error:
+        return Answer(here, reason=str(error))
+    except Exception as error:
+        return Answer(here, reason=f"{type(error).__name__}: {error}", failure=traceback.format_exc())
+    return Answer(msgspec.structs.replace(here, parts=1, seconds=seconds), result)
+
+
+@cache
+def _here() -> Worker:
+    from mdm.recording.recorder import environment  # noqa: PLC0415 - loaded where parts are run
+
+    return Worker(socket.gethostname(), os.getpid(), environment())
+
+
+class _Reader(pickle.Unpickler):
+    def persistent_load(self, _: Any) -> Any:
+        return _held.model
+
+
+class _Writer(pickle.Pickler):
+    """Pickles without what travels by itself, and refuses what a worker could not import."""
+
+    apart: Any = _held  # which nothing holds
+
+    def persistent_id(self, what: Any) -> str | None:
+        return "model" if what is self.apart else None
+
+    def reducer_override(self, what: Any) -> Any:
+        if isinstance(what, type | FunctionType) and what.__module__ == "__main__":
+            raise ConfigError(f"{what.__qualname__} is in the program itself: put it into a module that it imports")
+        return NotImplemented
+
+
+def packed(what: Any, name: str, apart: Any = _held) -> bytes:
+    """Return something as it travels, without the model that travels by itself.
+
+    Raises:
+        ConfigError: If it cannot be pickled; `name` says what it is.
+    """
+    buffer = io.BytesIO()
+    writer = _Writer(buffer, protocol=5)
+    writer.apart = apart
+    try:
+        writer.dump(what)
+    except Exception as error:
+        raise ConfigError(f"{name} cannot be sent to workers: {error}", key="executor") from error
+    return buffer.getvalue()
+
+
+# -- At the one who waits ----------------------------------------------------------------------------------------------
+
+
+def run_parts(
+    work: Work, executor: Executor | None = None, progress: Callable[[int, int], object] | None = None
+) -> Joined:
+    """Run a work to its end, and return its results in the order of its units.
+
+    Args:
+        work: The work.
+        executor: Who runs its parts; None for this process, at once.
+        progress: Called with how many episodes have ended, and of how many, ten times a second with an executor; where
+            it returns True, the results are those known by then.
+
+    Raises:
+        ConfigError: If the executor is none, takes no work, cannot be sent this work, or has a worker with no mdm or
+            with another version.
+        Error: If a part failed twice, or the executor ended, and no part had ended before.
+
+    Warns:
+        WorkerWarning: If parts are missing, hosts differ in what last bits depend on, or each worker searches.
+    """
+    total = work.size(0, work.units)
+    if executor is None:
+        work.prepare()
+        return Joined([work.run(0, work.units, lambda ended: progress is not None and progress(ended, total) is True)])
+    if not isinstance(executor, Executor):
+        raise ConfigError(f"an executor is one of concurrent.futures, not {executor!r}", key="executor")
+    run = _Run(work, executor)
+    try:
+        while run.submit():
+            run.wait()
+            if progress is not None and progress(run.done, total) is True:
+                break
+    finally:
+        run.leave()
+    return run.joined()
+
+
+class _Run:
+    """A work under way on an executor."""
+
+    def __init__(self, work: Work, executor: Executor) -> None:
+        self._work, self._executor = work, executor
+        self._dask = getattr(executor, "_client", None)
+        count = getattr(executor, "workers", None) or getattr(executor, "_max_workers", None)
+        self._count: int = count or (0 if self._dask is None else sum(self._dask.nthreads().values()))
+        self._check()
+        model, rest = packed(work.model, "the model"), packed(work, "the policy", work.model)
+        self._needs = of_bytes(model), of_bytes(rest)
+        self._content = dict(zip(self._needs, (model, rest), strict=True))
+        self._next = self._number = self.done = 0
+        self._joined = 1
+        self._open: dict[Future[Answer], _Units] = {}
+        self._again: deque[tuple[_Units, tuple[str, ...]]] = deque()
+        self._tries: Counter[_Units] = Counter()
+        self._suspects: set[_Units] = set()
+        """The parts that ran when a worker was killed: they run alone, so that one that kills its worker is known."""
+        self._results: dict[_Units, Any] = {}
+        self._failed: dict[_Units, str] = {}
+        self._workers: dict[tuple[str, int], Worker] = {}
+        self._stopped = ""
+
+    def _check(self) -> None:
+        """Refuse workers before the first part."""
+        name = "mdm.version:__version__"
+        try:
+            if self._dask is not None:
+                found = self._dask.run(resolve_name, name)
+            else:
+                found = {"a worker": self._executor.submit(resolve_name, name).result()}
+        except ImportError as error:
+            raise ConfigError(
+                f"a worker has no mdm ({error}): install mdm {__version__} there", key="executor"
+            ) from None
+        except BrokenExecutor as error:
+            way = "a program starts them below if __name__ == '__main__':"
+            raise ConfigError(f"the workers do not start ({error}): {way}", key="executor") from None
+        except RuntimeError as error:
+            raise ConfigError(f"the executor takes no work ({error}): give one that is open", key="executor") from None
+        for where, version in found.items():
+            _compare(where, version)
+        if getattr(self._work.policy, "deliberates", False):
+            most = getattr(self._work.policy, "memory", None)
+            each = "each worker searches by itself" + (f", with up to {most / 1e6:.0f} MB" if most else "")
+            warnings.warn(
+                f"{each}, and finds less where workers share a processor and its time", WorkerWarning, stacklevel=4
+            )
+
+    def submit(self) -> bool:
+        """Send as many parts as there is room for; return whether any are under way."""
+        many = 2 * self._count or _UNKNOWN
+        room = 1 if self._suspects else many if self._results else self._count or 1  # at first each lacks what it needs
+        while len(self._open) < room and not self._stopped:
+            lacks: tuple[str, ...] = ()
+            if self._again:
+                units, lacks = self._again.popleft()
+            elif self._next < self._work.units:
+                share = math.ceil((self._work.units - self._next) / (self._count or 1))
+                units = self._next, self._next + min(self._joined, share)
+                self._next = units[1]
+            else:
+                break
+            self._number += 1
+            part = Part(*units, self._work.seed, self._needs, self._number)
+            sent = {digest: self._content[digest] for digest in lacks}
+            try:
+                self._open[self._executor.submit(run_part, part, sent)] = units
+            except RuntimeError as error:  # it is broken, or shut down
+                self._again.append((units, lacks))
+                if self._open:  # which tell the same
+                    break
+                self._end(error)
+        return bool(self._open)
+
+    def wait(self) -> None:
+        """Wait a moment for parts, and take those that have ended."""
+        done, _ = wait(self._open, _OFTEN, FIRST_COMPLETED)
+        alone, broken = len(self._open) == 1, None
+        for future in done:
+            units = self._open.pop(future)
+            try:
+                answer = future.result()
+            except (BrokenExecutor, CancelledError) as error:
+                broken = error
+                self._suspects.add(units)
+                if alone and self._tries[units] >= _KILLED:
+                    self._give_up(units, f"its worker was killed {_KILLED + 1} times")
+                else:
+                    self._tries[units] += alone
+                    self._again.appendleft((units, ()))
+            except Exception as error:  # the executor's own, such as of a worker that Dask has given up
+                self._retry(units, f"{type(error).__name__}: {error}")
+            else:
+                self._take(units, answer)
+        if broken is not None:
+            self._end(broken)
+
+    def _take(self, units: _Units, answer: Answer) -> None:
+        worker = answer.worker
+        if answer.version:
+            _compare(worker.host, answer.version)
+        if answer.lacks:
+            self._again.append((units, answer.lacks))
+        elif answer.reason:
+            self._retry(units, f"{answer.reason}\n{answer.failure}".rstrip())
+        else:
+            self._suspects.discard(units)
+            self._results[units] = answer.result
+            self.done += self._work.size(*units)
+            before = self._workers.get(
+                (worker.host, worker.process), msgspec.structs.replace(worker, parts=0, seconds=0.0)
+            )
+            self._workers[worker.host, worker.process] = msgspec.structs.replace(
+                worker, parts=before.parts + 1, seconds=before.seconds + worker.seconds
+            )
+            self._joined = max(1, int((units[1] - units[0]) * _LONG / max(worker.seconds, 1e-6)))
+
+    def _retry(self, units: _Units, reason: str) -> None:
+        """Try a unit once more, and a part of more units by its halves."""
+        first, last = units
+        if last - first > 1:
+            middle = (first + last) // 2
+            self._again.extend([((first, middle), ()), ((middle, last), ())])
+        elif self._tries[units]:
+            self._give_up(units, reason)
+        else:
+            self._tries[units] = 1
+            self._again.append((units, ()))
+
+    def _give_up(self, units: _Units, reason: str) -> None:
+        self._suspects.discard(units)
+        self._failed[units] = reason
+        if not self._results and len(self._failed) == _HOPELESS:
+            self._stopped = reason
+
+    def _end(self, error: BaseException) -> None:
+        """Make our own processes again; a user's executor has ended."""
+        if isinstance(self._executor, Processes):
+            self._executor.renew()
+        else:
+            self._stopped = f"the executor has ended: {error}"
+
+    def leave(self) -> None:
+        """Leave parts that are still under way."""
+        for future in self._open:
+            future.cancel()
+        if self._open and isinstance(self._executor, Processes):
+            self._executor.renew()
+
+    def joined(self) -> Joined:
+        """Return the results in order, and tell what is missing and which hosts differ."""
+        if self._stopped:
+            for units in [*self._open.values(), *(each for each, _ in self._again), (self._next, self._work.units)]:
+                if units[0] < units[1]:
+                    self._failed.setdefault(units, self._stopped)
+        missing = sum(self._work.size(*units) for units in self._failed)
+        causes = dict.fromkeys(self._failed[units] for units in sorted(self._failed))
+        if missing:
+            first, seed = min(self._failed)[0], self._work.seed
+            told = f"{counted(missing, 'episode')} of seed {seed} are missing, from spawn key ({first},) on"
+            if not self._results:
+                raise Error(f"no part has ended, {told}: {next(iter(causes))}")
+            warnings.warn(f"{told}: {'; '.join(causes)}", WorkerWarning, stacklevel=4)
+        workers = tuple(self._workers.values())
+        for bit in _BITS:
+            hosts = {each.environment.get(bit, ""): each.host for each in workers}
+            if len(hosts) > 1:
+                differ = " and ".join(f"{version or 'none'} on {host}" for version, host in hosts.items())
+                text = f"{bit} differs among workers, {differ}: the last bits may differ with who ran which part"
+                warnings.warn(text, WorkerWarning, stacklevel=4)
+        return Joined([self._results[units] for units in sorted(self._results)], missing, workers)
+
+
+def _compare(where: str, version: str) -> None:
+    if version != __version__:
+        raise ConfigError(f"{where} has mdm {version}, but here it is {__version__}: install the same", key="executor")

@@ -26,6 +26,7 @@ from mdm.texts import counted
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
+    from concurrent.futures import Executor
 
     from mdm.models import MDP, Durations
 
@@ -47,8 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
         policy, world = load_for(model, arguments.policy, arguments)
     if (note := visibility(world, policy)) is not None:
         print(f"mdm evaluate: {note}", file=sys.stderr)
-    with executor_of(arguments) as arguments.executor:
-        verdict = judge(world, policy, arguments, durations)
+    with executor_of(arguments) as executor:
+        verdict = judge(world, policy, arguments, durations, executor=executor)
     from mdm.verification.dangers import avoidable_end  # noqa: PLC0415 - slow to import
 
     if (danger := avoidable_end(world, policy)) is not None:
@@ -91,10 +92,10 @@ def compare(arguments: argparse.Namespace) -> int:
     for note in filter(None, dict.fromkeys(visibility(world, policy) for policy, world in pairs)):
         print(f"mdm compare: {note}", file=sys.stderr)
     verdicts: list[tuple[str, Verdict]] = []
-    with executor_of(arguments) as arguments.executor:
+    with executor_of(arguments) as executor:
         for place, (policy, world) in enumerate(pairs, 1):
             told = f"policy {place} of {len(pairs)}  "
-            verdict = judge(world, policy, arguments, durations, simulated=True, what=told)
+            verdict = judge(world, policy, arguments, durations, simulated=True, what=told, executor=executor)
             verdicts.append((arguments.policies[place - 1], verdict))
             if interrupted := arguments.interruption.number is not None:
                 break
@@ -233,6 +234,7 @@ def judge(
     *,
     simulated: bool = False,
     what: str = "",
+    executor: Executor | None = None,
 ) -> Verdict:
     """Evaluate a policy.
 
@@ -243,6 +245,7 @@ def judge(
         durations: How long actions take; by default all take one time step.
         simulated: Simulate even if the exact value is known.
         what: The text of the progress of the simulation.
+        executor: Who runs its parts.
     """
     exact_in = functools.partial(exact_values, policy=policy, steps=arguments.steps, durations=durations)
     values = exact_in(model)
@@ -263,7 +266,7 @@ def judge(
     if simulated or exact is None or arguments.episodes is not None:
         given = {name: getattr(arguments, name) for name in ("episodes", "steps", "seed")}
         with counting(arguments.interruption, what) as progress:
-            given |= {"progress": progress, "executor": arguments.executor}
+            given |= {"progress": progress, "executor": executor}
             result = evaluate(model, policy, durations=durations, **given)
     facts = describe_policy(policy)
     size = ""

@@ -39,6 +39,7 @@ def has_pinned_commits():
                 "policy",
                 "monitors",
                 "simulation",
+                "workers",
                 "solvers",
                 "verification",
                 "tree_search",
@@ -150,6 +151,10 @@ def test_benchmark(tmp_path, name):
     elif name == "simulation":
         assert {row["way"] for row in results["simulation"]} == {"mdm.evaluate", "mdm.simulate", "numpy, by hand"}
         assert all(row["steps a second"] > 0 for row in results["simulation"])
+    elif name == "workers":
+        assert {(row["episodes"], row["workers"]) for row in results["workers"]} == {
+            (name, count) for name in ("batches", "one by one", "decision loop") for count in range(3)
+        }
     elif name == "communication":
         messages = {(row["problem"], row["policy"]): row["% of messages"] for row in results["communication"]}
         assert messages["dec-tiger", "Always"] == 100

@@ -316,7 +316,8 @@ class Episodes:
         together: bool,
     ) -> None:
         self.model, self.policy, self.seed = model, policy, seed
-        self._ends, self._given = ends, {"discounts": discounts, "paid": paid}
+        self._ends = ends
+        self._given: dict[str, Any] = {"discounts": discounts, "paid": paid}
         self._together: EpisodeBatch | None = None
         self._alone: EpisodeRunner | None = None
         self._sizes: list[int] | None = [] if together else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -87,7 +87,7 @@ def compare(
         return stopped
 
     for policy in policies:
-        given = {"episodes": episodes, "steps": steps, "seed": seed}
+        given: dict[str, Any] = {"episodes": episodes, "steps": steps, "seed": seed}
         found.append(evaluate(model, policy, **given, durations=durations, progress=tell, executor=executor))
         if stopped:
             break

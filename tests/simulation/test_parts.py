@@ -31,6 +31,11 @@ def evaluated(policy, executor=None, **options):
     return mdm.evaluate(tiger(), policy, **{"episodes": 45, "steps": 12, "seed": 3} | options, executor=executor)
 
 
+def reached(policy, executor=None, **options):
+    given = {"episodes": 45, "seed": 3, "until": "tiger-left and action = open-left"} | options
+    return mdm.evaluate(tiger(), policy, **given, executor=executor)
+
+
 def simulated(policy, executor=None, **options):
     return mdm.simulate(tiger(), policy, **{"episodes": 25, "steps": 6, "seed": 3} | options, executor=executor)
 
@@ -48,7 +53,7 @@ def kept(result):
 
 @settings(max_examples=12, deadline=None)
 @given(
-    st.sampled_from([evaluated, simulated, compared]),
+    st.sampled_from([evaluated, reached, simulated, compared]),
     st.sampled_from([VECTORS, Cautious(), RandomPolicy(3, 2)]),
     st.integers(1, 5),
     st.integers(0, 99),

@@ -333,7 +333,7 @@ class Episodes:
         return last - first if self._sizes is None else sum(self._sizes[first:last])
 
     def prepare(self) -> None:
-        """Make what runs them."""
+        """Make the runner of episodes."""
         if self._sizes is None:
             self._alone = EpisodeRunner(self.model, self.policy, endless=self._given["paid"] is not None)
             return
@@ -342,7 +342,7 @@ class Episodes:
         self._together = EpisodeBatch(self.model, batch, self._ends, observed=observed, **self._given)
 
     def run(self, first: int, last: int, tell: Callable[[int], bool] = lambda _: False) -> tuple[Vector, int]:
-        """Return the returns of some units, and their time steps; of what has ended where `tell` returns True."""
+        """Return the returns of some units, and their time steps; of those that have ended if `tell` returns True."""
         if self._together is None:
             return one_by_one(
                 *(self.model, self.policy, self._ends),
@@ -604,7 +604,7 @@ def one_by_one(
         paid: As of `EpisodeBatch`; the return of an episode that ends by itself is not a number then.
         progress: Told at each time step how many have ended; where it returns True, there are no more.
         first: The number of the first: each has random numbers of its own.
-        run: What runs them; by default it is made.
+        run: Their runner; by default it is made.
 
     Returns:
         The discounted returns of those that have ended, and the total number of time steps.

@@ -57,7 +57,7 @@ def compare(
 
     Args:
         model: The model, or the path of its file.
-        policies: The policies, of any kind; the first is what others are compared with.
+        policies: The policies, of any kind; others are compared with the first.
         episodes: The number of episodes of each, as of `evaluate`.
         steps: Decisions per episode.
         seed: The same seed gives the same result; by default it is random.

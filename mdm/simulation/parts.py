@@ -2,10 +2,10 @@
 
 A work is a number of units, such as episodes, each with random numbers of its own. A part is some consecutive units, as
 plain data; `run_part` runs one anywhere. Results are joined in the order of units, so that they depend on the work and
-its seed alone: not on how many workers there are, how units were joined to parts, which ended first, or what ran twice.
+its seed alone: not on how many workers there are, how units were joined to parts, which ended first, or ran twice.
 Units are joined until a part takes a second: a small one costs more to send than to run.
 
-A model and what is done with it travel once to each worker: a part has their digests, a worker that lacks one says so,
+A model and the work with it travel once to each worker: a part has their digests, a worker that lacks one says so,
 and the part is sent again with them.
 """
 
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 _LONG = 1.0
 """Seconds that a part of joined units takes."""
 _OFTEN = 0.1
-"""Seconds between two looks at what has ended."""
+"""Seconds between two looks at the parts under way."""
 _UNKNOWN = 64
 """Parts at a time, for executors that do not say how many workers they have."""
 _KILLED = 3
@@ -52,15 +52,15 @@ _KILLED = 3
 _HOPELESS = 10
 """Units that fail, before any part has ended, after which there are no more."""
 _BITS = ("numpy", "numba", "blas", "machine")
-"""What the last bits of numbers depend on."""
+"""The facts on which last bits of numbers depend."""
 
 
 class Work(Protocol):
-    """What can be done in parts.
+    """Work that has parts.
 
     Attributes:
         model: Its model, which travels by itself.
-        policy: What decides in it.
+        policy: The policy in it.
         seed: Of its random numbers; unit n has those of the spawn key (n,).
         units: How many there are.
     """
@@ -75,7 +75,7 @@ class Work(Protocol):
         ...
 
     def prepare(self) -> None:
-        """Make what its units share, once in each worker."""
+        """Make all that its units share, once in each worker."""
         ...
 
     def run(self, first: int, last: int, tell: Callable[[int], bool] = lambda _: False) -> Any:
@@ -109,7 +109,7 @@ class Worker(msgspec.Struct, frozen=True):
     Attributes:
         host: The name of its machine.
         process: Its number there.
-        environment: The versions of what computes there.
+        environment: The versions of the libraries there.
         parts: How many it ran.
         seconds: How long they took.
     """
@@ -122,12 +122,12 @@ class Worker(msgspec.Struct, frozen=True):
 
 
 class Answer(msgspec.Struct, frozen=True):
-    """What has become of a part.
+    """The end of a part.
 
     Attributes:
         worker: Who ran it, and for how long.
         result: The result of its units.
-        lacks: The digests of what the worker has to be sent.
+        lacks: The digests of all that the worker has to be sent.
         version: That of mdm there, where it is another.
         reason: Why it failed.
         failure: The traceback of that; empty where the reason says all.
@@ -158,11 +158,11 @@ class Joined(msgspec.Struct, frozen=True):
 # -- At the worker -----------------------------------------------------------------------------------------------------
 
 _held = threading.local()
-"""The last model and work of each thread: works hold what they make, such as random numbers."""
+"""The last model and work of each thread: works hold things of their own, such as random numbers."""
 
 
 def run_part(part: Part, sent: Mapping[str, bytes]) -> Answer:
-    """Run a part here, with what it is sent with or what was sent before; its seconds are those of its units alone."""
+    """Run a part here, with the content sent with it or before; its seconds are those of its units alone."""
     here, held = _here(), _held.__dict__
     if part.version != __version__:
         return Answer(here, version=__version__)
@@ -202,30 +202,30 @@ class _Reader(pickle.Unpickler):
 
 
 class _Writer(pickle.Pickler):
-    """Pickles without what travels by itself, and refuses what a worker could not import."""
+    """Pickles without the model, which travels by itself, and refuses names that a worker could not import."""
 
     apart: Any = _held  # which nothing holds
 
-    def persistent_id(self, what: Any) -> str | None:
-        return "model" if what is self.apart else None
+    def persistent_id(self, given: Any) -> str | None:
+        return "model" if given is self.apart else None
 
-    def reducer_override(self, what: Any) -> Any:
-        if isinstance(what, type | FunctionType) and what.__module__ == "__main__":
-            raise ConfigError(f"{what.__qualname__} is in the program itself: put it into a module that it imports")
+    def reducer_override(self, given: Any) -> Any:
+        if isinstance(given, type | FunctionType) and given.__module__ == "__main__":
+            raise ConfigError(f"{given.__qualname__} is in the program itself: put it into a module that it imports")
         return NotImplemented
 
 
-def packed(what: Any, name: str, apart: Any = _held) -> bytes:
+def packed(given: Any, name: str, apart: Any = _held) -> bytes:
     """Return something as it travels, without the model that travels by itself.
 
     Raises:
-        ConfigError: If it cannot be pickled; `name` says what it is.
+        ConfigError: If it cannot be pickled; `name` stands for it.
     """
     buffer = io.BytesIO()
     writer = _Writer(buffer, protocol=5)
     writer.apart = apart
     try:
-        writer.dump(what)
+        writer.dump(given)
     except Exception as error:
         raise ConfigError(f"{name} cannot be sent to workers: {error}", key="executor") from error
     return buffer.getvalue()
@@ -251,7 +251,7 @@ def run_parts(
         Error: If a part failed twice, or the executor ended, and no part had ended before.
 
     Warns:
-        WorkerWarning: If parts are missing, hosts differ in what last bits depend on, or each worker searches.
+        WorkerWarning: If parts are missing, hosts differ in versions that change last bits, or each worker searches.
     """
     total = work.size(0, work.units)
     if executor is None:
@@ -323,7 +323,7 @@ class _Run:
     def submit(self) -> bool:
         """Send as many parts as there is room for; return whether any are under way."""
         many = 2 * self._count or _UNKNOWN
-        room = 1 if self._suspects else many if self._results else self._count or 1  # at first each lacks what it needs
+        room = 1 if self._suspects else many if self._results else self._count or 1  # at first each lacks all
         while len(self._open) < room and not self._stopped:
             lacks: tuple[str, ...] = ()
             if self._again:
@@ -422,7 +422,7 @@ class _Run:
             self._executor.renew()
 
     def joined(self) -> Joined:
-        """Return the results in order, and tell what is missing and which hosts differ."""
+        """Return the results in order, and tell missing parts and hosts that differ."""
         if self._stopped:
             for units in [*self._open.values(), *(each for each, _ in self._again), (self._next, self._work.units)]:
                 if units[0] < units[1]:

@@ -55,7 +55,7 @@ class Processes(Executor):
         return self._pool.submit(function, *arguments, **named)
 
     def renew(self) -> None:
-        """End the processes with what they do; others start with the next work."""
+        """End the processes in the middle of their parts; others start with the next work."""
         pool, self._pool = self._pool, None
         if pool is not None:
             for process in list((getattr(pool, "_processes", None) or {}).values()):
@@ -72,7 +72,7 @@ class Processes(Executor):
 
 
 def _begin() -> None:
-    """Load what runs parts, leave Ctrl-C to the process that waits for them, and end with it."""
+    """Load the simulation, leave Ctrl-C to the process that waits for them, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:

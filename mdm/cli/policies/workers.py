@@ -1,4 +1,4 @@
-"""Workers of a command: processes here, or those of a Dask scheduler, and what is told of them."""
+"""Workers of a command: processes here, or those of a Dask scheduler, and their facts."""
 
 from __future__ import annotations
 
@@ -58,6 +58,6 @@ def _client(where: str) -> Any:
 
 
 def of_run(result: Evaluation) -> dict[str, Any]:
-    """Return what differs from run to run, ready for JSON."""
+    """Return the facts that differ from run to run, ready for JSON."""
     workers = [msgspec.to_builtins(each) for each in result.workers]
     return {"seconds": result.seconds, "steps_a_second": result.steps_a_second, "workers": workers}

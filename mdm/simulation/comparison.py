@@ -25,6 +25,11 @@ class Comparison(msgspec.Struct, frozen=True):
 
     Attributes:
         evaluations: Of each policy; fewer, and the last of fewer episodes, where it was ended.
+
+    Example::
+
+        result = mdm.compare("tiger.pomdp", ["tiger.vf", "tiger.vf"], episodes=1000, seed=1)
+        result.difference(1)  # (0.0, 0.0)
     """
 
     evaluations: tuple[Evaluation, ...]
@@ -71,7 +76,7 @@ def compare(
 
     Example::
 
-        result = mdm.compare("tiger.pomdp", ["tiger.vf", [0, 0]], episodes=1000, seed=1)
+        result = mdm.compare("tiger.pomdp", ["tiger.vf", "tiger.vf"], episodes=1000, seed=1)
         result.evaluations[0].mean, result.difference(1)
     """
     if not policies:

@@ -55,16 +55,7 @@ if TYPE_CHECKING:
     from mdm.beliefs import BeliefTracker
     from mdm.config import System, load_system
     from mdm.controller import Controller, Step
-    from mdm.errors import (
-        ConfigError,
-        Error,
-        FormatError,
-        MapError,
-        MapWarning,
-        ModelError,
-        ModelWarning,
-        WorkerWarning,
-    )
+    from mdm.errors import ConfigError, Error, FormatError, MapError, MapWarning, ModelError, ModelWarning
     from mdm.formats import load_model, load_policy, load_rewards, save_model, save_policy
     from mdm.logic import Formula, P, parse
     from mdm.models import MDP, POMDP
@@ -83,7 +74,7 @@ if TYPE_CHECKING:
         WallClock,
         run,
     )
-    from mdm.simulation import World, compare, evaluate
+    from mdm.simulation import WorkerWarning, World, compare, evaluate
     from mdm.simulation.world import simulate
     from mdm.solvers import solve
     from mdm.team.team import Team
@@ -190,10 +181,7 @@ _HOMES = {
     "beliefs": ("BeliefTracker",),
     "controller": ("Controller", "Step"),
     "config": ("System", "load_system"),
-    "errors": (
-        *("ConfigError", "Error", "FormatError", "MapError", "MapWarning", "ModelError", "ModelWarning"),
-        "WorkerWarning",
-    ),
+    "errors": ("ConfigError", "Error", "FormatError", "MapError", "MapWarning", "ModelError", "ModelWarning"),
     "formats": ("load_model", "load_policy", "load_rewards", "save_model", "save_policy"),
     "logic": ("Formula", "P", "parse"),
     "models": ("MDP", "POMDP"),
@@ -201,7 +189,7 @@ _HOMES = {
         *("Actor", "ActorFailure", "Channel", "Clock", "DeadlockError", "Extension", "Observer", "Restart", "Runtime"),
         *("VirtualClock", "VirtualEventLoop", "WallClock", "run"),
     ),
-    "simulation": ("World", "compare", "evaluate", "simulate"),
+    "simulation": ("WorkerWarning", "World", "compare", "evaluate", "simulate"),
     "solvers": ("solve",),
     "team": ("Team",),
     "verification": ("shield", "verify"),

@@ -7,17 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = [
-    "ConfigError",
-    "Error",
-    "FormatError",
-    "MapError",
-    "MapWarning",
-    "ModelError",
-    "ModelWarning",
-    "PolicyError",
-    "WorkerWarning",
-]
+__all__ = ["ConfigError", "Error", "FormatError", "MapError", "MapWarning", "ModelError", "ModelWarning", "PolicyError"]
 
 
 class Error(Exception):
@@ -71,10 +61,6 @@ class MapWarning(UserWarning):
 
 class ModelWarning(UserWarning):
     """A model was accepted with a change, such as normalised probabilities."""
-
-
-class WorkerWarning(UserWarning):
-    """Something of parts that run on workers: some are missing, hosts differ, or each worker searches by itself."""
 
 
 class ConfigError(Error):

@@ -3,6 +3,7 @@
 from mdm.simulation.batch import Evaluation, ReachingEvaluation, evaluate
 from mdm.simulation.communication import CommunicationEvaluation, evaluate_communication
 from mdm.simulation.comparison import Comparison, compare
+from mdm.simulation.parts import WorkerWarning
 from mdm.simulation.processes import Processes
 from mdm.simulation.sampler import Sampler
 from mdm.simulation.world import World, simulate
@@ -14,6 +15,7 @@ __all__ = [
     "Processes",
     "ReachingEvaluation",
     "Sampler",
+    "WorkerWarning",
     "World",
     "compare",
     "evaluate",

@@ -12,7 +12,6 @@ episode at a time; a policy of each kind have different ones.
 
 from __future__ import annotations
 
-import functools
 import math
 import time
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -252,27 +251,23 @@ def _simulated(
     count = (10_000 if together else 1_000) if episodes is None else episodes
     if not together and getattr(policy, "_seed", seed) is None:  # a search or a draw without a seed of its own
         policy = seeded(policy, seed)
-    work = Episodes(model, policy, ends, count, seed, discounts, paid, together=together)
+    work = Episodes(model, policy, ends, count, seed, together=together, discounts=discounts, paid=paid)
     return joined_evaluation(work, int(min(ends)), progress, executor)
 
 
 def joined_evaluation(
     work: Work, steps: int, progress: Callable[[int, int], object] | None, executor: Executor | None
 ) -> Evaluation:
-    """Run a work, each part of which gives the returns of its episodes and their time steps, and join them.
-
-    Args:
-        work: The work.
-        steps: The longest episode.
-        progress: See `evaluate`.
-        executor: See `evaluate`.
-    """
+    """Run a work whose parts give the returns of their episodes, of so many steps, and the time steps; join them."""
     began = time.perf_counter()
-    joined = run_parts(work, executor, progress)
-    returns = np.concatenate([part for part, _ in joined.results]) if joined.results else np.empty(0)
+    results, missing, workers = run_parts(work, executor, progress)
+    returns, moves = _in_order(results)
     returns.setflags(write=False)
-    moves, seconds = sum(moves for _, moves in joined.results), time.perf_counter() - began
-    return Evaluation.of(returns, steps, work.seed, moves, seconds, joined.missing, joined.workers)
+    return Evaluation.of(returns, steps, work.seed, moves, time.perf_counter() - began, missing, workers)
+
+
+def _in_order(parts: list[tuple[Vector, int]]) -> tuple[Vector, int]:
+    return np.concatenate([np.empty(0), *(part for part, _ in parts)]), sum(moves for _, moves in parts)
 
 
 def _check(model: MDP, policy: Any, episodes: int | None, steps: int | None) -> None:
@@ -298,31 +293,18 @@ class Episodes:
         ends: The end of an episode.
         episodes: How many.
         seed: Of their random numbers: each batch, or each episode, has its own.
-        discounts: Of each state and action, S x A; by default that of the model.
-        paid: As of `EpisodeBatch`.
         together: Whether they run in batches.
+        given: The ``discounts`` and ``paid`` of `EpisodeBatch`.
     """
 
     def __init__(
-        self,
-        model: MDP,
-        policy: Any,
-        ends: Limits,
-        episodes: int,
-        seed: int,
-        discounts: Vector | None = None,
-        paid: Vector | None = None,
-        *,
-        together: bool,
+        self, model: MDP, policy: Any, ends: Limits, episodes: int, seed: int, *, together: bool, **given: Vector | None
     ) -> None:
-        self.model, self.policy, self.seed = model, policy, seed
-        self._ends = ends
-        self._given: dict[str, Any] = {"discounts": discounts, "paid": paid}
-        self._together: EpisodeBatch | None = None
-        self._alone: EpisodeRunner | None = None
-        self._sizes: list[int] | None = [] if together else None
-        self.units = episodes
-        if self._sizes is not None:
+        self.model, self.policy, self.seed, self.units = model, policy, seed, episodes
+        self._ends, self._given = ends, given
+        self._run: Any = None
+        self._sizes: list[int] = []
+        if together:
             chunk = min(_CHUNK, max(_TOGETHER, _NUMBERS // len(model.state_space)))
             while (left := episodes - sum(self._sizes)) > 0:
                 self._sizes.append(min(left, chunk, _FIRST * 4 ** min(len(self._sizes), 9)))
@@ -330,39 +312,32 @@ class Episodes:
 
     def size(self, first: int, last: int) -> int:
         """Return how many episodes are in some units."""
-        return last - first if self._sizes is None else sum(self._sizes[first:last])
+        return sum(self._sizes[first:last]) if self._sizes else last - first
 
     def prepare(self) -> None:
         """Make the runner of episodes."""
-        if self._sizes is None:
-            self._alone = EpisodeRunner(self.model, self.policy, endless=self._given["paid"] is not None)
-            return
-        observed = getattr(self.policy, "input", "belief") != "state"
-        batch = self.policy.batch(self.model)
-        self._together = EpisodeBatch(self.model, batch, self._ends, observed=observed, **self._given)
+        if self._sizes:
+            observed = getattr(self.policy, "input", "belief") != "state"
+            batch = self.policy.batch(self.model)
+            self._run = EpisodeBatch(self.model, batch, self._ends, observed=observed, **self._given)
+        else:
+            self._run = EpisodeRunner(self.model, self.policy, endless=self._given["paid"] is not None)
 
     def run(self, first: int, last: int, tell: Callable[[int], bool] = lambda _: False) -> tuple[Vector, int]:
         """Return the returns of some units, and their time steps; of those that have ended if `tell` returns True."""
-        if self._together is None:
-            return one_by_one(
-                *(self.model, self.policy, self._ends),
-                episodes=last - first,
-                seed=self.seed,
-                progress=lambda ended, _: tell(ended),
-                first=first,
-                run=self._alone,
-                **self._given,
-            )
+        if not self._sizes:
+            given: dict[str, Any] = {"episodes": last - first, "seed": self.seed, "first": first, "run": self._run}
+            given |= {**self._given, "progress": lambda ended, _: tell(ended)}
+            return one_by_one(self.model, self.policy, self._ends, **given)
         parts: list[tuple[Vector, int]] = []
         for unit in range(first, last):
             random = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(unit,)))
-            told = functools.partial(_beyond, tell, self.size(first, unit))
-            part = self._together(self.size(unit, unit + 1), random, told)
+            before = self.size(first, unit)
+            part = self._run(self._sizes[unit], random, lambda more, before=before: tell(before + more))
             if part is None:
                 break
             parts.append(part)
-        returns = np.concatenate([part for part, _ in parts]) if parts else np.empty(0)
-        return returns, sum(moves for _, moves in parts)
+        return _in_order(parts)
 
 
 # -- Episodes ----------------------------------------------------------------------------------------------------------
@@ -503,10 +478,6 @@ class EpisodeBatch:
             if self._paid is not None:
                 over &= weight > 0
                 returns[going[over]] += self._paid[states[over], ENDED]
-
-
-def _beyond(tell: Callable[[int], bool], ended: int, more: int) -> bool:
-    return tell(ended + more)
 
 
 class EpisodeStep(NamedTuple):

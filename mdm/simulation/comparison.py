@@ -14,10 +14,8 @@ from mdm.simulation.batch import Evaluation, evaluate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from concurrent.futures import Executor
 
     from mdm.loading import GivenModel, GivenPolicy
-    from mdm.models import Durations
 
 
 class Comparison(msgspec.Struct, frozen=True):
@@ -25,11 +23,6 @@ class Comparison(msgspec.Struct, frozen=True):
 
     Attributes:
         evaluations: Of each policy; fewer, and the last of fewer episodes, where it was ended.
-
-    Example::
-
-        result = mdm.compare("tiger.pomdp", ["tiger.vf", "tiger.vf"], episodes=1000, seed=1)
-        result.difference(1)  # (0.0, 0.0)
     """
 
     evaluations: tuple[Evaluation, ...]
@@ -51,25 +44,19 @@ def compare(
     model: GivenModel,
     policies: Sequence[GivenPolicy],
     *,
-    episodes: int | None = None,
-    steps: int | None = None,
     seed: int | None = None,
-    durations: Durations | None = None,
     progress: Callable[[int, int], object] | None = None,
-    executor: Executor | None = None,
+    **given: Any,
 ) -> Comparison:
     """Estimate the values of several policies at the start of a model, in episodes with the same random numbers.
 
     Args:
         model: The model, or the path of its file.
         policies: The policies, of any kind; others are compared with the first.
-        episodes: The number of episodes of each, as of `evaluate`.
-        steps: Decisions per episode.
         seed: The same seed gives the same result; by default it is random.
-        durations: How long actions take, as of `evaluate`.
         progress: Called as by `evaluate`, with the episodes of all policies; where it returns True, the result is of
             the policies, and the episodes of the last, that are known by then.
-        executor: Who runs parts of the episodes, as of `evaluate`.
+        given: Other arguments of `evaluate`, such as ``episodes`` and ``executor``.
 
     Raises:
         ConfigError: If there is no policy, or as of `evaluate`.
@@ -77,7 +64,7 @@ def compare(
     Example::
 
         result = mdm.compare("tiger.pomdp", ["tiger.vf", "tiger.vf"], episodes=1000, seed=1)
-        result.evaluations[0].mean, result.difference(1)
+        result.difference(1)  # (0.0, 0.0)
     """
     if not policies:
         raise ConfigError("a comparison needs a policy", key="policies")
@@ -92,8 +79,7 @@ def compare(
         return stopped
 
     for policy in policies:
-        given: dict[str, Any] = {"episodes": episodes, "steps": steps, "seed": seed}
-        found.append(evaluate(model, policy, **given, durations=durations, progress=tell, executor=executor))
+        found.append(evaluate(model, policy, seed=seed, progress=tell, **given))
         if stopped:
             break
     return Comparison(tuple(found))

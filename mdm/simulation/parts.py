@@ -1,12 +1,9 @@
 """Long work in parts, on any `concurrent.futures.Executor`: on processes here, on other machines, in any order.
 
-A work is a number of units, such as episodes, each with random numbers of its own. A part is some consecutive units, as
-plain data; `run_part` runs one anywhere. Results are joined in the order of units, so that they depend on the work and
-its seed alone: not on how many workers there are, how units were joined to parts, which ended first, or ran twice.
-Units are joined until a part takes a second: a small one costs more to send than to run.
-
-A model and the work with it travel once to each worker: a part has their digests, a worker that lacks one says so,
-and the part is sent again with them.
+A work is a number of units, such as episodes. A part is some consecutive units, as plain data, joined until they take a
+second; `run_part` runs one anywhere. Results are joined in the order of units: they depend on the work and its seed
+alone, not on how many workers there are, which parts ended first or ran twice. A model and the work with it travel
+once to each worker: a part has their digests, a worker that lacks one says so, and is sent it with the part.
 """
 
 from __future__ import annotations
@@ -29,7 +26,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
-from mdm.errors import ConfigError, Error, WorkerWarning
+from mdm.errors import ConfigError, Error
 from mdm.models.digest import of_bytes
 from mdm.simulation.processes import Processes
 from mdm.texts import counted
@@ -43,26 +40,24 @@ if TYPE_CHECKING:
 
 _LONG = 1.0
 """Seconds that a part of joined units takes."""
-_OFTEN = 0.1
-"""Seconds between two looks at the parts under way."""
 _UNKNOWN = 64
 """Parts at a time, for executors that do not say how many workers they have."""
 _KILLED = 3
 """How often a part that runs alone may lose its worker and is run again."""
 _HOPELESS = 10
 """Units that fail, before any part has ended, after which there are no more."""
-_BITS = ("numpy", "numba", "blas", "machine")
-"""The facts on which last bits of numbers depend."""
+_Result = tuple[list[Any], int, tuple["Worker", ...]]
+
+
+class WorkerWarning(UserWarning):
+    """Something of parts that run on workers: some are missing, hosts differ, or each worker searches by itself."""
 
 
 class Work(Protocol):
-    """Work that has parts.
+    """Work that has parts: units in a model, which travels by itself, each with random numbers of its own.
 
     Attributes:
-        model: Its model, which travels by itself.
-        policy: The policy in it.
-        seed: Of its random numbers; unit n has those of the spawn key (n,).
-        units: How many there are.
+        seed: That of all units; unit n has the random numbers of the spawn key (n,).
     """
 
     model: Any
@@ -122,37 +117,19 @@ class Worker(msgspec.Struct, frozen=True):
 
 
 class Answer(msgspec.Struct, frozen=True):
-    """The end of a part.
+    """The end of a part: its result, all that its worker lacks, or why it failed.
 
     Attributes:
         worker: Who ran it, and for how long.
         result: The result of its units.
         lacks: The digests of all that the worker has to be sent.
-        version: That of mdm there, where it is another.
-        reason: Why it failed.
-        failure: The traceback of that; empty where the reason says all.
+        failure: Why it failed, with the traceback of an error that is not of mdm.
     """
 
     worker: Worker
     result: Any = None
     lacks: tuple[str, ...] = ()
-    version: str = ""
-    reason: str = ""
     failure: str = ""
-
-
-class Joined(msgspec.Struct, frozen=True):
-    """The results of a work.
-
-    Attributes:
-        results: Those of its parts, in the order of units.
-        missing: How many episodes have none, since their part failed.
-        workers: Who ran the parts; none where there were none.
-    """
-
-    results: list[Any]
-    missing: int = 0
-    workers: tuple[Worker, ...] = ()
 
 
 # -- At the worker -----------------------------------------------------------------------------------------------------
@@ -165,17 +142,18 @@ def run_part(part: Part, sent: Mapping[str, bytes]) -> Answer:
     """Run a part here, with the content sent with it or before; its seconds are those of its units alone."""
     here, held = _here(), _held.__dict__
     if part.version != __version__:
-        return Answer(here, version=__version__)
+        wrong = f"{here.host} has mdm {__version__}, and the part is of {part.version}: install the same"
+        return Answer(here, failure=wrong)
     model, rest = part.needs
     try:
         if held.get("needs") != part.needs:
-            lacks = () if held.get("digest") == model or model in sent else (model,)
-            if lacks or rest not in sent:
-                return Answer(here, lacks=(*lacks, rest))
+            lacks = (rest,) if held.get("digest") == model else part.needs
+            if not sent.keys() >= set(lacks):
+                return Answer(here, lacks=lacks)
+            held.pop("needs", None)
             if held.get("digest") != model:
                 held.clear()
                 held.update(model=pickle.loads(sent[model]), digest=model)  # noqa: S301 - its program's own
-            held.pop("needs", None)
             held["work"] = _Reader(io.BytesIO(sent[rest])).load()
             held["work"].prepare()
             held["needs"] = part.needs
@@ -183,9 +161,9 @@ def run_part(part: Part, sent: Mapping[str, bytes]) -> Answer:
         result = held["work"].run(part.first, part.last)
         seconds = time.perf_counter() - began
     except Error as error:
-        return Answer(here, reason=str(error))
+        return Answer(here, failure=str(error))
     except Exception as error:
-        return Answer(here, reason=f"{type(error).__name__}: {error}", failure=traceback.format_exc())
+        return Answer(here, failure=f"{type(error).__name__}: {error}\n{traceback.format_exc().rstrip()}")
     return Answer(msgspec.structs.replace(here, parts=1, seconds=seconds), result)
 
 
@@ -215,12 +193,7 @@ class _Writer(pickle.Pickler):
         return NotImplemented
 
 
-def packed(given: Any, name: str, apart: Any = _held) -> bytes:
-    """Return something as it travels, without the model that travels by itself.
-
-    Raises:
-        ConfigError: If it cannot be pickled; `name` stands for it.
-    """
+def _packed(given: Any, name: str, apart: Any = _held) -> bytes:
     buffer = io.BytesIO()
     writer = _Writer(buffer, protocol=5)
     writer.apart = apart
@@ -236,14 +209,18 @@ def packed(given: Any, name: str, apart: Any = _held) -> bytes:
 
 def run_parts(
     work: Work, executor: Executor | None = None, progress: Callable[[int, int], object] | None = None
-) -> Joined:
-    """Run a work to its end, and return its results in the order of its units.
+) -> _Result:
+    """Run a work to its end.
 
     Args:
         work: The work.
         executor: Who runs its parts; None for this process, at once.
         progress: Called with how many episodes have ended, and of how many, ten times a second with an executor; where
             it returns True, the results are those known by then.
+
+    Returns:
+        The results of parts in the order of units, how many episodes have none, since their part failed, and who ran
+        the parts.
 
     Raises:
         ConfigError: If the executor is none, takes no work, cannot be sent this work, or has a worker with no mdm or
@@ -254,19 +231,26 @@ def run_parts(
         WorkerWarning: If parts are missing, hosts differ in versions that change last bits, or each worker searches.
     """
     total = work.size(0, work.units)
+
+    def tell(ended: int) -> bool:
+        return progress is not None and progress(ended, total) is True
+
     if executor is None:
         work.prepare()
-        return Joined([work.run(0, work.units, lambda ended: progress is not None and progress(ended, total) is True)])
+        return [work.run(0, work.units, tell)], 0, ()
     if not isinstance(executor, Executor):
         raise ConfigError(f"an executor is one of concurrent.futures, not {executor!r}", key="executor")
     run = _Run(work, executor)
     try:
         while run.submit():
             run.wait()
-            if progress is not None and progress(run.done, total) is True:
+            if tell(run.done):
                 break
     finally:
-        run.leave()
+        for future in run.open:
+            future.cancel()
+        if run.open and isinstance(executor, Processes):
+            executor.renew()
     return run.joined()
 
 
@@ -279,12 +263,12 @@ class _Run:
         count = getattr(executor, "workers", None) or getattr(executor, "_max_workers", None)
         self._count: int = count or (0 if self._dask is None else sum(self._dask.nthreads().values()))
         self._check()
-        model, rest = packed(work.model, "the model"), packed(work, "the policy", work.model)
-        self._needs = of_bytes(model), of_bytes(rest)
-        self._content = dict(zip(self._needs, (model, rest), strict=True))
+        content = _packed(work.model, "the model"), _packed(work, "the policy", work.model)
+        self._needs = of_bytes(content[0]), of_bytes(content[1])
+        self._content = dict(zip(self._needs, content, strict=True))
         self._next = self._number = self.done = 0
-        self._joined = 1
-        self._open: dict[Future[Answer], _Units] = {}
+        self._joined, self._stopped = 1, ""
+        self.open: dict[Future[Answer], _Units] = {}
         self._again: deque[tuple[_Units, tuple[str, ...]]] = deque()
         self._tries: Counter[_Units] = Counter()
         self._suspects: set[_Units] = set()
@@ -292,7 +276,6 @@ class _Run:
         self._results: dict[_Units, Any] = {}
         self._failed: dict[_Units, str] = {}
         self._workers: dict[tuple[str, int], Worker] = {}
-        self._stopped = ""
 
     def _check(self) -> None:
         """Refuse workers before the first part."""
@@ -303,28 +286,27 @@ class _Run:
             else:
                 found = {"a worker": self._executor.submit(resolve_name, name).result()}
         except ImportError as error:
-            raise ConfigError(
-                f"a worker has no mdm ({error}): install mdm {__version__} there", key="executor"
-            ) from None
+            wrong = f"a worker has no mdm ({error}): install mdm {__version__} there"
         except BrokenExecutor as error:
-            way = "a program starts them below if __name__ == '__main__':"
-            raise ConfigError(f"the workers do not start ({error}): {way}", key="executor") from None
+            wrong = f"the workers do not start ({error}): a program starts them below if __name__ == '__main__':"
         except RuntimeError as error:
-            raise ConfigError(f"the executor takes no work ({error}): give one that is open", key="executor") from None
-        for where, version in found.items():
-            _compare(where, version)
+            wrong = f"the executor takes no work ({error}): give one that is open"
+        else:
+            others = [f"{where} has mdm {version}" for where, version in found.items() if version != __version__]
+            wrong = f"{others[0]}, but here it is {__version__}: install the same" if others else ""
+        if wrong:
+            raise ConfigError(wrong, key="executor")
         if getattr(self._work.policy, "deliberates", False):
             most = getattr(self._work.policy, "memory", None)
             each = "each worker searches by itself" + (f", with up to {most / 1e6:.0f} MB" if most else "")
-            warnings.warn(
-                f"{each}, and finds less where workers share a processor and its time", WorkerWarning, stacklevel=4
-            )
+            text = f"{each}, and finds less where workers share a processor and its time"
+            warnings.warn(text, WorkerWarning, stacklevel=4)
 
     def submit(self) -> bool:
         """Send as many parts as there is room for; return whether any are under way."""
         many = 2 * self._count or _UNKNOWN
         room = 1 if self._suspects else many if self._results else self._count or 1  # at first each lacks all
-        while len(self._open) < room and not self._stopped:
+        while len(self.open) < room and not self._stopped:
             lacks: tuple[str, ...] = ()
             if self._again:
                 units, lacks = self._again.popleft()
@@ -338,20 +320,20 @@ class _Run:
             part = Part(*units, self._work.seed, self._needs, self._number)
             sent = {digest: self._content[digest] for digest in lacks}
             try:
-                self._open[self._executor.submit(run_part, part, sent)] = units
+                self.open[self._executor.submit(run_part, part, sent)] = units
             except RuntimeError as error:  # it is broken, or shut down
                 self._again.append((units, lacks))
-                if self._open:  # which tell the same
+                if self.open:  # which tell the same
                     break
                 self._end(error)
-        return bool(self._open)
+        return bool(self.open)
 
     def wait(self) -> None:
         """Wait a moment for parts, and take those that have ended."""
-        done, _ = wait(self._open, _OFTEN, FIRST_COMPLETED)
-        alone, broken = len(self._open) == 1, None
+        done, _ = wait(self.open, 0.1, FIRST_COMPLETED)
+        alone, broken = len(self.open) == 1, None
         for future in done:
-            units = self._open.pop(future)
+            units = self.open.pop(future)
             try:
                 answer = future.result()
             except (BrokenExecutor, CancelledError) as error:
@@ -371,23 +353,20 @@ class _Run:
 
     def _take(self, units: _Units, answer: Answer) -> None:
         worker = answer.worker
-        if answer.version:
-            _compare(worker.host, answer.version)
         if answer.lacks:
             self._again.append((units, answer.lacks))
-        elif answer.reason:
-            self._retry(units, f"{answer.reason}\n{answer.failure}".rstrip())
+        elif answer.failure:
+            self._retry(units, answer.failure)
         else:
             self._suspects.discard(units)
             self._results[units] = answer.result
             self.done += self._work.size(*units)
-            before = self._workers.get(
-                (worker.host, worker.process), msgspec.structs.replace(worker, parts=0, seconds=0.0)
-            )
-            self._workers[worker.host, worker.process] = msgspec.structs.replace(
-                worker, parts=before.parts + 1, seconds=before.seconds + worker.seconds
-            )
             self._joined = max(1, int((units[1] - units[0]) * _LONG / max(worker.seconds, 1e-6)))
+            key = worker.host, worker.process
+            if (before := self._workers.get(key)) is not None:
+                seconds = before.seconds + worker.seconds
+                worker = msgspec.structs.replace(worker, parts=before.parts + 1, seconds=seconds)
+            self._workers[key] = worker
 
     def _retry(self, units: _Units, reason: str) -> None:
         """Try a unit once more, and a part of more units by its halves."""
@@ -408,43 +387,29 @@ class _Run:
             self._stopped = reason
 
     def _end(self, error: BaseException) -> None:
-        """Make our own processes again; a user's executor has ended."""
         if isinstance(self._executor, Processes):
             self._executor.renew()
-        else:
+        else:  # a user's
             self._stopped = f"the executor has ended: {error}"
 
-    def leave(self) -> None:
-        """Leave parts that are still under way."""
-        for future in self._open:
-            future.cancel()
-        if self._open and isinstance(self._executor, Processes):
-            self._executor.renew()
-
-    def joined(self) -> Joined:
+    def joined(self) -> _Result:
         """Return the results in order, and tell missing parts and hosts that differ."""
         if self._stopped:
-            for units in [*self._open.values(), *(each for each, _ in self._again), (self._next, self._work.units)]:
-                if units[0] < units[1]:
-                    self._failed.setdefault(units, self._stopped)
+            left = [*self.open.values(), *(units for units, _ in self._again), (self._next, self._work.units)]
+            self._failed = dict.fromkeys([each for each in left if each[0] < each[1]], self._stopped) | self._failed
         missing = sum(self._work.size(*units) for units in self._failed)
-        causes = dict.fromkeys(self._failed[units] for units in sorted(self._failed))
         if missing:
-            first, seed = min(self._failed)[0], self._work.seed
-            told = f"{counted(missing, 'episode')} of seed {seed} are missing, from spawn key ({first},) on"
+            causes = dict.fromkeys(self._failed[units] for units in sorted(self._failed))
+            told = f"{counted(missing, 'episode')} of seed {self._work.seed} are missing, from spawn key "
+            told += f"({min(self._failed)[0]},) on"
             if not self._results:
                 raise Error(f"no part has ended, {told}: {next(iter(causes))}")
             warnings.warn(f"{told}: {'; '.join(causes)}", WorkerWarning, stacklevel=4)
         workers = tuple(self._workers.values())
-        for bit in _BITS:
+        for bit in ("numpy", "numba", "blas", "machine"):  # on which last bits depend
             hosts = {each.environment.get(bit, ""): each.host for each in workers}
             if len(hosts) > 1:
                 differ = " and ".join(f"{version or 'none'} on {host}" for version, host in hosts.items())
                 text = f"{bit} differs among workers, {differ}: the last bits may differ with who ran which part"
                 warnings.warn(text, WorkerWarning, stacklevel=4)
-        return Joined([self._results[units] for units in sorted(self._results)], missing, workers)
-
-
-def _compare(where: str, version: str) -> None:
-    if version != __version__:
-        raise ConfigError(f"{where} has mdm {version}, but here it is {__version__}: install the same", key="executor")
+        return [self._results[units] for units in sorted(self._results)], missing, workers

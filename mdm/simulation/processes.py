@@ -32,16 +32,16 @@ class Processes(Executor):
 
     Example::
 
-        with mdm.simulation.Processes(4) as workers:
-            result = mdm.evaluate("tiger.pomdp", "tiger.vf", episodes=1_000_000, seed=1, executor=workers)
+        def value(model, policy):
+            with mdm.simulation.Processes(4) as workers:
+                return mdm.evaluate(model, policy, episodes=1_000_000, executor=workers).mean
     """
 
     def __init__(self, workers: int | None = None) -> None:
         if workers is not None and not (is_whole(workers) and workers >= 1):
             raise ConfigError(f"a number of processes is a whole number from 1 on, not {workers!r}", key="workers")
-        self.workers = workers or len(
-            os.sched_getaffinity(0) if sys.platform == "linux" else range(os.cpu_count() or 1)
-        )
+        here = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count()
+        self.workers = workers or here or 1
         self._pool: ProcessPoolExecutor | None = None
         self._closed = False
 
@@ -56,30 +56,30 @@ class Processes(Executor):
 
     def renew(self) -> None:
         """End the processes in the middle of their parts; others start with the next work."""
-        pool, self._pool = self._pool, None
-        if pool is not None:
-            for process in list((getattr(pool, "_processes", None) or {}).values()):
+        if self._pool is not None:
+            for process in list((getattr(self._pool, "_processes", None) or {}).values()):
                 process.kill()
-            pool.shutdown(cancel_futures=True)
+            self._pool.shutdown(cancel_futures=True)
+            self._pool = None
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes, where `wait` is false at once."""
         self._closed = True
-        if self._pool is not None and wait:
-            self._pool.shutdown(cancel_futures=cancel_futures)
-        else:
+        if not wait:
             self.renew()
+        elif self._pool is not None:
+            self._pool.shutdown(cancel_futures=cancel_futures)
 
 
 def _begin() -> None:
     """Load the simulation, leave Ctrl-C to the process that waits for them, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-
-        def end() -> None:
-            parent.join()
-            os._exit(1)
-
-        threading.Thread(target=end, daemon=True).start()
+    threading.Thread(target=_end, daemon=True).start()
     import mdm.simulation.batch  # noqa: F401, PLC0415 - in the process that begins alone
+
+
+def _end() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)

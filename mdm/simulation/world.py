@@ -415,7 +415,6 @@ def simulate(
         raise ConfigError("a record is of one process: simulate without an executor", key="record")
     work = _Loop(model, policy_of(policy, model), episodes, seed, steps, record, options)
     work.prepare()
-    assert work.ensemble is not None
     return joined_evaluation(work, work.ensemble.controller.horizon or 0, progress, executor)
 
 
@@ -427,7 +426,7 @@ class _Loop:
     ) -> None:
         self.model, self.policy, self.seed, self.units = model, policy, seed, episodes
         self._steps, self._record, self._options = steps, record, options
-        self.ensemble: Ensemble | None = None
+        self.ensemble: Any = None
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but the ensemble, which each process makes for itself."""
@@ -444,9 +443,7 @@ class _Loop:
 
     def run(self, first: int, last: int, tell: Callable[[int], bool] = lambda _: False) -> tuple[Vector, int]:
         """Return the returns of some episodes, and their time steps; of fewer where `tell` returns True."""
-        returns, moves, ended = np.zeros(last - first), 0, 0
-        assert self.ensemble is not None
-        ensemble = self.ensemble
+        returns, moves, ended, ensemble = np.zeros(last - first), 0, 0, self.ensemble
 
         async def main() -> None:
             async with Runtime(log=None, record=self._record) as runtime:

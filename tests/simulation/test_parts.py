@@ -32,7 +32,7 @@ def evaluated(policy, executor=None, **options):
 
 
 def reached(policy, executor=None, **options):
-    given = {"episodes": 45, "seed": 3, "until": "tiger-left and action = open-left"} | options
+    given = {"episodes": 45, "seed": 3, "until": "tiger-left and action = open-left within 20"} | options
     return mdm.evaluate(tiger(), policy, **given, executor=executor)
 
 
@@ -228,7 +228,10 @@ def test_what_cannot_run_is_refused_before_the_first_part():
         with patch.object(parts, "resolve_name", without_mdm), pytest.raises(ConfigError, match="a worker has no mdm"):
             evaluated(VECTORS, executor)
     answer = run_part(Part(0, 1, 0, ("a", "b"), version="0"), {})
-    assert (answer.version, answer.result) == (mdm.__version__, None)
+    assert (answer.failure.startswith(f"{answer.worker.host} has mdm {mdm.__version__}, "), answer.result) == (
+        True,
+        None,
+    )
     with refused(ConfigError):
         evaluated(VECTORS, Ending(0))
 

@@ -11,11 +11,18 @@ from mdm import ConfigError
 from mdm.simulation import Processes
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_is_replaced():
     with Processes(1) as executor:
         first = executor.submit(os.getpid).result()
         executor.renew()
         assert executor.submit(os.getpid).result() not in {first, os.getpid()}
+
+
+@pytest.mark.parametrize("wait", [True, False])
+def test_none_starts_after_the_end(wait):
+    executor = Processes(1)
+    executor.shutdown(wait=wait)
     with pytest.raises(RuntimeError, match="after shutdown"):
         executor.submit(os.getpid)
 

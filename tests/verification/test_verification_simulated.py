@@ -81,7 +81,7 @@ def test_what_does_not_end_counts_for_both_ends(together, monkeypatch):
 
 def test_the_interval_is_that_of_clopper_and_pearson():
     # Of 10 trials 2 hit: 2.52 % to 55.61 %, as in tables of the binomial distribution.
-    its = ReachingEvaluation(0.2, 0, np.array([1.0] * 2 + [0.0] * 8), 1, 1, 10, 0.0, 0)
+    its = ReachingEvaluation(0.2, 0, np.array([1.0] * 2 + [0.0] * 8), 1, 1, 10, 0.0, undecided=0)
     assert its.interval == pytest.approx((0.0252, 0.5561), abs=1e-4)
 
 

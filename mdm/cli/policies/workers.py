@@ -45,7 +45,7 @@ def _client(where: str) -> Any:
         distributed = importlib.import_module("distributed")
     except ImportError:
         raise Error("--dask needs Dask: pip install distributed") from None
-    given = {"scheduler_file": where} if Path(where).exists() else {"address": where}
+    given = {"scheduler_file" if Path(where).exists() else "address": where}
     try:
         client = distributed.Client(**given, timeout=5, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
@@ -59,5 +59,5 @@ def _client(where: str) -> Any:
 
 def of_run(result: Evaluation) -> dict[str, Any]:
     """Return the facts that differ from run to run, ready for JSON."""
-    workers = [msgspec.to_builtins(each) for each in result.workers]
+    workers = msgspec.to_builtins(result.workers)
     return {"seconds": result.seconds, "steps_a_second": result.steps_a_second, "workers": workers}

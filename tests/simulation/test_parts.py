@@ -103,7 +103,8 @@ def test_a_model_travels_once_to_each_worker_and_with_it_what_decides():
     assert len(sent) > 90
     digests = [digest for each in sent for digest in each]
     assert all(digests.count(digest) <= 20 for digest in digests)  # what is sent may meet a worker that has it
-    assert all(result.parts for result in evaluated(VECTORS, Shuffled()).workers)
+    with Shuffled() as executor:
+        assert all(result.parts for result in evaluated(VECTORS, executor).workers)
 
 
 def test_a_part_that_fails_is_tried_once_more(tmp_path):

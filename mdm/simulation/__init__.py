@@ -1,10 +1,8 @@
 """Simulation of policies in their models: worlds for the decision loop, batches of episodes without it, and teams."""
 
-from mdm.simulation.batch import Evaluation, ReachingEvaluation, evaluate
+from mdm.simulation.batch import Comparison, Evaluation, ReachingEvaluation, compare, evaluate
 from mdm.simulation.communication import CommunicationEvaluation, evaluate_communication
-from mdm.simulation.comparison import Comparison, compare
-from mdm.simulation.parts import WorkerWarning
-from mdm.simulation.processes import Processes
+from mdm.simulation.parts import Processes, WorkerWarning
 from mdm.simulation.sampler import Sampler
 from mdm.simulation.world import World, simulate
 

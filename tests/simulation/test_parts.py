@@ -268,7 +268,7 @@ def test_a_killed_process_ends_a_users_pool_and_not_ours(tmp_path):
         for name in "abc":
             assert kept(evaluated(Once(tmp_path / name, kills=True), executor)) == kept(whole)
     with (
-        ProcessPoolExecutor(2, get_context("spawn")) as executor,
+        ProcessPoolExecutor(1, get_context("spawn")) as executor,  # so that no part has ended
         pytest.raises(Error, match="the executor has ended: A process"),
     ):
         evaluated(Once(tmp_path / "d", kills=True), executor)

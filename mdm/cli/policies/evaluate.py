@@ -11,8 +11,7 @@ import msgspec
 import numpy as np
 
 from mdm.cli.files.info import describe_policy
-from mdm.cli.policies.inputs import load, load_durations_for, load_for, visibility
-from mdm.cli.policies.workers import executor_of, of_run
+from mdm.cli.policies.inputs import executor_of, load, load_durations_for, load_for, of_run, visibility
 from mdm.cli.progress import counting
 from mdm.cli.report import as_json, columns
 from mdm.cli.usage import UsageError

@@ -1,20 +1,28 @@
-"""Loading of a model, and of a policy for it, as several sub-commands do it."""
+"""What several sub-commands take: a model, a policy for it, and the workers of a simulation."""
 
 from __future__ import annotations
 
+import importlib
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 
-from mdm.errors import FormatError, ModelError
+from mdm.cli.usage import UsageError
+from mdm.errors import Error, FormatError, ModelError
 from mdm.formats import load_durations, load_model
 from mdm.loading import pair_of
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Iterator
+    from concurrent.futures import Executor
 
     from mdm.models import MDP, Durations
     from mdm.models.units import Unit
+    from mdm.simulation import Evaluation
 
 _ALIKE = 1e-9
 """Discounts that differ by less count as the same."""
@@ -77,3 +85,47 @@ def with_false_negatives(model: MDP, arguments: argparse.Namespace) -> MDP:
     """Return a model with the command's false negative, if one was given."""
     symbol = arguments.false_negative
     return model if symbol is None else model.with_false_negatives(symbol)
+
+
+@contextmanager
+def executor_of(arguments: argparse.Namespace) -> Iterator[Executor | None]:
+    """Yield who runs the parts of a command; None for this process.
+
+    Raises:
+        Error: If Dask is not installed, or there is no scheduler or no worker.
+    """
+    if arguments.dask is not None:
+        if arguments.workers:
+            raise UsageError("--workers are processes here, and --dask has workers of its own: give either")
+        with _client(arguments.dask) as client:
+            yield client.get_executor(pure=False)
+    elif arguments.workers:
+        from mdm.simulation import Processes  # noqa: PLC0415 - slow to import
+
+        with Processes(None if arguments.workers == "auto" else arguments.workers) as processes:
+            yield processes
+    else:
+        yield None
+
+
+def _client(where: str) -> Any:
+    try:
+        distributed = importlib.import_module("distributed")
+    except ImportError:
+        raise Error("--dask needs Dask, the extra mdm[dask]: pip install distributed") from None
+    given = {"scheduler_file" if Path(where).exists() else "address": where}
+    try:
+        client = distributed.Client(**given, timeout=5, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        why = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise Error(f"there is no Dask scheduler at {where} ({why}): start one by dask scheduler") from None
+    if not client.nthreads():
+        client.close()
+        raise Error(f"the Dask scheduler at {where} has no workers: start some by dask worker {where}")
+    return client
+
+
+def of_run(result: Evaluation) -> dict[str, Any]:
+    """Return the facts that differ from run to run, ready for JSON."""
+    workers = msgspec.to_builtins(result.workers)
+    return {"seconds": result.seconds, "steps_a_second": result.steps_a_second, "workers": workers}

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from mdm.cli.policies.inputs import visibility
-from mdm.cli.policies.workers import executor_of, of_run
+from mdm.cli.policies.inputs import executor_of, of_run, visibility
 from mdm.cli.progress import counting
 from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError, take_model

@@ -11,7 +11,7 @@ from places import TIGER, TIGER_VECTORS
 from sentences import refused
 
 from mdm import Error, WorkerWarning
-from mdm.cli.policies import workers
+from mdm.cli.policies import inputs
 
 FEW = (TIGER, TIGER_VECTORS, "--episodes", "40", "--steps", "5", "--seed", "2")
 
@@ -48,7 +48,7 @@ def test_a_result_with_parts_missing_is_told_and_a_failure(mdm, monkeypatch, ver
     from mdm.simulation.batch import EpisodeBatch
 
     del simulate
-    monkeypatch.setattr(workers, "Processes", Shuffled)
+    monkeypatch.setattr("mdm.simulation.Processes", Shuffled)
     monkeypatch.setattr(parts, "_LONG", 0.0)
     monkeypatch.setattr("mdm.simulation.batch._FIRST", 10)
     run = EpisodeBatch.__call__
@@ -82,7 +82,7 @@ def test_what_cannot_be_had_is_refused(mdm, monkeypatch, tmp_path):
         raise ModuleNotFoundError(name)
 
     monkeypatch.setattr(importlib, "import_module", absent)
-    with refused(Error), workers.executor_of(SimpleNamespace(dask="tcp://here:1", workers=0)):
+    with refused(Error), inputs.executor_of(SimpleNamespace(dask="tcp://here:1", workers=0)):
         pass
 
 
@@ -104,10 +104,10 @@ def test_a_scheduler_that_is_not_there_or_has_no_workers_is_refused(monkeypatch,
             pass
 
     monkeypatch.setattr(importlib, "import_module", lambda name: SimpleNamespace(Client=Client))
-    with refused(Error), workers.executor_of(SimpleNamespace(dask="tcp://here:1", workers=0)):
+    with refused(Error), inputs.executor_of(SimpleNamespace(dask="tcp://here:1", workers=0)):
         pass
     with pytest.raises(Error, match="has no workers: start some"):
-        workers._client(str(file))
+        inputs._client(str(file))
     assert given[-1]["scheduler_file"] == str(file)
 
 

@@ -17,6 +17,7 @@ from mdm.formats.source import content
 from mdm.simulation.batch import EpisodeRunner
 from mdm.solvers import exact_values
 from mdm.views.canvas import pyplot
+from mdm.views.palette import ACTIONS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -100,10 +101,10 @@ def grid_figure(model: MDP, policy: Any, axes: Sequence[str] | None, columns: in
 
 def action_colours(model: MDP, actions: Sequence[int]) -> tuple[dict[int, Any], list[Any]]:
     """Return a light colour per action, and the handles for a legend."""
+    from matplotlib.colors import to_rgb  # noqa: PLC0415 - an extra
     from matplotlib.patches import Patch  # noqa: PLC0415 - an extra
 
-    palette = pyplot().get_cmap("tab20" if len(actions) > 10 else "tab10")
-    colours = {action: tuple(0.4 * c + 0.6 for c in palette(i % palette.N)[:3]) for i, action in enumerate(actions)}
+    colours = {action: to_rgb(ACTIONS[action % len(ACTIONS)]) for action in actions}
     names = model.action_space.names
     return colours, [Patch(color=colour, label=names[action]) for action, colour in colours.items()]
 

@@ -1,4 +1,4 @@
-"""The colours that a terminal has, and the codes for them."""
+"""The colours of actions, in every picture; and the colours that a terminal has, with the codes for them."""
 
 from __future__ import annotations
 
@@ -17,6 +17,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from mdm.maps.picture import Ink
+
+ACTIONS = ("#77aadd", "#eedd88", "#ffaabb", "#bbcc33", "#99ddff", "#ee8866", "#aaaa00", "#44bb99")
+"""Actions in their order, and parts of other wholes: on the page, which has them in `page.css`, and in plots.
+
+The scheme *light* of Paul Tol, Colour Schemes (SRON/EPS/TN/09-002, 2021): distinct to the colour-blind, and light
+enough for dark text on them.
+"""
 
 _READABLE = 4.5
 _LEVELS = (0, 95, 135, 175, 215, 255)

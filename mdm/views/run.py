@@ -11,6 +11,7 @@ from mdm.errors import Error
 from mdm.messages import ActionLife, Decision, Fault, Mode
 from mdm.recording.table import Names, names_of
 from mdm.views.canvas import pyplot
+from mdm.views.palette import ACTIONS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from mdm.recording.reader import Record
 
 _MODES = {"stopped": "#bbbbbb", "deciding": "#4c9f70", "safe": "#d1495b"}
-_COLOURS = (0, 1, 2, 3, 8, 9, 10, 11, 12, 13, 16, 17, 18, 19)
-"""Those of the map ``tab20`` for actions: its greens, reds and greys are too near to those of modes."""
 _FAILED = {"failed", "timed_out", "abandoned"}
 _BAR, _BAND, _MARK = (0.1, 0.9), (1.15, 0.25), 1.55
 """Where actions, modes and faults are, from below: the place and the height."""
@@ -187,9 +186,8 @@ def _draw_bars(axes: Any, ensemble: _Ensemble, least: float) -> None:
         for (begin, until, action, status), following in zip(lane, [*begins, float("inf")], strict=True):
             width = max(until - begin, min(least, following - begin))
             bars[action].append((begin, width, _BAR[0] + place * height, status))
-    colours = pyplot().get_cmap("tab20")
     for number, (action, each) in enumerate(bars.items()):
-        colour, label = colours(_COLOURS[number % len(_COLOURS)]), action if number < _FEW else "_"
+        colour, label = ACTIONS[number % len(ACTIONS)], action if number < _FEW else "_"
         for bottom in dict.fromkeys(bar[2] for bar in each):
             here = [(begin, width) for begin, width, own, _ in each if own == bottom]
             axes.broken_barh(here, (bottom, height), color=colour, lw=0, label=label)
@@ -214,7 +212,7 @@ def _draw_belief(axes: Any, ensemble: _Ensemble, names: Names, end: float) -> No
         labels.append(f"{beliefs.shape[1] - len(likely):,} others")
     times = np.array([*(seconds for seconds, _ in kept), end])
     layers = [np.append(share, share[-1]) for share in shares]
-    axes.stackplot(times, layers, labels=labels, step="post", colors=pyplot().get_cmap("Set2")(range(8)), lw=0)
+    axes.stackplot(times, layers, labels=labels, step="post", colors=ACTIONS, lw=0)
     axes.set_ylim(0, 1)
     axes.set_ylabel("belief", fontsize=8)
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=7)

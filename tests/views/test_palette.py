@@ -1,12 +1,16 @@
-"""Colours of terminals."""
+"""Colours of actions and of terminals."""
 
 from __future__ import annotations
+
+import re
+from pathlib import Path
 
 import pyte
 import pytest
 
 from mdm.maps.picture import contrast
-from mdm.views.palette import Palette
+from mdm.views import web
+from mdm.views.palette import ACTIONS, Palette
 
 
 @pytest.mark.parametrize(
@@ -53,3 +57,11 @@ def test_what_can_be_read_can_be_with_fewer_colours(ink):
     fewer = tuple(bytes.fromhex(screen.buffer[0][0].fg))
     for behind in ((0, 0, 0), (255, 255, 255)):
         assert contrast(fewer, behind) >= 4.5 or contrast(ink, behind) < 4.5
+
+
+def test_the_page_has_the_same_colours_of_actions_as_plots_and_text_on_each_can_be_read():
+    sheet = (Path(web.__file__).parent / "static" / "page.css").read_text()
+    assert tuple(re.findall(r"--a[0-9]+: (#[0-9a-f]{6});", sheet)) == ACTIONS
+    (dark,) = set(re.findall(r"--on-action: (#[0-9a-f]{6});", sheet))
+    for colour in ACTIONS:
+        assert contrast(*(tuple(bytes.fromhex(each[1:])) for each in (colour, dark))) > 7

@@ -27,7 +27,7 @@ function picture(floor, scheme) {
   const image = context.createImageData(floor.columns, floor.rows);
   const raster = bytes(floor.raster);
   const wall = rgb(colour("wall")), ground = rgb(colour("ground")), paper = rgb(colour("floor"));
-  const tints = [0, 1, 2, 3, 4, 5, 6].map((place) => rgb(colour(`s${place}`)).map((part, index) => Math.round(0.16 * part + 0.84 * paper[index])));
+  const tints = [0, 1, 2, 3, 4, 5, 6].map((place) => rgb(colour(`a${place}`)).map((part, index) => Math.round(0.18 * part + 0.82 * paper[index])));
   for (let place = 0; place < raster.length; place += 1) {
     const value = raster[place];
     const [red, green, blue] = value === 255 ? wall : value === 0 ? ground : tints[(value - 1) % tints.length];

@@ -1,7 +1,7 @@
 // Over time: the belief as a band, and expected reward and return as lines.
 import { html, useEffect, useRef } from "./vendor/htm-preact.js";
 import { Panel } from "./panel.js";
-import { clock, colour } from "./words.js";
+import { clock, colour, digits, edge } from "./words.js";
 
 const STATES = 5, KEPT = 600;
 const GAP = 2;   // Seconds without the decisions between, from which on no line is drawn.
@@ -56,7 +56,7 @@ function plot(box, data, { now, range, go, ...options }) {
 }
 
 const axes = () => [
-  { stroke: colour("soft"), grid: { stroke: colour("line"), width: 1 }, ticks: { stroke: colour("line") }, space: 80, values: (_, all) => all.map(clock) },
+  { stroke: colour("soft"), grid: { stroke: colour("line"), width: 1 }, ticks: { stroke: colour("line") }, space: 80, values: (_, all, __, ___, step) => all.map((each) => clock(each, digits(step))) },
   { stroke: colour("soft"), grid: { stroke: colour("line"), width: 1 }, ticks: { stroke: colour("line") }, size: 46 },
 ];
 
@@ -89,13 +89,13 @@ export function Plots({ course, version, path, time, range, go, scheme }) {
   const bands = (box) => {
     const sums = [];
     course.beliefs.map(whole).forEach((list, place) => sums.push(list.map((value, index) => (value == null ? null : value + (place ? sums[place - 1][index] : 0)))));
-    const series = course.states.map((state, place) => ({ label: `${place + 1} ${state}`, stroke: colour(`s${place}`), width: 1.5,
-      fill: `color-mix(in srgb, ${colour(`s${place}`)} 35%, ${colour("paper")})`, dash: [[], [8, 3], [2, 3], [10, 3, 2, 3], [4, 4]][place], paths: steps(), points: { show: false } }));
+    const series = course.states.map((state, place) => ({ label: `${place + 1} ${state}`, stroke: edge(`a${place}`), width: 1.5,
+      fill: colour(`a${place}`), dash: [[], [8, 3], [2, 3], [10, 3, 2, 3], [4, 4]][place], paths: steps(), points: { show: false } }));
     // The highest line first, so that those below are drawn over it.
     return plot(box, [times, ...sums.reverse()], { ...options, scales: { y: { range: [0, 1] } }, series: [{}, ...series.reverse()] });
   };
   const line = (label, list) => (box) => plot(box, [times, whole(list)],
-    { ...options, series: [{}, { label, stroke: colour("s0"), width: 2, paths: steps(), points: { show: course.times.length <= DOTS, size: 5 } }] });
+    { ...options, series: [{}, { label, stroke: colour("mark"), width: 2, paths: steps(), points: { show: course.times.length <= DOTS, size: 5 } }] });
   const lines = [["expected reward", course.rewards], ["expected return", course.values]].filter(([, list]) => some(list));
   if (!believes && !lines.length) return null;
   return html`<${Panel} name="Over time" title=${`Over time: ${path}`}>

@@ -2,9 +2,9 @@
 // zooms and scrolls, and tells of all that is in it.
 import { html, useEffect, useRef, useState } from "./vendor/htm-preact.js";
 import { Panel } from "./panel.js";
-import { called, clock, colour, feeding, seconds, SIGNS } from "./words.js";
+import { called, clock, colour, digits, edge, feeding, seconds, SIGNS, tint as tinted } from "./words.js";
 
-const LANE = 46, THIN = 18, HEAD = 24, LEFT = 118, MOST = 10, PREDICATES = 8;
+const LANE = 46, THIN = 18, HEAD = 24, LEFT = 118, MOST = 10, PREDICATES = 8, ACTIONS = 16;
 const NEAR = 14;   // Pixels between equal decisions up to which they are drawn as one.
 const TINTS = { deciding: "good", safe: "bad", stopped: "off" };
 
@@ -113,6 +113,7 @@ export function Timeline({ scene, frame, history, selected, view, setView, choos
   const [tip, show] = useState(null);
   const lanes = lanesOf(scene, selected), predicates = shownPredicates(scene, selected);
   const courses = predicates.map((name) => changesOf(scene, frame, history, name));
+  const legend = [...new Map(lanes.flatMap((path) => (scene.ensembles.find((each) => each.path === path)?.actions ?? []).map((name) => [`${tinted(scene, path, name)} ${name}`, [tinted(scene, path, name), name]]))).values()].slice(0, ACTIONS);
   const [first, last] = extent;
   const span = view.span;
   const end = view.follow ? frame.time : view.end;
@@ -180,6 +181,7 @@ export function Timeline({ scene, frame, history, selected, view, setView, choos
     <div class="held"><canvas ref=${box} tabindex="0" role="img" aria-label=${`Timeline from ${clock(begin)} to ${clock(end)} of ${counted(lanes, "ensemble")}, ${counted(predicates, "predicate")}, ${counted(history.faults, "fault")}`}
       onPointerDown=${down} onPointerMove=${move} onPointerUp=${up} onPointerLeave=${() => show(null)} onKeyDown=${keys}></canvas>
       ${tip && html`<div class="tip number" role="tooltip" style=${`left:${tip.x}px;top:${tip.y}px`}>${tip.text}</div>`}</div>
+    ${legend.length > 0 && html`<p class="legend tints">${legend.map(([own, name]) => html`<span key=${name}><i class="swatch" style=${`background:var(--${own})`}></i>${name}</span>`)}</p>`}
     <p class="told soft number">${(selected && decision(history, selected, frame.time)) || "Nothing is decided yet."}${faultsAt(history, frame.time)}</p>
   <//>`;
 }
@@ -213,7 +215,7 @@ function draw(canvas, { scene, frame, history, lanes, predicates, courses, selec
   const context = canvas.getContext("2d");
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   context.clearRect(0, 0, wide, tall);
-  const names = ["ink", "soft", "line", "good", "bad", "off", "mark", "mark-soft", "bad-soft", "good-soft", "off-soft", "paper", "wait"];
+  const names = ["ink", "soft", "line", "good", "bad", "off", "mark", "mark-soft", "bad-soft", "good-soft", "off-soft", "paper", "wait", "on-action"];
   const tint = Object.fromEntries(names.map((each) => [each, colour(each)]));
   const font = (size, weight = 400) => `${weight} ${size}px system-ui, "DejaVu Sans", sans-serif`;
   const room = wide - LEFT;
@@ -227,7 +229,7 @@ function draw(canvas, { scene, frame, history, lanes, predicates, courses, selec
     context.fillStyle = tint.line;
     context.fillRect(x(time), 0, 1, tall);
     context.fillStyle = tint.soft;
-    const text = clock(time), width = context.measureText(text).width;
+    const text = clock(time, digits(every)), width = context.measureText(text).width;
     const at = Math.min(x(time) + 3, wide - width - 2);
     if (at < labelled) continue;   // where the last one has no room
     context.fillText(text, at, 7);
@@ -256,6 +258,7 @@ function draw(canvas, { scene, frame, history, lanes, predicates, courses, selec
       if (right - left > 16) { context.fillStyle = name === "stopped" ? tint.ink : tint.paper; context.fillText(SIGNS[name] ?? "", left + 3, top + 6); }
     }
     context.font = font(11);
+    const named = [];   // Where which action has its name.
     const first = Math.max(0, from(lane.lives, begin, (each) => each.to ?? Infinity));
     let drawn = -1;
     for (let index = first; index < lane.lives.length && lane.lives[index].from <= end; index += 1) {
@@ -265,14 +268,21 @@ function draw(canvas, { scene, frame, history, lanes, predicates, courses, selec
       drawn = Math.floor(left);
       const bad = ["failed", "timed_out", "abandoned"].includes(life.status);
       hit(left, right, top + 11, top + 29, `${life.action}: ${clock(life.from)} ${life.to == null ? `on, ${seconds(frame.time - life.from)} so far` : `to ${clock(life.to)}, ${seconds(life.to - life.from)}, ${life.status.replace("_", " ")}`}${life.detail ? `\n${life.detail}` : ""}`);
-      context.fillStyle = bad ? tint["bad-soft"] : life.to == null ? tint["good-soft"] : tint["off-soft"];
-      context.strokeStyle = bad ? tint.bad : life.to == null ? tint.good : tint.off;
+      const own = tinted(scene, path, life.action);
+      context.fillStyle = colour(own);
+      context.strokeStyle = bad ? tint.bad : life.to == null ? tint.ink : edge(own);
       context.lineWidth = 1;
       context.fillRect(left, top + 12, right - left, 16);
       context.strokeRect(left + 0.5, top + 12.5, Math.max(1, right - left - 1), 15);
-      if (right - left > 22) {
-        context.fillStyle = tint.ink;
-        context.fillText(clip(context, `${bad ? "✕ " : ""}${life.action}`, right - left - 6), left + 4, top + 20.5);
+      if (bad) { context.fillStyle = tint.bad; context.fillRect(left, top + 25, right - left, 3); }
+      const name = clip(context, `${bad ? "✕ " : ""}${life.action}`, right - left - 8);
+      if (name) {
+        context.fillStyle = tint["on-action"];
+        context.fillText(name, left + 4, top + 20.5);
+        named.push({ left, right, action: life.action });
+      } else if (bad) {
+        context.fillStyle = tint["on-action"];
+        if (right - left > 10) context.fillText("✕", (left + right) / 2 - 4, top + 19.5);
       }
     }
     for (const odd of lane.odds) {
@@ -293,7 +303,8 @@ function draw(canvas, { scene, frame, history, lanes, predicates, courses, selec
     for (let index = from(decisions, begin, (each) => each.time); index < decisions.length && decisions[index].time <= end;) {
       const first = index, left = x(decisions[first].time);
       let right = left, before = -9, count = 0;
-      context.fillStyle = tint.mark;
+      const own = tinted(scene, path, decisions[first].name);
+      context.fillStyle = edge(own);
       for (; index < decisions.length && decisions[index].time <= end && decisions[index].name === decisions[first].name; index += 1) {
         const at = x(decisions[index].time);
         if (at - right > NEAR) break;
@@ -305,9 +316,8 @@ function draw(canvas, { scene, frame, history, lanes, predicates, courses, selec
       }
       const several = index - first > 1;
       if (several) {
-        context.globalAlpha = 0.35;
+        context.fillStyle = colour(own);
         context.fillRect(left, top + 32, right - left, 4);
-        context.globalAlpha = 1;
         hit(left, right, top + 29, top + 42, `${decisions[first].name} decided ${count.toLocaleString("en")} times, ${clock(decisions[first].time)} to ${clock(decisions[index - 1].time)}`);
       }
       if (!several || (right - left) / (index - first) > 6) {
@@ -317,6 +327,8 @@ function draw(canvas, { scene, frame, history, lanes, predicates, courses, selec
         }
       }
       const next = index < decisions.length ? Math.min(wide, x(decisions[index].time)) : wide;
+      const isNamed = named.some((each) => each.action === decisions[first].name && each.left <= right + 2 && left <= each.right);
+      if (isNamed) continue;   // by the bar above
       if (left - shown > 70 && next - right > 34) {
         context.fillStyle = tint.soft;
         context.fillText(clip(context, `${decisions[first].name}${count > 1 ? ` ×${count}` : ""}`, Math.min(next - right - 6, 140)), right + 4, top + 35);
@@ -371,10 +383,8 @@ function draw(canvas, { scene, frame, history, lanes, predicates, courses, selec
     last = left;
     context.fillStyle = tint.bad;
     context.fillText("⚠", left - 5, HEAD - 5);
-    context.globalAlpha = 0.4;
-    context.fillRect(left, HEAD, 1, tall);
-    context.globalAlpha = 1;
-    const fault = history.faults[index];
+    const fault = history.faults[index], row = lanes.findIndex((path) => `${fault.source}/`.startsWith(`${path}/`));
+    if (row >= 0) context.fillRect(left, HEAD + row * LANE, 1, LANE - 4);
     hit(left - 6, left + 6, 0, HEAD, blamed(fault));
   }
   if (frame.time >= begin && frame.time <= end + 1e-9) {
@@ -388,8 +398,9 @@ function clip(context, text, room) {
   if (room < 8) return "";
   if (context.measureText(text).width <= room) return text;
   let length = text.length;
-  while (length > 1 && context.measureText(`${text.slice(0, length)}…`).width > room) length -= 1;
-  return `${text.slice(0, length)}…`;
+  while (length > 3 && context.measureText(`${text.slice(0, length)}…`).width > room) length -= 1;
+  const short = `${text.slice(0, length)}…`;
+  return context.measureText(short).width > room ? "" : short;   // of which nobody would know the whole
 }
 
 function hatch(context, left, top, width, height, ink) {

@@ -26,6 +26,22 @@ export function feeding(scene, of) {
   });
 }
 
+// The colour of an action, by name, is the same everywhere. Where all ensembles together have more actions than there are
+// colours, each ensemble has its own order.
+const COLOURS = 8;
+const tints = new WeakMap();
+export function tint(scene, path, action) {
+  if (!tints.has(scene)) {
+    const all = new Set(scene.ensembles.flatMap((each) => each.actions ?? []));
+    tints.set(scene, all.size > COLOURS ? new Map() : new Map([["", [...all]]]));
+  }
+  const known = tints.get(scene), key = known.has("") ? "" : path;
+  if (!known.has(key)) known.set(key, [...(scene.ensembles.find((each) => each.path === path)?.actions ?? [])]);
+  const names = known.get(key);
+  if (!names.includes(action)) names.push(action);
+  return `a${names.indexOf(action) % COLOURS}`;
+}
+
 export function seconds(value) {
   if (value < 0) return "0 s";
   if (value < 10) return `${value.toFixed(1)} s`;
@@ -34,13 +50,17 @@ export function seconds(value) {
   return `${Math.floor(value / 3600)} h ${Math.floor((value % 3600) / 60)} min`;
 }
 
-export function clock(value) {
-  const whole = Math.max(0, value);
+// Args: digits: behind the point.
+export function clock(value, digits = 1) {
+  const whole = Math.max(0, Number(value.toFixed(digits)));
   const part = (number, width = 2) => String(number).padStart(width, "0");
   const hours = Math.floor(whole / 3600);
-  const rest = `${part(Math.floor(whole / 60) % 60)}:${(whole % 60).toFixed(1).padStart(4, "0")}`;
+  const rest = `${part(Math.floor(whole / 60) % 60)}:${(whole % 60).toFixed(digits).padStart(digits ? digits + 3 : 2, "0")}`;
   return hours ? `${hours}:${rest}` : rest;
 }
+
+// The digits behind the point of times that lie so many seconds apart.
+export const digits = (step) => (String(Number(step.toPrecision(3))).split(".")[1] ?? "").length;
 
 export function number(value) {
   if (value == null) return "";
@@ -57,3 +77,6 @@ export function latency(value) {
 }
 
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+
+// The colour of the line around something of a light colour.
+export const edge = (name) => `color-mix(in srgb, ${colour(name)} 55%, ${colour("ink")})`;

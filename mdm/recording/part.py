@@ -1,10 +1,11 @@
 """Reads one file of a record: its sound parts, and where it is damaged or torn.
 
 A file of ours that is whole, by the checksum of its data, is taken in by its index. Any other is read from its start,
-record by record as the MCAP specification lays them out, so that a file without its end is read as well. Where a chunk has a checksum, as ours have, its messages are taken if that holds. Other
-programs may leave out all that is optional in MCAP: chunks, checksums (0 means that none is given), indices, a summary.
-Behind damage it goes on where the next record begins: as the damaged one tells, else as the summary does, else at the
-next bytes that are a chunk whose checksum holds. The numbers of messages tell how many are lost.
+record by record as the MCAP specification lays them out, so that a file without its end is read as well. Where a chunk
+has a checksum, as ours have, its messages are taken if that holds. Other programs may leave out all that is optional in
+MCAP: chunks, checksums (0 means that none is given), indices, a summary. Behind damage it goes on where the next record
+begins: as the damaged one tells, else as the summary does, else at the next bytes that are a chunk whose checksum
+holds. The numbers of messages tell how many are lost.
 """
 
 from __future__ import annotations
@@ -333,10 +334,9 @@ class Part:
             self._take(kind, file.read(length))
         filled = [chunk for chunk in self.chunks if chunk.channels]
         for chunk in filled[:1] + filled[-1:]:
-            for _, self.latest, self.last, _ in self.messages(None, chunk.first, chunk.last + 1):
-                self.first = self.last if self.first is None else self.first
-                if chunk is not filled[-1]:
-                    break
+            numbers = [each[1:3] for each in self.messages(None, chunk.first, chunk.last + 1)]
+            self.first = numbers[0][1] if self.first is None else self.first
+            self.latest, self.last = numbers[-1]
         return total
 
     def _forget(self) -> bool:

@@ -623,7 +623,10 @@ class Ensemble(Layer):
         return self.control.output.name_of(action)
 
     def named(self, case: Case) -> Case:
-        """Return a case with the names of the wiring, where no model has names of states."""
+        """Return a case with the names of the wiring, where no model has names of actions or of states."""
+        names = self.control.output.action_names
+        if case.actions is None and names:
+            case = case._replace(actions=Space.single("action", names))
         if case.states is not None or self.state is None:
             return case
         factors = [Factor(each.name, [str(wire.source) for wire in each.wires()]) for each in self.state.factors]

@@ -75,6 +75,20 @@ class Case(NamedTuple):
         return f"state {state}" if self.states is None else spelt(self.states, self.states.unravel(state))
 
 
+def beliefs(case: Case) -> list[Vector]:
+    """Return the belief before the first update of a case, and after each; none of states that are known.
+
+    Raises:
+        ModelError: If the updates cannot be taken again; a sentence says why.
+    """
+    if getattr(case.policy, "input", "belief") == "state" or not case.updates:
+        return []
+    rerun = Rerun(case)
+    pasts = [case.updates[:count] for count in range(len(case.updates) + 1)]
+    found = [belief_of(case._replace(at=rerun.at(past), updates=past)) for past in pasts]
+    return [belief for belief in found if belief is not None]  # all, or none
+
+
 class Rerun:
     """Takes the updates of a case once more, with some of them changed.
 
@@ -186,4 +200,9 @@ def spelt(space: Space, components: Sequence[int | None]) -> str:
     if len(components) == 1:
         return "nothing" if components[0] is None else space.factors[0].names[components[0]]
     pairs = zip(space.factors, components, strict=True)
-    return ", ".join(f"{factor.name}={factor.names[place]}" for factor, place in pairs if place is not None)
+    return ", ".join(assigned(factor.name, factor.names[place]) for factor, place in pairs if place is not None)
+
+
+def assigned(factor: str, value: str, sign: str = "=") -> str:
+    """Return a factor with its value, in words; the value alone where it says whose it is, as ``not Near`` does."""
+    return value if value in {factor, f"not {factor}"} else f"{factor}{sign}{value}"

@@ -15,7 +15,7 @@ import numpy as np
 from mdm.beliefs import Drawn
 from mdm.errors import ModelError
 from mdm.explanation.belief_change import BeliefChange, Move, moved, nearest_belief
-from mdm.explanation.case import belief_of, state_of
+from mdm.explanation.case import assigned, belief_of, state_of
 from mdm.explanation.changes import ObservationChange, StateChange, observation_changes, state_changes
 from mdm.explanation.expectation import Chance, expected_next, likeliest
 from mdm.explanation.influence import Influence, influences, margin, scores_at, second, strongest
@@ -273,7 +273,7 @@ _MOST_TOLD = 8
 
 def in_words(explanation: Explanation) -> str:
     """Return an explanation as sentences, a line each."""
-    return "\n".join(_lines(explanation))
+    return "\n".join(sentence for _, sentence in sentences(explanation))
 
 
 def brief(explanation: Explanation) -> dict[str, str]:
@@ -295,29 +295,31 @@ def brief(explanation: Explanation) -> dict[str, str]:
     return told
 
 
-def _lines(e: Explanation) -> Iterator[str]:
-    yield f"Decision {e.epoch}: {e.action_name!r}, by {e.policy}{_nodes(e)}."
+def sentences(e: Explanation) -> Iterator[tuple[str, str]]:
+    """Yield the sentences of an explanation, each with the name of its part."""
+    yield "decision", f"Decision {e.epoch}: {e.action_name!r}, by {e.policy}{_nodes(e)}."
     if e.wanted is not None:
-        yield f"The policy wanted {e.wanted!r}, {e.shield}; the shield took {e.action_name!r} in its place."
+        yield "wanted", f"The policy wanted {e.wanted!r}, {e.shield}; the shield took {e.action_name!r} in its place."
     if e.state is not None:
-        yield f"The state was {e.state}."
+        yield "state", f"The state was {e.state}."
     if e.belief:
-        yield f"The most probable states were {_chances(e.belief)}."
+        yield "belief", f"The most probable states were {_chances(e.belief)}."
     if e.values:
         searched = "" if e.effort is None else f", by a search that expanded {e.effort:,} leaves"
-        yield f"{_COMPARED[e.by or 'value']}: {_values(e)}{searched}."
-    yield from _ahead(e)
+        yield "values", f"{_COMPARED[e.by or 'value']}: {_values(e)}{searched}."
+    if e.margin is not None:
+        yield "margin", _ahead(e, e.margin)
     if e.moved_by is not None:
-        yield _influence(e, e.moved_by)
+        yield "moved_by", _influence(e, e.moved_by)
     if e.otherwise:
         more = f" ({e.ways} such changes)" if e.ways > 1 else ""
         changes = "; or ".join(_change(change) for change in e.otherwise)
-        yield f"The smallest change that decides otherwise{more}: {changes}."
+        yield "otherwise", f"The smallest change that decides otherwise{more}: {changes}."
     if e.next_states:
         seen = f"; of observations {_chances(e.next_observations)}" if e.next_observations else ""
-        yield f"It expects next, of states {_chances(e.next_states)}{seen}."
+        yield "next", f"It expects next, of states {_chances(e.next_states)}{seen}."
     for sentence in e.cannot:
-        yield f"Note: {sentence}."
+        yield "note", f"Note: {sentence}."
 
 
 def _nodes(e: Explanation) -> str:
@@ -342,15 +344,12 @@ def _chance(value: float, digits: int = 4) -> str:
     return "< 0.001" if 0 < value < 0.001 else f"{value:.{digits}g}"
 
 
-def _ahead(e: Explanation) -> Iterator[str]:
-    if e.margin is None:
-        return
-    if e.margin > 0:
-        yield f"It is ahead of {e.second!r} by {e.margin:.4g}."
-    elif e.margin == 0:
-        yield f"{e.second!r} counts as much; of equal ones the first action is chosen."
-    else:
-        yield f"{e.second!r} counts {-e.margin:.4g} more: it was not this comparison that chose."
+def _ahead(e: Explanation, margin: float) -> str:
+    if margin > 0:
+        return f"It is ahead of {e.second!r} by {margin:.4g}."
+    if margin == 0:
+        return f"{e.second!r} counts as much; of equal ones the first action is chosen."
+    return f"{e.second!r} counts {-margin:.4g} more: it was not this comparison that chose."
 
 
 def _named(influence: Influence) -> str:
@@ -387,7 +386,9 @@ def _change(change: BeliefChange | StateChange | ObservationChange) -> str:
             return f"next to none, for {change.action!r} counts as much"
         return f"{_chance(change.mass)} of the probability elsewhere ({shown}{rest}), then {change.action!r}"
     if isinstance(change, StateChange):
-        told = " and ".join(f"{each.factor} {each.after} instead of {each.before}" for each in change.factors)
+        told = " and ".join(
+            f"{assigned(each.factor, each.after, ' ')} instead of {each.before}" for each in change.factors
+        )
     else:
         told = " and ".join(
             f"{each.of + ': ' if each.of else ''}{each.after} instead of {each.before} before decision {each.epoch}"

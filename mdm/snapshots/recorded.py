@@ -377,9 +377,10 @@ class RecordedRun:
         return self._seconds(max(found) if back else min(found))
 
     async def explain(self, ensemble: str, seconds: float | None = None) -> Why | None:
-        """Return why an ensemble decided as it did at a time; None where its configuration is not known."""
+        """Return why an ensemble decided as it did at a time; None where there is no such one."""
         if ensemble not in self._models:
-            return None
+            nothing = Why("Nothing tells why: the record holds no policy of this ensemble.")
+            return nothing if ensemble in self._ensembles else None
         at = self.last if seconds is None else seconds
         return await asyncio.to_thread(why_recorded, self._record, self._models[ensemble], at)
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
+import numpy as np
 
 from mdm.errors import Error
-from mdm.explanation import explain
+from mdm.explanation import Explanation, explain
+from mdm.explanation.case import assigned, beliefs, parts_of
+from mdm.explanation.explanation import sentences
 from mdm.replay.retraced import found, retraced
 
 if TYPE_CHECKING:
@@ -16,18 +19,32 @@ if TYPE_CHECKING:
     from mdm.recording.reader import Record
 
 
+_ACTIONS, _MOVES, _STATES = 24, 8, 5
+"""The most that are drawn: actions, changes of a belief's states, and states of beliefs."""
+_DRAWN = frozenset({"state", "belief", "values", "otherwise", "next"})
+"""Parts of an explanation that are seen in its picture."""
+
+
 class Why(msgspec.Struct, frozen=True):
     """Why a decision was made.
 
     Attributes:
         text: In words, a line a fact.
-        values: The value of each action, the best one first; None where the policy does not weigh it.
         epoch: The number of the decision.
+        sentences: Those of the text whose facts are in no picture.
+        facts: The explanation, with the best actions alone where there are many; None where there is none.
+        heard: The last observations by name, each behind the action before it.
+        states: The states that were likeliest in all beliefs.
+        beliefs: The probabilities of these states before the first of these observations, and after each.
     """
 
     text: str
-    values: tuple[tuple[str, float | None], ...] = ()
     epoch: int = -1
+    sentences: tuple[str, ...] = ()
+    facts: Explanation | None = None
+    heard: tuple[tuple[str, str], ...] = ()
+    states: tuple[str, ...] = ()
+    beliefs: tuple[tuple[float, ...], ...] = ()
 
 
 def why(case: Case) -> Why:
@@ -36,7 +53,34 @@ def why(case: Case) -> Why:
         told = explain(case)
     except Error as error:
         return Why(f"Nothing tells why: {error}.")
-    return Why(str(told), tuple([(each.name, each.value) for each in told.values]), told.epoch)
+    drawn = _DRAWN | ({"margin"} if (told.margin or 0.0) > 0 else set())
+    apart = tuple([sentence for part, sentence in sentences(told) if part not in drawn])
+    replace = msgspec.structs.replace
+    otherwise = [
+        replace(each, moves=each.moves[:_MOVES]) if hasattr(each, "moves") else each for each in told.otherwise
+    ]
+    facts = replace(told, values=told.values[:_ACTIONS], otherwise=tuple(otherwise))
+    return Why(str(told), told.epoch, apart, facts, *_course(case))
+
+
+def _course(case: Case) -> tuple[Any, ...]:
+    """Return the last observations of a case, the likeliest states, and their probabilities in between."""
+    try:
+        found = beliefs(case)
+    except Error:
+        return ()
+    if not found:
+        return ()
+    states = np.argsort(-np.sum(found, axis=0), kind="stable")[:_STATES].tolist()
+    heard = [
+        (
+            case.action_name(each.action),
+            ", ".join(assigned(of, name) if of else name for of, name, _ in parts_of(case, each)),
+        )
+        for each in case.updates
+    ]
+    chances = tuple([tuple([round(float(belief[state]), 4) for state in states]) for belief in found])
+    return tuple(heard), tuple([case.state_name(state) for state in states]), chances
 
 
 def is_as_recorded(record: Record, ensemble: Ensemble) -> bool:

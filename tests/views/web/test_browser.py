@@ -649,6 +649,19 @@ def test_why_is_told_with_the_decision_that_it_is_of():
         why = page.get_by_label("Why decision 1 at 00:")
         await why.wait_for()
         assert "since then" not in await why.inner_text()
+        bars = await page.evaluate(
+            """Object.fromEntries([...document.querySelectorAll('.why .track.axis')].slice(0, 3).map((track) =>
+            [track.previousSibling.innerText, track.querySelector('.fill').clientWidth / track.clientWidth]))"""
+        )
+        # 85 % for the tiger on the left: 0 to listen, -75 and -5 to open, on an axis from -75 to 0
+        assert bars == pytest.approx({"listen": 0, "open-right": 5 / 75, "open-left": 1}, abs=0.02)
+        assert "ahead of open-right by 5" in await why.inner_text()
+        stacks = "[...document.querySelectorAll('.stack')].map((each) => each.getAttribute('aria-label'))"
+        before, after = await page.evaluate(stacks)
+        assert "tiger-left 50.0 %" in before
+        assert "tiger-left 85.0 %" in after
+        assert await page.locator(".why .arrow").count() == 2
+        assert await page.locator(".why .then").inner_text() == "⟶ open-right"
         robot.publish_observation("hear-left")
         await page.wait_for_function("() => mdmPage.frame.ensembles[0].epoch === 2")
         await why.filter(has_text="since then it has decided again").wait_for()

@@ -1,7 +1,7 @@
 // Over time: the belief as a band, and expected reward and return as lines.
 import { html, useEffect, useRef } from "./vendor/htm-preact.js";
 import { Panel } from "./panel.js";
-import { clock, colour, digits, edge } from "./words.js";
+import { clock, colour, digits, edge, stateTint } from "./words.js";
 
 const STATES = 5, KEPT = 600;
 const GAP = 2;   // Seconds without the decisions between, from which on no line is drawn.
@@ -89,8 +89,8 @@ export function Plots({ course, version, path, time, range, go, scheme }) {
   const bands = (box) => {
     const sums = [];
     course.beliefs.map(whole).forEach((list, place) => sums.push(list.map((value, index) => (value == null ? null : value + (place ? sums[place - 1][index] : 0)))));
-    const series = course.states.map((state, place) => ({ label: `${place + 1} ${state}`, stroke: edge(`a${place}`), width: 1.5,
-      fill: colour(`a${place}`), dash: [[], [8, 3], [2, 3], [10, 3, 2, 3], [4, 4]][place], paths: steps(), points: { show: false } }));
+    const series = course.states.map((state, place) => ({ label: `${place + 1} ${state}`, stroke: edge(stateTint(place)), width: 1.5,
+      fill: colour(stateTint(place)), dash: [[], [8, 3], [2, 3], [10, 3, 2, 3], [4, 4]][place], paths: steps(), points: { show: false } }));
     // The highest line first, so that those below are drawn over it.
     return plot(box, [times, ...sums.reverse()], { ...options, scales: { y: { range: [0, 1] } }, series: [{}, ...series.reverse()] });
   };

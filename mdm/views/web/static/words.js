@@ -42,6 +42,9 @@ export function tint(scene, path, action) {
   return `a${names.indexOf(action) % COLOURS}`;
 }
 
+// The colour of a state, by its place among those that are drawn: from the other end, so that few have that of an action.
+export const stateTint = (place) => `a${(2 * COLOURS - 1 - place) % COLOURS}`;
+
 export function seconds(value) {
   if (value < 0) return "0 s";
   if (value < 10) return `${value.toFixed(1)} s`;

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import inspect
+import operator
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
@@ -157,8 +158,9 @@ class ActionLayer(Layer):
         self.started = 0
         self._ended: dict[ActionStatus, int] = {}
         self._safe_ended: dict[ActionStatus, int] = {}
-        # Functions that were called and have succeeded, and are not counted above yet.
-        self._swift = 0
+        # Functions that were called and have succeeded, by action, and are not counted above or below yet.
+        self._swift = [0] * len(names)
+        self._decided = [0] * len(names)
         self._component = component
         self.joint = component is not None
         self._latencies = Latencies()
@@ -220,10 +222,17 @@ class ActionLayer(Layer):
     @property
     def ended(self) -> dict[ActionStatus, int]:
         """How many actions have ended in which way, safe actions among them; in the order in which they first did."""
-        if self._swift:
-            self._ended["succeeded"] = self._ended.get("succeeded", 0) + self._swift
-            self._swift = 0
+        if swift := sum(self._swift):
+            self._ended["succeeded"] = self._ended.get("succeeded", 0) + swift
+            self._decided = [*map(operator.add, self._decided, self._swift)]
+            self._swift = [0] * len(self._swift)
         return self._ended
+
+    @property
+    def decided(self) -> dict[str, int]:
+        """How often each action was decided, by name."""
+        counts = map(operator.add, self._decided, self._swift)
+        return {name: count for name, count in zip(self.names, counts, strict=True) if count}
 
     @property
     def num_ended(self) -> int:
@@ -381,12 +390,14 @@ class ActionLayer(Layer):
 
     def _on_action(self, action: Action) -> None:
         lives = self.lives
+        index = action.index if self._component is None else self._component(action.index)
         if not lives.open:
+            self._decided[index] += 1
             lives.skipped += 1
             return
-        index = action.index if self._component is None else self._component(action.index)
         brief = self._briefs[index]
         if brief is None or lives.current is not None or self._told.heard or self._others:
+            self._decided[index] += 1
             life = _Run(self.names[index], self.bindings[index], action)
             living = lives.met_by(life)
             own = living is not None and living.work is not None and self._is_last(living, living.work, action)
@@ -413,7 +424,7 @@ class ActionLayer(Layer):
         if result is not None or not lives.open:
             self._returned(self._begun(index, action), result, Jobs.of(action))
             return
-        self._swift += 1
+        self._swift[index] += 1
         if self._called:
             self._observers.call(self._path, self.started, self.names[index], action.time)
         if self._ends:
@@ -421,6 +432,7 @@ class ActionLayer(Layer):
 
     def _begun(self, index: int, action: Action) -> _Run:
         """Return the life of a plain function that was called without one."""
+        self._decided[index] += 1
         life = _Run(self.names[index], self.bindings[index], action)
         life.number = self.started
         if self._observers.hears_lives:

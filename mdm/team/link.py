@@ -171,6 +171,12 @@ class Link(Actor):
         self.leaving = True
 
     @property
+    def ages(self) -> dict[str, float]:
+        """For how many seconds nothing was heard of each other agent that ever was, by the loop's time."""
+        now = self.runtime.now()
+        return {agent: (now - at) / 1e9 for agent, at in self._heard_at.items() if agent in self.team.names}
+
+    @property
     def refusal(self) -> str | None:
         """Why this agent takes no part in the team now; None where it does."""
         return self.configuration.refusal

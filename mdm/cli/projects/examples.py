@@ -77,6 +77,11 @@ EXAMPLES = {
         ("foxglove", "patrol"),
         "mdm run patrol/patrol.toml --record run.mcap --seconds 60 && python foxglove/to_foxglove.py run.mcap",
     ),
+    "grafana": Example(
+        "a dashboard of Grafana for /metrics of a robot's page, and what Prometheus is told to read it",
+        ("grafana",),
+        "prometheus --config.file prometheus.yml",
+    ),
     "ros2": Example(
         "a robot of ROS 2: rooms as predicates, Nav2's actions, and a launch file (needs rclpy and nav2_msgs)",
         ("ros2",),

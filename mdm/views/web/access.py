@@ -40,8 +40,12 @@ HEADERS = {
 }
 """Sent with every answer: nothing but this server's own files is loaded, and no other page may frame one."""
 
+METRICS = "/metrics"
+"""The path that programs ask, which keep no cookie: they bring the secret by a header of their own."""
+
 _LEAST = 16
 _REFUSED = "This page opens by the address that its program has printed.\n"
+_UNKNOWN = "Metrics need this page's token: 'Authorization: Bearer TOKEN'; MDM_PAGE_TOKEN sets it.\n"
 _EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - where a page listens only with certificates
 
 
@@ -94,6 +98,9 @@ class Access:
         """
         if not self.names_us(headers):
             return Refusal(421, "This server has another name.\n")
+        if urlsplit(path).path == METRICS:
+            scheme, _, given = headers.get("Authorization", "").partition(" ")
+            return None if scheme.lower() == "bearer" and self._is_token(given.strip()) else Refusal(401, _UNKNOWN)
         if socket and headers.get("Origin", "") not in self._origins:
             return Refusal(403, _REFUSED)
         if not self._is_known(headers) and (socket or not self.brings_token(path)):

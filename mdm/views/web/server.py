@@ -24,8 +24,9 @@ from mdm.checks import is_whole
 from mdm.errors import Error
 from mdm.runtime import Extension, VirtualClock
 from mdm.snapshots import LiveRun
-from mdm.views.web.access import HEADERS, Access, encryption
+from mdm.views.web.access import HEADERS, METRICS, Access, encryption
 from mdm.views.web.listening import LOOPBACK, counted, listen
+from mdm.views.web.metrics import Metrics
 from mdm.views.web.session import Aside, Reader
 
 if TYPE_CHECKING:
@@ -63,6 +64,7 @@ _KINDS = {
     ".css": "text/css; charset=utf-8",
     ".svg": "image/svg+xml",
     ".txt": "text/plain; charset=utf-8",
+    METRICS: "text/plain; version=0.0.4; charset=utf-8",
 }
 
 
@@ -78,6 +80,7 @@ class PageServer:
         control: Whether commands are taken.
         token: The secret of its address; by default that of the environment's ``MDM_PAGE_TOKEN``, else a random one.
         renew: Reads the source again, in a thread, for each page that is loaded: a record may have grown since.
+        metrics: Those of the running system; None for a record, and for a team, each of whose agents has its own.
 
     Raises:
         Error: If ``websockets`` is not installed, a host that is not loopback has no certificate, or one that browsers
@@ -95,8 +98,10 @@ class PageServer:
         control: bool = False,
         token: str | None = None,
         renew: Callable[[], RecordedRun] | None = None,
+        metrics: Metrics | None = None,
     ) -> None:
         self._source: Any = source
+        self._metrics = metrics
         self._renew = renew
         self._port = port
         self._encryption = encryption(host, access)
@@ -172,12 +177,17 @@ class PageServer:
         """Return the answer to a request; None where it opens a socket, and may."""
         assert self._access is not None
         path = urlsplit(request.path).path
-        given = {name: request.headers.get_all(name) for name in ("Host", "Origin", "Cookie")}
+        given = {name: request.headers.get_all(name) for name in ("Host", "Origin", "Cookie", "Authorization")}
         headers = {name: values[0] if len(values) == 1 else "" for name, values in given.items() if values}
         socket = path == "/socket"
         refusal = self._access.refusal(request.path, headers, socket=socket)
         if refusal is not None:
-            return self._response(connection, refusal.status, refusal.text.encode(), ".txt")
+            refused = self._response(connection, refusal.status, refusal.text.encode(), ".txt")
+            if refusal.status == HTTPStatus.UNAUTHORIZED:
+                refused.headers["WWW-Authenticate"] = 'Bearer realm="mdm"'
+            return refused
+        if path == METRICS:
+            return self._measured(connection)
         if socket:
             if len(self._readers) >= _READERS:
                 return self._response(connection, 503, b"Too many look at this page.\n", ".txt")
@@ -191,6 +201,16 @@ class PageServer:
         if file is None:
             return self._response(connection, 404, b"There is no such file.\n", ".txt")
         return self._response(connection, 200, file.read_bytes(), file.suffix)
+
+    async def _measured(self, connection: Any) -> Any:
+        if self._metrics is None:
+            told = "Metrics are of a running system: a record has none, and of a team the page of each agent.\n"
+            return self._response(connection, 404, told.encode(), ".txt")
+        try:
+            return self._response(connection, 200, await self._metrics.text(), METRICS)
+        except Exception as error:  # the robot goes on without its page
+            told = f"The page has failed: {type(error).__name__}: {error}\n"
+            return self._response(connection, 500, told.encode(errors="replace"), ".txt")
 
     @staticmethod
     def _response(connection: Any, status: int, body: bytes, suffix: str) -> Any:
@@ -349,7 +369,7 @@ class Page(Extension):
         if isinstance(runtime.clock, VirtualClock):
             raise Error("a page needs real time: record a run in virtual time, and show it by mdm page FILE.mcap")
         live = LiveRun(runtime, title=self._title, control=self._control)
-        server = self._served(live)
+        server = self._served(live, metrics=Metrics(runtime))
         await server.open()
         live.open()
         self._live, self._server = live, server

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from mdm.messages import Fault
     from mdm.runtime import Actor, Histogram, Runtime
 
-Figures = dict[tuple[str, str], float]
-"""Values by family, and by what follows its name in a line."""
+Figures = dict[str, float]
+"""Values by what stands before them in a line: texts and numbers, of which the garbage collector takes no note."""
 
 FAMILIES: Final = {
     "mdm_build_info": "gauge The version of the library; the value is 1.",
@@ -47,8 +47,8 @@ FAMILIES: Final = {
 """All families, each with its type and its help."""
 
 _MODES = ("stopped", "deciding", "safe")
-_OCTAVES = range(10, 35)
-"""Buckets end below these powers of two of a nanosecond: from a microsecond to 17 seconds."""
+_BUCKETS = {repr(((1 << octave) - 1) / 1e9): 8 * octave - 1 for octave in range(10, 35)} | {"+Inf": -1}
+"""The last of a histogram's own buckets up to each bound: below a power of two, from a microsecond to 17 seconds."""
 _SLICE = 0.001
 """Seconds after which the event loop turns before the next ensemble is looked at."""
 _ESCAPES = str.maketrans({"\\": r"\\", '"': r"\"", "\n": r"\n"})
@@ -75,20 +75,22 @@ class Metrics(Observer):
 
     async def text(self) -> bytes:
         """Return all figures; the event loop goes on between the ensembles."""
-        found: Figures = {("mdm_build_info", _labels(version=__version__)): 1}
-        found |= {("mdm_faults_total", _labels(kind=kind)): count for kind, count in self._faults.items()}
+        found: Figures = {_labels("mdm_build_info", version=__version__): 1}
+        found |= {_labels("mdm_faults_total", kind=kind): count for kind, count in self._faults.items()}
+        lines: dict[str, list[str]] = {name: [] for name in FAMILIES}
         until = times.perf_counter() + _SLICE
-        for actor in [*descendants(self._runtime.root)]:
+        for actor in [self._runtime.root, *descendants(self._runtime.root)]:
             if isinstance(actor, Ensemble):
-                found |= self._counted(actor, _counts(actor)) | _state(actor)
+                found = self._counted(actor, _counts(actor)) | _state(actor)
             elif isinstance(actor, Member):
-                found |= self._counted(actor, _traffic(actor)) | _links(actor)
+                found = self._counted(actor, _traffic(actor)) | _links(actor)
+            for key, value in found.items():
+                name = key.partition("{")[0]
+                lines[name if name in FAMILIES else name.rpartition("_")[0]].append(f"{key} {value!r}\n")
+            found = Figures()
             if times.perf_counter() >= until:
                 await asyncio.sleep(0)
                 until = times.perf_counter() + _SLICE
-        lines: dict[str, list[str]] = {name: [] for name in FAMILIES}
-        for (name, rest), value in found.items():
-            lines[name].append(f"{name}{rest} {value!r}\n")
         told = []
         for name, each in lines.items():
             kind, _, words = FAMILIES[name].partition(" ")
@@ -104,58 +106,55 @@ class Metrics(Observer):
         return told
 
 
-def _labels(**told: str) -> str:
-    return "{" + ",".join([f'{name}="{value.translate(_ESCAPES)}"' for name, value in told.items()]) + "}"
+def _labels(metric: str, /, **told: str) -> str:
+    return metric + "{" + ",".join([f'{name}="{value.translate(_ESCAPES)}"' for name, value in told.items()]) + "}"
 
 
 def _counts(ensemble: Ensemble) -> Figures:
     path, action = ensemble.path, ensemble.action
     found = _histogram("mdm_latency_seconds", action.latency, ensemble=path)
     for name, count in (dict.fromkeys(action.names, 0) | action.decided).items():
-        found["mdm_decisions_total", _labels(ensemble=path, action=name)] = count
+        found[_labels("mdm_decisions_total", ensemble=path, action=name)] = count
     for how, count in action.ended.items():
-        found["mdm_actions_ended_total", _labels(ensemble=path, status=how)] = count
+        found[_labels("mdm_actions_ended_total", ensemble=path, status=how)] = count
     return found
 
 
 def _state(ensemble: Ensemble) -> Figures:
     path, controller, status = ensemble.path, ensemble.controller, ensemble.status()
-    found: Figures = {("mdm_mode", _labels(ensemble=path, mode=mode)): int(mode == status.mode) for mode in _MODES}
-    found["mdm_idle", _labels(ensemble=path)] = int(status.idle_since is not None)
-    found["mdm_waiting", _labels(ensemble=path)] = int(bool(status.waiting))
+    found: Figures = {_labels("mdm_mode", ensemble=path, mode=mode): int(mode == status.mode) for mode in _MODES}
+    found[_labels("mdm_idle", ensemble=path)] = int(status.idle_since is not None)
+    found[_labels("mdm_waiting", ensemble=path)] = int(bool(status.waiting))
     belief, states = chances_of(controller.decided_by), controller.symbols.num_states or 0
     if belief is not None and states > 1:
         chances = belief[1]
         entropy = float(-(chances @ np.log(chances)) / np.log(states))
-        found["mdm_belief_entropy_ratio", _labels(ensemble=path)] = round(max(entropy, 0.0), 6)
+        found[_labels("mdm_belief_entropy_ratio", ensemble=path)] = round(max(entropy, 0.0), 6)
     return found
 
 
 def _histogram(name: str, histogram: Histogram, **of: str) -> Figures:
     """Return a histogram, each of whose buckets counts all latencies up to its bound, of whole nanoseconds."""
-    reached = [*accumulate(histogram.counts)]
-    counts = {repr(((1 << octave) - 1) / 1e9): reached[8 * octave - 1] for octave in _OCTAVES}
-    found: Figures = {
-        (name, f"_bucket{_labels(**of, le=bound)}"): count for bound, count in (counts | {"+Inf": reached[-1]}).items()
-    }
-    return found | {(name, f"_sum{_labels(**of)}"): histogram.total, (name, f"_count{_labels(**of)}"): reached[-1]}
+    reached, told = [*accumulate(histogram.counts)], _labels("", **of)
+    found: Figures = {f'{name}_bucket{told[:-1]},le="{bound}"}}': reached[last] for bound, last in _BUCKETS.items()}
+    return found | {f"{name}_sum{told}": histogram.total, f"{name}_count{told}": reached[-1]}
 
 
 def _traffic(member: Member) -> Figures:
     of, told = {"team": member.team.name, "agent": member.agent}, member.link.transport.statistics()
     found = Figures()
     for way, traffic in (("sent", told.sent), ("received", told.received)):
-        found[f"mdm_team_{way}_messages_total", _labels(**of)] = sum(each.messages for each in traffic.values())
+        found[_labels(f"mdm_team_{way}_messages_total", **of)] = sum(each.messages for each in traffic.values())
     for reason, count in told.dropped.items():
-        found["mdm_team_dropped_messages_total", _labels(**of, reason=reason)] = count
+        found[_labels("mdm_team_dropped_messages_total", **of, reason=reason)] = count
     return found
 
 
 def _links(member: Member) -> Figures:
     live, ages, found = member.link.live, member.link.ages, Figures()
     for other in sorted({*member.team.names} - {member.agent}):
-        of = _labels(team=member.team.name, agent=member.agent, other=other)
-        found["mdm_team_live", of] = int(other in live)
+        of = _labels("", team=member.team.name, agent=member.agent, other=other)
+        found["mdm_team_live" + of] = int(other in live)
         if other in ages:
-            found["mdm_team_silence_seconds", of] = ages[other]
+            found["mdm_team_silence_seconds" + of] = ages[other]
     return found

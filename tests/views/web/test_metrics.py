@@ -51,8 +51,8 @@ def of(found, name, **labels):
 
 @given(*[st.text('ab"\\\n{}=, é\ud83d')] * 2)
 def test_any_name_can_be_a_label(one, two):
-    told = _labels(ensemble=one, action=two).encode(errors="replace").decode()
-    (family,) = parser.text_string_to_metric_families(f"mdm_mode{told} 1\n")
+    told = _labels("mdm_mode", ensemble=one, action=two).encode(errors="replace").decode()
+    (family,) = parser.text_string_to_metric_families(f"{told} 1\n")
     assert family.samples[0].labels == {
         name: value.encode(errors="replace").decode() for name, value in (("ensemble", one), ("action", two))
     }
@@ -64,11 +64,8 @@ def test_each_bucket_has_all_latencies_up_to_its_bound(nanoseconds):
     for each in nanoseconds:
         latencies.record(each)
     figures = _histogram("mdm_latency_seconds", latencies.snapshot(), ensemble="robot")
-    found = read(
-        "".join([f"{name}{rest} {value}\n" for (name, rest), value in figures.items()])
-        .encode()
-        .join([b"# HELP mdm_latency_seconds x\n# TYPE mdm_latency_seconds histogram\n", b""])
-    )
+    lines = [f"{name} {value}\n" for name, value in figures.items()]
+    found = read(("# HELP mdm_latency_seconds x\n# TYPE mdm_latency_seconds histogram\n" + "".join(lines)).encode())
     for (bound,), count in of(found, "mdm_latency_seconds_bucket", ensemble="robot").items():
         assert count == sum(each <= round(float(bound) * 1e9) for each in nanoseconds) if bound != "+Inf" else True
     assert of(found, "mdm_latency_seconds_bucket", le="+Inf") == {("robot",): len(nanoseconds)}

@@ -218,7 +218,7 @@ def check_memory(model: MDP, limit: float | None, *, beliefs: bool, matrices: st
         ConfigError: If it would take more; with its size, and with what would help.
     """
     needed = footprint(model, beliefs=beliefs, matrices=matrices is not None)
-    most = _free() if limit is None else limit * _MEGABYTE
+    most = free_memory() if limit is None else limit * _MEGABYTE
     if most is None or needed <= most:
         return
     allowed = f"the machine has {_text(most)} free" if limit is None else f"at most {_text(most)} are allowed (memory)"
@@ -282,7 +282,7 @@ def _filter(model: POMDP, size: MatrixSize) -> int:
     return size.kinds * states**2 * _NUMBER + (0 if size.observations % whole == 0 else size.kinds * whole)
 
 
-def _free() -> float | None:
+def free_memory() -> float | None:
     """Return how many bytes of memory the machine has free; None where it does not say."""
     try:
         found = dict(line.split(":") for line in Path(_MEMORY).read_text(encoding="ascii").splitlines())

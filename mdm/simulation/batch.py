@@ -56,6 +56,13 @@ _NORMAL = 1.959963985
 """Standard deviations within which 95 % of a normal distribution lie."""
 
 
+def standard_error(numbers: Vector) -> float:
+    """Return the standard error of a mean: 0 of a single number, and of none not a number."""
+    if len(numbers) < 2:
+        return 0.0 if len(numbers) else math.nan
+    return float(numbers.std(ddof=1)) / math.sqrt(len(numbers))
+
+
 class Evaluation(msgspec.Struct, frozen=True):
     """The result of simulated episodes of a policy.
 
@@ -82,14 +89,10 @@ class Evaluation(msgspec.Struct, frozen=True):
     workers: tuple[Worker, ...] = ()
 
     @classmethod
-    def of(
-        cls, returns: Vector, steps: int, seed: int, moves: int, seconds: float, missing: int = 0, workers: Any = ()
-    ) -> Evaluation:
-        """Return the result of some returns; of none, it is not a number."""
-        if not len(returns):
-            return cls(math.nan, math.nan, returns, steps, seed, moves, seconds, missing, workers)
-        error = float(returns.std(ddof=1)) / math.sqrt(len(returns)) if len(returns) > 1 else 0.0
-        return cls(float(returns.mean()), error, returns, steps, seed, moves, seconds, missing, workers)
+    def of(cls, returns: Vector, steps: int, seed: int, moves: int, seconds: float, *ran: Any) -> Evaluation:
+        """Return the result of some returns, and of how they ran; of none, it is not a number."""
+        mean = float(returns.mean()) if len(returns) else math.nan
+        return cls(mean, standard_error(returns), returns, steps, seed, moves, seconds, *ran)
 
     @property
     def episodes(self) -> int:
@@ -221,8 +224,7 @@ class Comparison(msgspec.Struct, frozen=True):
         if ours.episodes != theirs.episodes or ours.missing or theirs.missing:
             return ours.mean - theirs.mean, 1.96 * math.hypot(ours.standard_error, theirs.standard_error)
         differences = ours.returns - theirs.returns
-        error = float(differences.std(ddof=1)) / math.sqrt(len(differences)) if len(differences) > 1 else 0.0
-        return float(differences.mean()), 1.96 * error
+        return float(differences.mean()), 1.96 * standard_error(differences)
 
 
 def compare(
@@ -239,8 +241,7 @@ def compare(
         model: The model, or the path of its file.
         policies: The policies, of any kind; others are compared with the first.
         seed: The same seed gives the same result; by default it is random.
-        progress: Called as by `evaluate`, with the episodes of all policies; where it returns True, the result is of
-            the policies, and the episodes of the last, that are known by then.
+        progress: Called as by `evaluate`, with the episodes of all policies; where it returns True, these are all.
         given: Other arguments of `evaluate`, such as ``episodes`` and ``executor``.
 
     Raises:
@@ -256,17 +257,14 @@ def compare(
     model = model_of(model)
     seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
     found: list[Evaluation] = []
-    stopped = False
+    told: list[bool] = [False]
 
     def tell(ended: int, count: int) -> bool:
-        nonlocal stopped
-        stopped = progress is not None and progress(len(found) * count + ended, len(policies) * count) is True
-        return stopped
+        told[0] = progress is not None and progress(len(found) * count + ended, len(policies) * count) is True
+        return told[0]
 
-    for policy in policies:
-        found.append(evaluate(model, policy, seed=seed, progress=tell, **given))
-        if stopped:
-            break
+    while len(found) < len(policies) and not told[0]:
+        found.append(evaluate(model, policies[len(found)], seed=seed, progress=tell, **given))
     return Comparison(tuple(found))
 
 
@@ -318,7 +316,7 @@ def _simulated(
     count = (10_000 if together else 1_000) if episodes is None else episodes
     if not together and getattr(policy, "_seed", seed) is None:  # a search or a draw without a seed of its own
         policy = seeded(policy, seed)
-    work = Episodes(model, policy, ends, count, seed, together=together, discounts=discounts, paid=paid)
+    work = _Episodes(model, policy, ends, count, seed, together=together, discounts=discounts, paid=paid)
     return joined_evaluation(work, int(min(ends)), progress, executor)
 
 
@@ -349,19 +347,10 @@ def _check(model: MDP, policy: Any, episodes: int | None, steps: int | None) -> 
         raise ConfigError(wrong)
 
 
-class Episodes:
-    """The episodes of an evaluation, which run in parts: in batches that fit into memory, or one by one.
+class _Episodes:
+    """The episodes of an evaluation, which run in batches that fit into memory, or else one by one.
 
     The first batches are smaller, so that something is known soon. They are the same whatever the policy.
-
-    Args:
-        model: The model.
-        policy: The policy.
-        ends: The end of an episode.
-        episodes: How many.
-        seed: Of their random numbers: each batch, or each episode, has its own.
-        together: Whether they run in batches.
-        given: The ``discounts`` and ``paid`` of `EpisodeBatch`.
     """
 
     def __init__(
@@ -378,11 +367,9 @@ class Episodes:
             self.units = len(self._sizes)
 
     def size(self, first: int, last: int) -> int:
-        """Return how many episodes are in some units."""
         return sum(self._sizes[first:last]) if self._sizes else last - first
 
     def prepare(self) -> None:
-        """Make the runner of episodes."""
         if self._sizes:
             observed = getattr(self.policy, "input", "belief") != "state"
             batch = self.policy.batch(self.model)
@@ -391,7 +378,6 @@ class Episodes:
             self._run = EpisodeRunner(self.model, self.policy, endless=self._given["paid"] is not None)
 
     def run(self, first: int, last: int, tell: Callable[[int], bool] = lambda _: False) -> tuple[Vector, int]:
-        """Return the returns of some units, and their time steps; of those that have ended if `tell` returns True."""
         if not self._sizes:
             given: dict[str, Any] = {"episodes": last - first, "seed": self.seed, "first": first, "run": self._run}
             given |= {**self._given, "progress": lambda ended, _: tell(ended)}

@@ -1,9 +1,9 @@
 """Long work in parts, on any `concurrent.futures.Executor`: on processes here, on other machines, in any order.
 
-A work is a number of units, such as episodes. A part is some consecutive units, as plain data, joined until they take a
-second; `run_part` runs one anywhere. Results are joined in the order of units: they depend on the work and its seed
-alone, not on how many workers there are, which parts ended first or ran twice. A model and the work with it travel
-once to each worker: a part has their digests, a worker that lacks one says so, and is sent it with the part.
+A work is a number of units, such as episodes. A part is some consecutive units, joined until they take a second;
+`run_part` runs one anywhere. Results are joined in the order of units: they depend on the work and its seed alone, not
+on how many workers there are, which parts ended first or ran twice. A model, and a work with it, travel once to each
+worker: a part has their digests, a worker that lacks one says so, and is sent it with the part.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 from functools import cache
 from pkgutil import resolve_name
 from types import FunctionType
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import msgspec
 
+from mdm.beliefs.choice import free_memory
 from mdm.checks import is_whole
 from mdm.errors import ConfigError, Error
 from mdm.models.digest import of_bytes
@@ -46,10 +47,10 @@ _LONG = 1.0
 _UNKNOWN = 64
 """Parts at a time, for executors that do not say how many workers they have."""
 _KILLED = 3
-"""How often a part that runs alone may lose its worker and is run again."""
+"""How often a unit that runs alone may lose its worker and is run again."""
 _HOPELESS = 10
 """Units that fail, before any part has ended, after which there are no more."""
-_Result = tuple[list[Any], int, tuple["Worker", ...]]
+_VERSION = "mdm.version:__version__"
 
 
 class WorkerWarning(UserWarning):
@@ -57,10 +58,9 @@ class WorkerWarning(UserWarning):
 
 
 class Work(Protocol):
-    """Work that has parts: units in a model, which travels by itself, each with random numbers of its own.
+    """Work that has parts: units in a model, which travels by itself, with random numbers of a seed.
 
-    Attributes:
-        seed: That of all units; unit n has the random numbers of the spawn key (n,).
+    Unit n has the random numbers of the spawn key (n,).
     """
 
     model: Any
@@ -69,7 +69,7 @@ class Work(Protocol):
     units: int
 
     def size(self, first: int, last: int) -> int:
-        """Return how many episodes are in these units."""
+        """Return how many episodes are in these units; if the work has a ``noun``, how many of these."""
         ...
 
     def prepare(self) -> None:
@@ -81,35 +81,19 @@ class Work(Protocol):
         ...
 
 
-class Part(msgspec.Struct, frozen=True):
-    """Some units of a work, as plain data.
-
-    Attributes:
-        first: The spawn key of the first unit.
-        last: That after the last unit.
-        seed: Of the work.
-        needs: The digests of the model, and of all else.
-        number: How many were sent before, so that no two are the same.
-        version: That of mdm where it was made.
-    """
+class Part(NamedTuple):
+    """The units of a work from a first to before a last; the digests of its model and of all else; mdm's version."""
 
     first: int
     last: int
-    seed: int
     needs: tuple[str, str]
-    number: int = 0
     version: str = __version__
 
 
 class Worker(msgspec.Struct, frozen=True):
-    """A process that has run parts.
+    """A process that has run parts: its host and number, the versions of its libraries, how many parts in how long.
 
-    Attributes:
-        host: The name of its machine.
-        process: Its number there.
-        environment: The versions of the libraries there.
-        parts: How many it ran.
-        seconds: How long they took.
+    Times are in seconds, of the parts alone.
     """
 
     host: str
@@ -119,18 +103,12 @@ class Worker(msgspec.Struct, frozen=True):
     seconds: float = 0.0
 
 
-class Answer(msgspec.Struct, frozen=True):
-    """The end of a part: its result, all that its worker lacks, or why it failed.
-
-    Attributes:
-        worker: Who ran it, and for how long.
-        result: The result of its units.
-        lacks: The digests of all that the worker has to be sent.
-        failure: Why it failed, with the traceback of an error that is not of mdm.
-    """
+class Answer(NamedTuple):
+    """The end of a part: its result after some seconds, or the digests that its worker lacks, or why it failed."""
 
     worker: Worker
     result: Any = None
+    seconds: float = 0.0
     lacks: tuple[str, ...] = ()
     failure: str = ""
 
@@ -138,36 +116,36 @@ class Answer(msgspec.Struct, frozen=True):
 # -- At the worker -----------------------------------------------------------------------------------------------------
 
 _held = threading.local()
-"""The last model and work of each thread: works hold things of their own, such as random numbers."""
+"""The last model and work of each thread, by digest: works hold things of their own, such as random numbers."""
 
 
 def run_part(part: Part, sent: Mapping[str, bytes]) -> Answer:
     """Run a part here, with the content sent with it or before; its seconds are those of its units alone."""
-    here, held = _here(), _held.__dict__
+    worker, held, (model, work) = _here(), _held.__dict__, part.needs
     if part.version != __version__:
-        wrong = f"{here.host} has mdm {__version__}, and the part is of {part.version}: install the same"
-        return Answer(here, failure=wrong)
-    model, rest = part.needs
+        wrong = f"{worker.host} has mdm {__version__}, and the part is of {part.version}: install the same"
+        return Answer(worker, failure=wrong)
+    if lacks := tuple(digest for digest in part.needs if digest not in held and digest not in sent):
+        return Answer(worker, lacks=lacks)
     try:
-        if held.get("needs") != part.needs:
-            lacks = (rest,) if held.get("digest") == model else part.needs
-            if not sent.keys() >= set(lacks):
-                return Answer(here, lacks=lacks)
-            held.pop("needs", None)
-            if held.get("digest") != model:
-                held.clear()
-                held.update(model=pickle.loads(sent[model]), digest=model)  # noqa: S301 - its program's own
-            held["work"] = _Reader(io.BytesIO(sent[rest])).load()
-            held["work"].prepare()
-            held["needs"] = part.needs
+        if model not in held:
+            held.clear()
+            held[model] = pickle.loads(sent[model])  # noqa: S301 - its program's own
+        if work not in held:
+            for other in held.keys() - {model}:
+                del held[other]
+            reader = _Reader(io.BytesIO(sent[work]))
+            reader.model = held[model]
+            loaded = reader.load()
+            loaded.prepare()
+            held[work] = loaded
         began = time.perf_counter()
-        result = held["work"].run(part.first, part.last)
-        seconds = time.perf_counter() - began
+        result = held[work].run(part.first, part.last)
+        return Answer(worker, result, time.perf_counter() - began)
     except Error as error:
-        return Answer(here, failure=str(error))
+        return Answer(worker, failure=str(error))
     except Exception as error:
-        return Answer(here, failure=f"{type(error).__name__}: {error}\n{traceback.format_exc().rstrip()}")
-    return Answer(msgspec.structs.replace(here, parts=1, seconds=seconds), result)
+        return Answer(worker, failure=f"{type(error).__name__}: {error}\n{traceback.format_exc().rstrip()}")
 
 
 @cache
@@ -178,17 +156,19 @@ def _here() -> Worker:
 
 
 class _Reader(pickle.Unpickler):
+    model: Any
+
     def persistent_load(self, _: Any) -> Any:
-        return _held.model
+        return self.model
 
 
 class _Writer(pickle.Pickler):
     """Pickles without the model, which travels by itself, and refuses names that a worker could not import."""
 
-    apart: Any = _held  # which nothing holds
+    model: Any = _held  # which nothing holds
 
     def persistent_id(self, given: Any) -> str | None:
-        return "model" if given is self.apart else None
+        return "model" if given is self.model else None
 
     def reducer_override(self, given: Any) -> Any:
         if isinstance(given, type | FunctionType) and given.__module__ == "__main__":
@@ -196,10 +176,10 @@ class _Writer(pickle.Pickler):
         return NotImplemented
 
 
-def _packed(given: Any, name: str, apart: Any = _held) -> bytes:
+def _packed(given: Any, name: str, model: Any = _held) -> bytes:
     buffer = io.BytesIO()
     writer = _Writer(buffer, protocol=5)
-    writer.apart = apart
+    writer.model = model
     try:
         writer.dump(given)
     except Exception as error:
@@ -211,8 +191,11 @@ def _packed(given: Any, name: str, apart: Any = _held) -> bytes:
 
 
 def run_parts(
-    work: Work, executor: Executor | None = None, progress: Callable[[int, int], object] | None = None
-) -> _Result:
+    work: Work,
+    executor: Executor | None = None,
+    progress: Callable[[int, int], object] | None = None,
+    keep: Callable[[Any], object] = lambda _: None,
+) -> tuple[list[Any], int, tuple[Worker, ...]]:
     """Run a work to its end.
 
     Args:
@@ -220,14 +203,15 @@ def run_parts(
         executor: Who runs its parts; None for this process, at once.
         progress: Called with how many episodes have ended, and of how many, ten times a second with an executor; where
             it returns True, the results are those known by then.
+        keep: Called with the result of each part of an executor as soon as that is known.
 
     Returns:
         The results of parts in the order of units, how many episodes have none, since their part failed, and who ran
         the parts.
 
     Raises:
-        ConfigError: If the executor is none, takes no work, cannot be sent this work, or has a worker with no mdm or
-            with another version.
+        ConfigError: If the executor is none, takes no work, cannot be sent this work, has a worker with no mdm or with
+            another version, or its processes would search with more memory than the machine has free.
         Error: If a part failed twice, or the executor ended, and no part had ended before.
 
     Warns:
@@ -243,7 +227,7 @@ def run_parts(
         return [work.run(0, work.units, tell)], 0, ()
     if not isinstance(executor, Executor):
         raise ConfigError(f"an executor is one of concurrent.futures, not {executor!r}", key="executor")
-    run = _Run(work, executor)
+    run = _Run(work, executor, keep)
     try:
         while run.submit():
             run.wait()
@@ -260,55 +244,78 @@ def run_parts(
 class _Run:
     """A work under way on an executor."""
 
-    def __init__(self, work: Work, executor: Executor) -> None:
-        self._work, self._executor = work, executor
-        self._dask = getattr(executor, "_client", None)
-        count = getattr(executor, "workers", None) or getattr(executor, "_max_workers", None)
-        self._count: int = count or (0 if self._dask is None else sum(self._dask.nthreads().values()))
+    def __init__(self, work: Work, executor: Executor, keep: Callable[[Any], object]) -> None:
+        self._work, self._executor, self._keep = work, executor, keep
+        self._dask: Any = getattr(executor, "_client", None)
+        self._versions: dict[str, Any] = {}
+        """Those of Dask's workers."""
+        self._count: int = getattr(executor, "workers", 0) or getattr(executor, "_max_workers", 0)
         self._check()
         content = _packed(work.model, "the model"), _packed(work, "the policy", work.model)
-        self._needs = of_bytes(content[0]), of_bytes(content[1])
+        model = of_bytes(content[0])
+        self._needs = model, of_bytes(model.encode() + content[1])
         self._content = dict(zip(self._needs, content, strict=True))
-        self._next = self._number = self.done = 0
-        self._joined, self._stopped = 1, ""
+        self._next = self.done = 0
+        self._joined, self._alone, self._stopped = 1, False, ""
         self.open: dict[Future[Answer], _Units] = {}
         self._again: deque[tuple[_Units, tuple[str, ...]]] = deque()
         self._tries: Counter[_Units] = Counter()
-        self._suspects: set[_Units] = set()
-        """The parts that ran when a worker was killed: they run alone, so that one that kills its worker is known."""
         self._results: dict[_Units, Any] = {}
         self._failed: dict[_Units, str] = {}
         self._workers: dict[tuple[str, int], Worker] = {}
 
     def _check(self) -> None:
-        """Refuse workers before the first part."""
-        name = "mdm.version:__version__"
+        """Refuse workers before the first part, and searches for which there is no memory."""
+        others, wrong = [], ""
         try:
             if self._dask is not None:
-                found = self._dask.run(resolve_name, name)
-            else:
-                found = {"a worker": self._executor.submit(resolve_name, name).result()}
+                others = self._others()
+            elif (version := self._executor.submit(resolve_name, _VERSION).result()) != __version__:
+                others = [f"a worker has mdm {version}"]
         except ImportError as error:
-            wrong = f"a worker has no mdm ({error}): install mdm {__version__} there"
+            others = [f"a worker has no mdm ({error})"]
         except BrokenExecutor as error:
             wrong = f"the workers do not start ({error}): a program starts them below if __name__ == '__main__':"
         except RuntimeError as error:
             wrong = f"the executor takes no work ({error}): give one that is open"
-        else:
-            others = [f"{where} has mdm {version}" for where, version in found.items() if version != __version__]
-            wrong = f"{others[0]}, but here it is {__version__}: install the same" if others else ""
+        if others:
+            wrong = f"{others[0]}, but here it is {__version__}: install the same"
         if wrong:
             raise ConfigError(wrong, key="executor")
         if getattr(self._work.policy, "deliberates", False):
-            most = getattr(self._work.policy, "memory", None)
-            each = "each worker searches by itself" + (f", with up to {most / 1e6:.0f} MB" if most else "")
-            text = f"{each}, and finds less where workers share a processor and its time"
+            many, free = self._count or _UNKNOWN, free_memory()
+            most = many * getattr(getattr(self._work.policy, "policy", self._work.policy), "memory", 0)
+            text = f"each worker searches by itself, {many} of them with up to {most / 1e6:.0f} MB"
+            if isinstance(self._executor, Processes) and free is not None and most > free:
+                text += f", but the machine has {free / 1e6:.0f} MB free: give fewer workers, or the search less memory"
+                raise ConfigError(text, key="executor")
+            text += "; it finds less where workers share a processor and its time"
             warnings.warn(text, WorkerWarning, stacklevel=4)
+
+    def _others(self) -> list[str]:
+        """Ask Dask's workers, of which some may be new, for their version; name new ones that have another."""
+        count = self._dask.nthreads()
+        self._count = sum(count.values())
+        if not (new := [name for name in count if name not in self._versions]):
+            return []
+        found = self._dask.run(resolve_name, _VERSION, workers=new, on_error="return")
+        found = {name: its for name, its in found.items() if isinstance(its, str | ImportError)}  # of those still there
+        self._versions |= found
+        others = [(name, its) for name, its in found.items() if its != __version__]
+        return [f"{name} has {f'mdm {its}' if isinstance(its, str) else f'no mdm ({its})'}" for name, its in others]
 
     def submit(self) -> bool:
         """Send as many parts as there is room for; return whether any are under way."""
+        named: dict[str, Any] = {}
+        if self._dask is not None:
+            for other in self._others():
+                warnings.warn(f"{other}, but here it is {__version__}: it gets no parts", WorkerWarning, stacklevel=4)
+            good = [name for name, version in self._versions.items() if version == __version__]
+            few = {} if len(good) == len(self._versions) else {"workers": good, "allow_other_workers": True}
+            named = {"pure": False, **few}
         many = 2 * self._count or _UNKNOWN
-        room = 1 if self._suspects else many if self._results else self._count or 1  # at first each lacks all
+        self._alone = self._alone and bool(self._again or self.open)
+        room = 1 if self._alone else many if self._results else self._count or 1  # at first each lacks all
         while len(self.open) < room and not self._stopped:
             lacks: tuple[str, ...] = ()
             if self._again:
@@ -319,11 +326,9 @@ class _Run:
                 self._next = units[1]
             else:
                 break
-            self._number += 1
-            part = Part(*units, self._work.seed, self._needs, self._number)
             sent = {digest: self._content[digest] for digest in lacks}
             try:
-                self.open[self._executor.submit(run_part, part, sent)] = units
+                self.open[self._executor.submit(run_part, Part(*units, self._needs), sent, **named)] = units
             except RuntimeError as error:  # it is broken, or shut down
                 self._again.append((units, lacks))
                 if self.open:  # which tell the same
@@ -339,55 +344,49 @@ class _Run:
             units = self.open.pop(future)
             try:
                 answer = future.result()
-            except (BrokenExecutor, CancelledError) as error:
+            except (BrokenExecutor, CancelledError) as error:  # of all parts, whichever killed its worker
                 broken = error
-                self._suspects.add(units)
-                if alone and self._tries[units] >= _KILLED:
-                    self._give_up(units, f"its worker was killed {_KILLED + 1} times")
+                if alone:
+                    self._retry(units, f"its worker was killed {_KILLED + 1} times", _KILLED)
                 else:
-                    self._tries[units] += alone
                     self._again.appendleft((units, ()))
             except Exception as error:  # the executor's own, such as of a worker that Dask has given up
                 self._retry(units, f"{type(error).__name__}: {error}")
             else:
                 self._take(units, answer)
         if broken is not None:
+            self._alone = True
             self._end(broken)
 
     def _take(self, units: _Units, answer: Answer) -> None:
-        worker = answer.worker
-        if answer.lacks:
+        its = answer.worker
+        late = self._dask is not None and its.environment["mdm"] != __version__
+        if answer.lacks or late:
             self._again.append((units, answer.lacks))
         elif answer.failure:
             self._retry(units, answer.failure)
         else:
-            self._suspects.discard(units)
             self._results[units] = answer.result
+            self._keep(answer.result)
             self.done += self._work.size(*units)
-            self._joined = max(1, int((units[1] - units[0]) * _LONG / max(worker.seconds, 1e-6)))
-            key = worker.host, worker.process
-            if (before := self._workers.get(key)) is not None:
-                seconds = before.seconds + worker.seconds
-                worker = msgspec.structs.replace(worker, parts=before.parts + 1, seconds=seconds)
-            self._workers[key] = worker
+            self._joined = max(1, int((units[1] - units[0]) * _LONG / max(answer.seconds, 1e-6)))
+            its = self._workers.get((its.host, its.process), its)
+            more = msgspec.structs.replace(its, parts=its.parts + 1, seconds=its.seconds + answer.seconds)
+            self._workers[its.host, its.process] = more
 
-    def _retry(self, units: _Units, reason: str) -> None:
-        """Try a unit once more, and a part of more units by its halves."""
+    def _retry(self, units: _Units, reason: str, most: int = 1) -> None:
+        """Try a part of one unit again, at most so often, and a part of more units by its halves."""
         first, last = units
         if last - first > 1:
             middle = (first + last) // 2
             self._again.extend([((first, middle), ()), ((middle, last), ())])
-        elif self._tries[units]:
-            self._give_up(units, reason)
-        else:
-            self._tries[units] = 1
+        elif self._tries[units] < most:
+            self._tries[units] += 1
             self._again.append((units, ()))
-
-    def _give_up(self, units: _Units, reason: str) -> None:
-        self._suspects.discard(units)
-        self._failed[units] = reason
-        if not self._results and len(self._failed) == _HOPELESS:
-            self._stopped = reason
+        else:
+            self._failed[units] = reason
+            if not self._results and len(self._failed) == _HOPELESS:
+                self._stopped = reason
 
     def _end(self, error: BaseException) -> None:
         if isinstance(self._executor, Processes):
@@ -395,19 +394,19 @@ class _Run:
         else:  # a user's
             self._stopped = f"the executor has ended: {error}"
 
-    def joined(self) -> _Result:
+    def joined(self) -> tuple[list[Any], int, tuple[Worker, ...]]:
         """Return the results in order, and tell missing parts and hosts that differ."""
         if self._stopped:
             left = [*self.open.values(), *(units for units, _ in self._again), (self._next, self._work.units)]
-            self._failed = dict.fromkeys([each for each in left if each[0] < each[1]], self._stopped) | self._failed
+            self._failed = {units: self._stopped for units in left if units[0] < units[1]} | self._failed
         missing = sum(self._work.size(*units) for units in self._failed)
         if missing:
-            causes = dict.fromkeys(self._failed[units] for units in sorted(self._failed))
-            told = f"{counted(missing, 'episode')} of seed {self._work.seed} are missing, from spawn key "
-            told += f"({min(self._failed)[0]},) on"
+            told = f"{counted(missing, getattr(self._work, 'noun', 'episode'))} of seed {self._work.seed} are missing"
+            told += f", from spawn key ({min(self._failed)[0]},) on: "
+            told += "; ".join(dict.fromkeys(self._failed[units] for units in sorted(self._failed)))
             if not self._results:
-                raise Error(f"no part has ended, {told}: {next(iter(causes))}")
-            warnings.warn(f"{told}: {'; '.join(causes)}", WorkerWarning, stacklevel=4)
+                raise Error(f"no part has ended, {told}")
+            warnings.warn(told, WorkerWarning, stacklevel=4)
         workers = tuple(self._workers.values())
         for bit in ("numpy", "numba", "blas", "machine"):  # on which last bits depend
             hosts = {each.environment.get(bit, ""): each.host for each in workers}
@@ -421,11 +420,11 @@ class _Run:
 # -- Processes ---------------------------------------------------------------------------------------------------------
 
 
-class Processes(Executor):
-    """Processes of this machine, for the ``executor`` of a simulation.
+class Processes(ProcessPoolExecutor):
+    """Processes of this machine, for the ``executor`` of a simulation: they go on where one of them is killed.
 
     They start when there is work, and stay for the next; Ctrl-C is left to the process that made them, with which they
-    end. One that is killed takes the standard library's whole pool with it: `renew` makes another.
+    end.
 
     Args:
         workers: How many; by default as many as there are processors.
@@ -445,33 +444,15 @@ class Processes(Executor):
             raise ConfigError(f"a number of processes is a whole number from 1 on, not {workers!r}", key="workers")
         here = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count()
         self.workers = workers or here or 1
-        self._pool: ProcessPoolExecutor | None = None
-        self._closed = False
-
-    def submit(self, function: Callable[..., Any], /, *arguments: Any, **named: Any) -> Future[Any]:
-        """Have a function called in a process, which starts where none is idle."""
-        if self._closed:
-            raise RuntimeError("cannot schedule new futures after shutdown")
-        if self._pool is None:
-            context = multiprocessing.get_context("spawn")  # a fork would have the locks of this process' threads
-            self._pool = ProcessPoolExecutor(self.workers, context, initializer=_begin)
-        return self._pool.submit(function, *arguments, **named)
+        spawn = multiprocessing.get_context("spawn")  # a fork would have the locks of this process' threads
+        super().__init__(self.workers, spawn, initializer=_begin)
 
     def renew(self) -> None:
         """End the processes in the middle of their parts; others start with the next work."""
-        if self._pool is not None:
-            for process in list((getattr(self._pool, "_processes", None) or {}).values()):
-                process.kill()
-            self._pool.shutdown(cancel_futures=True)
-            self._pool = None
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes, where `wait` is false at once."""
-        self._closed = True
-        if not wait:
-            self.renew()
-        elif self._pool is not None:
-            self._pool.shutdown(cancel_futures=cancel_futures)
+        for process in list((getattr(self, "_processes", None) or {}).values()):
+            process.kill()
+        self.shutdown(cancel_futures=True)
+        Processes.__init__(self, self.workers)
 
 
 def _begin() -> None:

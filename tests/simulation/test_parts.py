@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import warnings
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
@@ -25,6 +24,9 @@ from mdm.simulation.batch import EpisodeBatch, EpisodeRunner, limits, one_by_one
 from mdm.simulation.parts import Answer, Part, run_part
 
 VECTORS = AlphaVectors([[9, 9], [-90, 11], [11, -90]], [0, 1, 2])
+
+
+EATEN = "tiger-left and action = open-left"
 
 
 def evaluated(policy, executor=None, **options):
@@ -164,13 +166,12 @@ def test_hosts_that_differ_are_told():
     hosts = iter(range(10**6))
 
     def changed(answer):
-        if not isinstance(answer, Answer) or not answer.worker.parts:
+        if not isinstance(answer, Answer) or not answer.seconds:
             return answer
         odd = next(hosts) % 2
         environment = answer.worker.environment | {"numpy": f"{odd}.0"}
-        return msgspec.structs.replace(
-            answer, worker=msgspec.structs.replace(answer.worker, host="ab"[odd], environment=environment)
-        )
+        worker = msgspec.structs.replace(answer.worker, host="ab"[odd], environment=environment)
+        return answer._replace(worker=worker)
 
     with patch.object(parts, "_LONG", 0.0), Shuffled(changed=changed) as executor, pytest.warns(WorkerWarning) as told:
         result = evaluated(Cautious(), executor)
@@ -228,7 +229,7 @@ def test_what_cannot_run_is_refused_before_the_first_part():
             evaluated(VECTORS, executor)
         with patch.object(parts, "resolve_name", without_mdm), pytest.raises(ConfigError, match="a worker has no mdm"):
             evaluated(VECTORS, executor)
-    answer = run_part(Part(0, 1, 0, ("a", "b"), version="0"), {})
+    answer = run_part(Part(0, 1, ("a", "b"), version="0"), {})
     assert (answer.failure.startswith(f"{answer.worker.host} has mdm {mdm.__version__}, "), answer.result) == (
         True,
         None,
@@ -240,9 +241,76 @@ def test_what_cannot_run_is_refused_before_the_first_part():
 def test_a_policy_that_searches_is_told_with_its_bound():
     search = mdm.solvers.TreeSearch(tiger(), expansions=5, memory=2_000_000)
     search.action([0.5, 0.5])
-    with Shuffled() as executor, pytest.warns(WorkerWarning, match="each worker searches by itself, with up to 2 MB"):
+    with (
+        Shuffled() as executor,
+        pytest.warns(WorkerWarning, match="by itself, 2 of them with up to 4 MB;"),
+    ):
         result = evaluated(search, executor, episodes=4)
     assert kept(result) == kept(evaluated(search, episodes=4))
+
+
+class Here(Processes):
+    """Works in this process."""
+
+    def submit(self, function, /, *arguments):
+        future = Future()
+        future.set_result(function(*arguments))
+        return future
+
+
+def test_processes_that_search_with_more_memory_than_there_is_are_refused():
+    search = mdm.solvers.TreeSearch(tiger(), expansions=5, memory=30_000_000)
+    search = mdm.verification.shield(search, tiger(), avoid=EATEN)
+    with Here(3) as executor, patch.object(parts, "free_memory", lambda: 80e6), refused(ConfigError):
+        evaluated(search, executor)
+    with Here(3) as executor, patch.object(parts, "free_memory", lambda: 90e6), pytest.warns(WorkerWarning):
+        assert evaluated(search, executor, episodes=2).episodes == 2
+
+
+class Cluster(Shuffled):
+    """An executor as Dask's: workers come and go, and each has a version."""
+
+    def __init__(self, **versions):
+        super().__init__()
+        self._client, self.versions, self.named = self, versions, []
+
+    def nthreads(self):
+        return dict.fromkeys(self.versions, 1)
+
+    def run(self, function, name, *, workers, on_error):
+        return {worker: self.versions[worker] for worker in workers}
+
+    def submit(self, function, /, *arguments, **named):
+        self.named.append(named.get("workers"))
+        return super().submit(function, *arguments)
+
+
+def test_workers_of_another_version_are_refused_also_those_that_come_late():
+    ours, none = mdm.__version__, ModuleNotFoundError("No module named 'mdm'")
+    for versions in ({"a": ours, "b": "0"}, {"a": none}):
+        with Cluster(**versions) as cluster, pytest.raises(ConfigError, match="but here it is .*: install the same"):
+            evaluated(VECTORS, cluster)
+
+    def join(ended, count):
+        cluster.versions |= {"late": "0", "none": none, "gone": OSError("Timed out"), "good": ours}
+
+    def late(answer):
+        """Return the answer of a worker that took its part before anyone asked for its version."""
+        if not isinstance(answer, Answer) or not answer.seconds or next(count) > 5:
+            return answer
+        environment = answer.worker.environment | {"mdm": "0"}
+        return Answer(msgspec.structs.replace(answer.worker, environment=environment), failure="another version")
+
+    count = iter(range(100))
+    cluster = Cluster(a=ours)
+    cluster._changed = late
+    with patch.object(parts, "_LONG", 0.0), cluster, pytest.warns(WorkerWarning) as told:
+        assert kept(evaluated(Cautious(), cluster, progress=join)) == kept(evaluated(Cautious()))
+    assert sorted(str(each.message).partition(", but here")[0] for each in told) == [
+        "late has mdm 0",
+        "none has no mdm (No module named 'mdm')",
+    ]
+    assert (cluster.named[0], set(cluster.named[-1])) == (None, {"a", "good"})
 
 
 def test_threads_are_workers_too():
@@ -250,33 +318,36 @@ def test_threads_are_workers_too():
         assert kept(simulated(Cautious(), executor)) == kept(simulated(Cautious()))
 
 
+@pytest.mark.parametrize("run", [evaluated, simulated])
+def test_its_seed_repeats_what_was_drawn_without_one(run):
+    found = run(RandomPolicy(3, 2), seed=None)
+    assert kept(run(RandomPolicy(3, 2), seed=found.seed)) == kept(found)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2, 5])
-@pytest.mark.parametrize("run", [evaluated, simulated, compared])
-def test_processes_give_the_same_bytes(run, workers):
-    with Processes(workers) as executor:
-        for policy in (VECTORS, Cautious()):
-            assert kept(run(policy, executor)) == kept(run(policy))
-    with ProcessPoolExecutor(workers, get_context("spawn")) as executor:
-        assert kept(run(VECTORS, executor)) == kept(run(VECTORS))
+def test_processes_give_the_same_bytes(workers):
+    pool = ProcessPoolExecutor(2, get_context("spawn")) if workers == 2 else Processes(workers)
+    with pool as executor:
+        for run in (evaluated, simulated, compared):
+            for policy in (VECTORS, Cautious()):
+                assert kept(run(policy, executor)) == kept(run(policy))
 
 
 @pytest.mark.slow
 def test_a_killed_process_ends_a_users_pool_and_not_ours(tmp_path):
     whole = evaluated(Cautious())
     with Processes(2) as executor, patch.object(parts, "_LONG", 0.0):
-        for name in "abc":
-            assert kept(evaluated(Once(tmp_path / name, kills=True), executor)) == kept(whole)
+        assert kept(evaluated(Once(tmp_path / "a", kills=True), executor)) == kept(whole)
     with (
         ProcessPoolExecutor(1, get_context("spawn")) as executor,  # so that no part has ended
         pytest.raises(Error, match="the executor has ended: A process"),
     ):
-        evaluated(Once(tmp_path / "d", kills=True), executor)
+        evaluated(Once(tmp_path / "b", kills=True), executor)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("run", [evaluated, simulated, compared])
-def test_dask_gives_the_same_bytes(run):
+def test_dask_gives_the_same_bytes():
     distributed = pytest.importorskip("distributed", reason="Dask (the extra mdm[dask]) is not installed")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -284,5 +355,5 @@ def test_dask_gives_the_same_bytes(run):
             distributed.LocalCluster(n_workers=2, threads_per_worker=2, dashboard_address=None) as cluster,
             distributed.Client(cluster) as client,
         ):
-            assert sys.path  # workers have the tests' folder, as spawned processes do
-            assert kept(run(Cautious(), client.get_executor())) == kept(run(Cautious()))
+            for run in (evaluated, simulated, compared):
+                assert kept(run(Cautious(), client.get_executor())) == kept(run(Cautious()))

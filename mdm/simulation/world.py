@@ -413,7 +413,10 @@ def simulate(
     check_steps(model)
     if executor is not None and record is not None:
         raise ConfigError("a record is of one process: simulate without an executor", key="record")
-    work = _Loop(model, policy_of(policy, model), episodes, seed, steps, record, options)
+    policy = policy_of(policy, model)
+    if getattr(policy, "_seed", seed) is None:
+        options["seed"] = seed
+    work = _Loop(model, policy, episodes, seed, record, {"steps": steps, **options})
     work.prepare()
     return joined_evaluation(work, work.ensemble.controller.horizon or 0, progress, executor)
 
@@ -421,28 +424,24 @@ def simulate(
 class _Loop:
     """The episodes of a simulation, which run in parts by the real decision loop."""
 
-    def __init__(
-        self, model: MDP, policy: Any, episodes: int, seed: int, steps: int | None, record: Any, options: ControlOptions
-    ) -> None:
+    ensemble: Any = None
+
+    def __init__(self, model: MDP, policy: Any, episodes: int, seed: int, record: Any, given: dict[str, Any]) -> None:
         self.model, self.policy, self.seed, self.units = model, policy, seed, episodes
-        self._steps, self._record, self._options = steps, record, options
-        self.ensemble: Any = None
+        self._record, self._given = record, given
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but the ensemble, which each process makes for itself."""
         return {**self.__dict__, "ensemble": None}
 
     def size(self, first: int, last: int) -> int:
-        """Return how many episodes are in some units: one in each."""
         return last - first
 
     def prepare(self) -> None:
-        """Make the ensemble."""
         if self.ensemble is None:
-            self.ensemble = simulated(self.model, self.policy, steps=self._steps, **self._options)
+            self.ensemble = simulated(self.model, self.policy, **self._given)
 
     def run(self, first: int, last: int, tell: Callable[[int], bool] = lambda _: False) -> tuple[Vector, int]:
-        """Return the returns of some episodes, and their time steps; of fewer where `tell` returns True."""
         returns, moves, ended, ensemble = np.zeros(last - first), 0, 0, self.ensemble
 
         async def main() -> None:

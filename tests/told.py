@@ -25,8 +25,9 @@ class Told:
         self._began, self._control = began, control
         self.turn(ensembles)
 
-    def turn(self, ensembles, frames=None):
-        """Have other ensembles, each deciding unless their frames are given."""
+    def turn(self, ensembles, frames=None, judgements=()):
+        """Have other ensembles, each deciding unless their frames are given, and what is judged, the worst first."""
+        self._judgements = judgements
         self._ensembles = ensembles
         self._frames = tuple([DECIDES] * len(ensembles)) if frames is None else frames
         self.generation += 1
@@ -38,7 +39,8 @@ class Told:
         return Scene(*what, control=self._control)
 
     def frame(self, close=()):
-        return Frame(12.0, self._frames, (True, None), (0.0, 0.0))
+        worst = str(self._judgements[0]) if self._judgements else ""
+        return Frame(12.0, self._frames, (True, None), (0.0, 0.0), judgements=self._judgements, headline=worst)
 
     def encoded(self, close=()):
         return msgspec.json.encode(self.frame(close))

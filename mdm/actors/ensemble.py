@@ -92,6 +92,7 @@ class EnsembleStatus(msgspec.Struct, frozen=True):
         deadline: Seconds from stimulus to decision; None where there is no limit.
         on_no_observation: See `ControlOptions`.
         searches: Whether a tree search decides.
+        missed: Ticks that the event loop came too late for.
     """
 
     mode: ModeName
@@ -108,6 +109,7 @@ class EnsembleStatus(msgspec.Struct, frozen=True):
     deadline: float | None
     on_no_observation: str
     searches: bool
+    missed: int
 
 
 class Ensemble(Layer):
@@ -616,6 +618,7 @@ class Ensemble(Layer):
             deadline=control.deadline,
             on_no_observation=control.on_no_observation,
             searches=control.planner is not None,
+            missed=control.ticks.missed,
         )
 
     def joint_name(self, action: int) -> str:

@@ -1,4 +1,4 @@
-"""The events of a run: actions, decisions, modes, faults, predicates and oddities, as many as there is room for."""
+"""The events of a run: actions, decisions, modes, faults, predicates and judgements, as many as there is room for."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from mdm.messages import Fault
-    from mdm.snapshots.oddities import Told
+    from mdm.snapshots.judgement import Told
 
-Kind = Literal["mode", "fault", "idle", "life", "decision", "predicate", "odd"]
+Kind = Literal["mode", "fault", "idle", "life", "decision", "predicate", "judgement"]
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
@@ -34,12 +34,12 @@ class Event(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
         time: In seconds since the run's second 0.
         kind: Its kind.
         source: The ensemble's path; of a fault, the actor's; of a predicate, its manager's.
-        name: The mode, the kind of the fault, the action, the predicate as the scene names it, or the rule by which
-            something looks odd.
+        name: The mode, the kind of the fault, the action, the predicate as the scene names it, or the rule of a
+            judgement.
         detail: In words; of a decision, its cause.
         status: Of an action, ``running`` or how it ended; of an ensemble, ``idle`` or ``busy``; of a predicate,
-            ``true``, ``false`` or ``unknown``; of an oddity, ``odd`` or ``over``.
-        life: The number of the action's life, of the decision, or of the spell over which something looks odd.
+            ``true``, ``false`` or ``unknown``; of a judgement, ``begins`` or ``over``.
+        life: The number of the action's life, of the decision, or of the spell of a judgement.
         remedy: The remedy of a fault.
         count: Of decisions, how many this one stands for.
         at: Of a decision, in which state or on which observation it was made, in words.
@@ -85,8 +85,8 @@ def predicate_event(time: float, manager: str, name: str, value: bool | None) ->
 
 
 def spell_event(path: str, told: Told, seconds: Callable[[int], float]) -> Event:
-    """Return that something begins to look odd of an ensemble, or is over, as an event, which has no number yet."""
-    return Event(0, seconds(told.time), "odd", path, told.rule, told.text, told.status, told.number)
+    """Return that a judgement begins, or is over, as an event, which has no number yet."""
+    return Event(0, seconds(told.time), "judgement", path, told.rule, told.text, told.status, told.number)
 
 
 class Ring:

@@ -40,7 +40,6 @@ class EnsembleFrame(msgspec.Struct, frozen=True, omit_defaults=True):
         epoch: The number of its last decision; -1 before the first.
         action: The last decided action.
         decisions: How many there were.
-        odd: Its oddities in words, though nothing has failed.
         wanted: The action in whose place a shield has taken the last one; empty where it has not.
     """
 
@@ -53,7 +52,6 @@ class EnsembleFrame(msgspec.Struct, frozen=True, omit_defaults=True):
     epoch: int = -1
     action: str = ""
     decisions: int = 0
-    odd: tuple[str, ...] = ()
     wanted: str = ""
 
 
@@ -120,6 +118,44 @@ class Detail(msgspec.Struct, frozen=True, omit_defaults=True):
     tally: tuple[tuple[str, int], ...] = ()
 
 
+class Judgement(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A judgement: something is wrong in a run, or worth a look.
+
+    Attributes:
+        rule: Its name among `mdm.snapshots.judgement.RULES`.
+        of: The path of the ensemble that it is of; else the predicate, the agent or the actor.
+        subject: The action or the factor that it is of; empty where it is of the whole.
+        severity: ``wrong``, or ``look`` where it is worth a look.
+        count: How often.
+        since: In seconds since the run's second 0.
+        text: In words, without `of` and `since`.
+        evidence: The evidence, in words.
+        remedy: A sentence on where to look.
+        until: When it was over; None while it lasts.
+    """
+
+    rule: str
+    of: str
+    subject: str
+    severity: str
+    count: int
+    since: float
+    text: str
+    evidence: str = ""
+    remedy: str = ""
+    until: float | None = None
+
+    def __str__(self) -> str:
+        until = "" if self.until is None else f" until {clock(self.until)}"
+        return f"{self.of}: {self.text}, since {clock(self.since)}{until}"
+
+
+def clock(seconds: float) -> str:
+    """Return seconds as minutes and seconds, such as ``01:07.5``."""
+    tenths = round(max(0.0, seconds) * 10)
+    return f"{tenths // 600:02}:{tenths % 600 // 10:02}.{tenths % 10}"
+
+
 class RobotFrame(msgspec.Struct, frozen=True):
     """A robot on a floor: row and column of its raster, radians; where it is, and the place that it heads for."""
 
@@ -168,6 +204,8 @@ class Frame(msgspec.Struct, frozen=True, omit_defaults=True):
         statistics: Once a second.
         team: Of a team, agents and links, in words by key.
         missing: Of a team, the agents that do not answer, or have not answered yet.
+        judgements: Those by then, the worst first, at most 100; those that are over with when that was.
+        headline: The worst in words; empty where nothing is named.
     """
 
     time: float
@@ -179,6 +217,8 @@ class Frame(msgspec.Struct, frozen=True, omit_defaults=True):
     statistics: StatisticsFrame | None = None
     team: dict[str, dict[str, str]] = {}
     missing: tuple[str, ...] = ()
+    judgements: tuple[Judgement, ...] = ()
+    headline: str = ""
 
 
 class FactorScene(msgspec.Struct, frozen=True):

@@ -21,6 +21,7 @@ from mdm.runtime.actor import descendants
 from mdm.runtime.observing import Observer
 from mdm.snapshots.events import Ring, event_of, predicate_event, spell_event
 from mdm.snapshots.frame import Detail, EnsembleFrame, Frame, LifeFrame, PredicateScene, Scene, Spread, StatisticsFrame
+from mdm.snapshots.judgement import RunJudge, judged
 from mdm.snapshots.reducer import EnsembleReducer, known_of
 from mdm.snapshots.scenes import ensembles_of, floors_of, robot_frame
 from mdm.snapshots.why import Why, why
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from mdm.messages import Fault
     from mdm.runtime import Histogram, Runtime
     from mdm.runtime.observing import Guard
-    from mdm.snapshots.oddities import Told
+    from mdm.snapshots.judgement import Told
 
 _SECOND = 1_000_000_000
 _encode = msgspec.json.Encoder().encode
@@ -71,6 +72,7 @@ class _Ensemble:
         self.encoded = msgspec.Raw(b"")
         status = ensemble.status()
         self._repeats = status.repeats if known else 0
+        self._missed = status.missed
         self._searches = status.searches
         self._waiting: tuple[str, ...] | None = None
         self._key: tuple[Any, ...] = ()
@@ -105,6 +107,9 @@ class _Ensemble:
         )
         self.reducer.add(decision, decisions - self.decisions, repeats - self._repeats)
         self.decisions, self._repeats = decisions, repeats
+        if status.missed > self._missed:
+            self.reducer.judge.missed(last.time, status.missed - self._missed)
+        self._missed = status.missed
         return True
 
     def _taken_in(self, cause: str) -> Any:
@@ -150,10 +155,11 @@ class _Ensemble:
         reducer = self.reducer
         waiting = self.ensemble.waiting if self._waiting is None else self._waiting
         self._waiting = None
-        key = (reducer.version, waiting, reducer.odd_now(now))
+        reducer.judge.settle(now + 1)
+        key = (reducer.version, waiting)
         if self._frame is None or key != self._key:
             self._key = key
-            self._frame = reducer.frame(now, key[2], waiting)
+            self._frame = reducer.frame(now, waiting)
             self.encoded = msgspec.Raw(_encode(self._frame))
         return self._frame
 
@@ -216,6 +222,7 @@ class LiveRun(Observer):
         self._summed: tuple[int, int] | None = None
         self._team: dict[str, dict[str, str]] = {}
         self._scene: Scene | None = None
+        self._run = RunJudge(lambda told: self._on_judged(told.of, told), whole=False)
         self.ring = Ring()
         self.generation = 0
 
@@ -245,7 +252,7 @@ class LiveRun(Observer):
     def _reducer(self, path: str) -> EnsembleReducer:
         found = self._reducers.get(path)
         if found is None:
-            found = self._reducers[path] = EnsembleReducer(path, self._on_odd, whole=False, epoch=self._epoch)
+            found = self._reducers[path] = EnsembleReducer(path, self._on_judged, whole=False, epoch=self._epoch)
         return found
 
     def _take(self, message: Mode | Idle | ActionLife, *, urgent: bool) -> None:
@@ -270,8 +277,11 @@ class LiveRun(Observer):
     def on_fault(self, fault: Fault) -> None:
         """Show a fault."""
         self.ring.keep(event_of(fault, self._seconds))
+        self._run.fault(fault)
+        if fault.kind == "waiting" and fault.source in self._by_path:
+            self._reducer(fault.source).judge.fault(fault)
 
-    def _on_odd(self, path: str, told: Told) -> None:
+    def _on_judged(self, path: str, told: Told) -> None:
         self.ring.keep(spell_event(path, told, self._seconds))
 
     def _catch_up(self, ensembles: list[_Ensemble], now: int, *, lost: bool) -> None:
@@ -310,6 +320,9 @@ class LiveRun(Observer):
         found = [known.get(owner, (_UNSEEN, self.now)) for owner in self._owners]
         self._values = tuple([value for value, _ in found])
         self._changed = [changed for _, changed in found]
+        self._run.held_for = {
+            name: held for manager in self._managers for name, held in manager.declared.held_for.items()
+        }
         scene = self._made_scene()
         if scene != self._scene:
             self._scene = scene
@@ -368,6 +381,12 @@ class LiveRun(Observer):
             self._counted = now
             self._statistics = self._count(close)
             self._team = {} if not self._members else _teams(self._members)
+            for member in self._members:
+                self._run.seen(now, member.statistics().live)
+        self._run.settle(now + 1)
+        judges = {each.path: each.reducer.judge for each in self._ensembles}
+        stopped = all(each.mode == "stopped" for each in self._frames)
+        judgements, headline = judged(judges, [self._run], now, self._seconds, stopped=stopped)
         near = [self._by_path[path] for path in close if path in self._by_path]
         robots = [robot_frame(places, places.pose, places.heading_for) for places in self._places]
         return Frame(
@@ -379,6 +398,8 @@ class LiveRun(Observer):
             robots=tuple([robot for robot in robots if robot is not None]),
             statistics=self._statistics,
             team=self._team,
+            judgements=judgements,
+            headline=headline,
         )
 
     def encoded(self, close: Collection[str] = ()) -> bytes:
@@ -426,6 +447,7 @@ class LiveRun(Observer):
                 self._changed[place] = seconds
                 name = self._scene.predicates[place].name
                 self.ring.keep(predicate_event(seconds, self._owners[place][0].path, name, value))
+                self._run.change(now, name, value)
         self._values = values
 
     def _with_progress(self, frames: list[EnsembleFrame]) -> list[EnsembleFrame]:

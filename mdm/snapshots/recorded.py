@@ -15,17 +15,18 @@ import msgspec
 import numpy as np
 
 from mdm.errors import Error
-from mdm.messages import ActionLife, Decision, Fault, Idle, Journey, Mode, PoseUpdate
+from mdm.messages import ActionLife, Decision, Fault, Idle, Journey, Mode, PoseUpdate, SensorUpdate
 from mdm.models import Space
 from mdm.recording.table import Names, names_of
 from mdm.replay.replay import replay_predicates
 from mdm.snapshots.beliefs import chances_of
 from mdm.snapshots.events import event_of, predicate_event, spell_event
 from mdm.snapshots.frame import Detail, Frame, PredicateScene, Scene, StatisticsFrame
+from mdm.snapshots.judgement import RunJudge, judged
 from mdm.snapshots.reducer import EnsembleReducer, Known, Track, expected_return, known_of
 from mdm.snapshots.scenes import ensembles_of, floors_of, robot_at
 from mdm.snapshots.why import Why, is_as_recorded, why_recorded
-from mdm.stimuli import Said
+from mdm.stimuli import Said, Seen, Ticked
 from mdm.version import __version__
 
 if TYPE_CHECKING:
@@ -37,10 +38,10 @@ if TYPE_CHECKING:
     from mdm.replay.exchange import ReplayTransport
     from mdm.runtime import Actor
     from mdm.snapshots.events import Event
-    from mdm.snapshots.frame import EnsembleScene
-    from mdm.snapshots.oddities import Told
+    from mdm.snapshots.frame import EnsembleScene, Judgement
+    from mdm.snapshots.judgement import Told
 
-Step = Literal["decision", "change", "fault", "mode", "odd"]
+Step = Literal["decision", "change", "fault", "mode", "judgement"]
 
 _TOPICS = ("stimuli", "decisions", "lives", "modes", "faults", "idles")
 _MOST = 50_000
@@ -118,6 +119,7 @@ class RecordedRun:
         self._predicates: dict[str, Track] = {}
         self._beliefs: OrderedDict[tuple[str, int], Any] = OrderedDict()
         self._remarks: list[str] = []
+        self._judges = [self._judge(), self._judge()]  # of faults and agents; of predicates
         self._read()
         self._encoded = self._encode_events()
 
@@ -136,25 +138,48 @@ class RecordedRun:
 
     def _read(self) -> None:
         record = self._record
-        said: dict[type[Any], Track] = {PoseUpdate: self._poses, Journey: self._journeys}
         for each in record.messages([name for name in _TOPICS if name in record.topics]):
             message = each.message
-            if isinstance(message, Said):
-                track = said.get(type(message.message))
-                if track is not None:
-                    track.add(message.time, message.message)
-            elif isinstance(message, Fault):
-                self._faults.add(message.time, message)
-            elif isinstance(message, Decision | ActionLife | Mode | Idle):
+            if isinstance(message, Decision | ActionLife | Mode | Idle):
                 self._reducer(message.ensemble).add(message)
+            else:
+                self._take(message)
         for name in record.metadata:
             if name.startswith("ensemble "):
                 self._reducer(name.removeprefix("ensemble "))
         self._ensembles = dict(sorted(self._ensembles.items()))
         for ensemble in self._ensembles.values():
             ensemble.finish(self._end)
+        for judge in self._judges:
+            judge.finish(self._end)
         self._spells.sort(key=lambda pair: pair[1].time)
         self._tell_damage()
+
+    def _take(self, message: Any) -> None:
+        """Take a message of no ensemble, or of one that has told something before."""
+        if isinstance(message, Fault):
+            self._faults.add(message.time, message)
+            self._judges[0].fault(message)
+            if message.kind == "waiting" and message.source in self._ensembles:
+                self._ensembles[message.source].judge.fault(message)
+        elif isinstance(message, Seen):
+            self._judges[0].seen(message.time, message.live)
+        elif isinstance(message, Ticked):
+            ticks = self._ensembles.get(message.actor.rpartition("/")[0])
+            if message.missed and ticks is not None:
+                ticks.judge.missed(message.time, message.missed)
+        elif isinstance(message, Said) and isinstance(message.message, SensorUpdate):
+            for name, value in message.message.predicates:
+                self._judges[1].change(message.time, name, value)
+        elif isinstance(message, Said) and isinstance(message.message, PoseUpdate | Journey):
+            track = self._poses if isinstance(message.message, PoseUpdate) else self._journeys
+            track.add(message.time, message.message)
+
+    def _judge(self) -> RunJudge:
+        found = RunJudge(lambda told: self._spells.append((told.of, told)))
+        if self._manager is not None:
+            found.held_for = self._manager.declared.held_for
+        return found
 
     def _tell_damage(self) -> None:
         record = self._record
@@ -229,12 +254,19 @@ class RecordedRun:
         told, changes = replay_predicates(self._record, self._system, manager, transports or {})
         found = {name: Track() for name in manager.values()}
         for time, values in changes:
-            _take(found, time, values)
+            _add(found, time, values)
         if not told.same:
             at = told.differences[0].recorded or told.differences[0].replayed
             until = "" if at is None else f" up to second {self._seconds(at.time):g}"
             self._remarks.append(f"predicates are restored by a replay, which is the same as the run{until} alone")
         self._predicates = {name: track for name, track in found.items() if track.times}
+        self._spells = [(of, told) for of, told in self._spells if told.rule != "flickers"]
+        self._judges[1] = self._judge()
+        for time, values in changes:
+            for name, value in values.items():
+                self._judges[1].change(time, name, value)
+        self._judges[1].finish(self._end)
+        self._spells.sort(key=lambda pair: pair[1].time)
         self._encoded = self._encode_events()
 
     def remark(self, text: str) -> None:
@@ -287,15 +319,28 @@ class RecordedRun:
         robot = None if self._places is None or pose is None else robot_at(self._places, pose, goal)
         near = [self._ensembles[path] for path in close if path in self._ensembles]
         values = [(track, track.place(time)) for track in self._predicates.values()]
+        frames = tuple([each.frame(time) for each in self._ensembles.values()])
+        judgements, headline = self._judged(time, stopped=all(each.mode == "stopped" for each in frames))
         return Frame(
             time=self._seconds(time),
-            ensembles=tuple([each.frame(time, each.odd(time)) for each in self._ensembles.values()]),
+            ensembles=frames,
             predicates=tuple([None if place < 0 else track.entries[place] for track, place in values]),
             changed=tuple([0.0 if place < 0 else self._seconds(track.times[place]) for track, place in values]),
             details={each.path: self._detail(each, time) for each in near},
             robots=() if robot is None else (robot,),
             statistics=StatisticsFrame({}, {}, {each.path: self._ended(each, time) for each in near}),
+            judgements=judgements,
+            headline=headline,
         )
+
+    @property
+    def judgements(self) -> tuple[Judgement, ...]:
+        """The judgements of the whole run, the worst first; those that are over with when that was."""
+        return self._judged(self._end, stopped=True)[0]
+
+    def _judged(self, time: int, *, stopped: bool) -> tuple[tuple[Judgement, ...], str]:
+        judges = {path: each.judge for path, each in self._ensembles.items()}
+        return judged(judges, self._judges, time, self._seconds, stopped=stopped)
 
     def _ended(self, each: EnsembleReducer, time: int) -> dict[str, int]:
         return dict(Counter(each.outcomes.entries[: each.outcomes.place(time) + 1]))
@@ -354,7 +399,7 @@ class RecordedRun:
     def step(self, kind: Step, seconds: float, *, back: bool = False) -> float:
         """Return the time of the next event of a kind, or of the one before; the same where there is none.
 
-        An ``odd`` is where something begins to look odd, a ``change`` is a decision for another action than that of the
+        A ``judgement`` is where one begins, a ``change`` is a decision for another action than that of the
         decision before it of the same ensemble.
         """
         time = self._time(seconds)
@@ -363,10 +408,10 @@ class RecordedRun:
             "change": [each.changes for each in self._ensembles.values()],
             "mode": [each.modes.times for each in self._ensembles.values()],
             "fault": [self._faults.times],
-            "odd": [[told.time for _, told in self._spells if told.status == "odd"]],
+            "judgement": [[told.time for _, told in self._spells if told.status == "begins"]],
         }.get(kind)
         if times is None:
-            raise Error(f"there is no step to a {kind!r}; there are decision, change, fault, mode, odd")
+            raise Error(f"there is no step to a {kind!r}; there are decision, change, fault, mode, judgement")
         found = []
         for each in times:
             place = bisect_left(each, time) - 1 if back else bisect_right(each, time)
@@ -385,7 +430,7 @@ class RecordedRun:
         return await asyncio.to_thread(why_recorded, self._record, self._models[ensemble], at)
 
 
-def _take(tracks: Mapping[str, Track], time: int, values: Mapping[str, bool | None]) -> None:
+def _add(tracks: Mapping[str, Track], time: int, values: Mapping[str, bool | None]) -> None:
     for name, value in values.items():
         if not tracks[name].times or tracks[name].entries[-1] is not value:
             tracks[name].add(time, value)

@@ -1,7 +1,7 @@
 """The reducer of a run: messages in, the state of a picture out, the same for a running system and for its record.
 
-A running system and a record feed it the same messages, in the order of their times; causes, oddities, spells, frames
-and events follow from these alone. A record keeps all of them, so that it is shown at any of its times; of a running
+A running system and a record feed it the same messages, in the order of their times; causes, judgements, frames and
+events follow from these alone. A record keeps all of them, so that it is shown at any of its times; of a running
 system the newest are kept, as many as a rule needs.
 """
 
@@ -9,32 +9,16 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import Counter, defaultdict
-from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
 from mdm.errors import ModelError
 from mdm.messages import ActionLife, Decision, Idle, Mode
-from mdm.snapshots.beliefs import belief_frame, likeliest
+from mdm.snapshots.beliefs import belief_frame
 from mdm.snapshots.events import Event, remedy_of
 from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, LifeFrame
-from mdm.snapshots.oddities import (
-    FEW,
-    KEPT,
-    MOVED,
-    OFTEN,
-    SEEN,
-    SHORT,
-    WINDOW,
-    Ended,
-    Seen,
-    Spells,
-    lasting,
-    lasts_long,
-    repeated,
-    unmoved,
-)
+from mdm.snapshots.judgement import KEPT, SAFE_ACTION, Ended, Judge
 from mdm.snapshots.words import (
     Wiring,
     at_state,
@@ -52,21 +36,17 @@ if TYPE_CHECKING:
 
     from mdm.actors import Ensemble
     from mdm.models import Space
-    from mdm.snapshots.oddities import Judged, Told
+    from mdm.snapshots.judgement import Told
 
 HISTORY = 8
 """Observations that are told with their times."""
 _NEWEST = 64
 """Entries that are kept of a running system where no rule needs more."""
-_LATELY = 1_000
-"""Of decisions that repeat."""
 _KINDS = 1_000
 """Observations of a running system that are counted each."""
 _VALUED = 10_000
 """States up to which a policy is asked for its value."""
-_WINDOW = round(WINDOW * 1e9)
-_SHORT = round(SHORT * 1e9)
-_SAFE = "safe action"
+_WINDOW = 5_000_000_000
 
 
 class Track:
@@ -180,7 +160,7 @@ class EnsembleReducer:
 
     Args:
         path: Its path.
-        tell: Called when something begins to look odd, and when that is over.
+        tell: Called when a judgement begins, and when that is over.
         known: Its names and wiring.
         whole: Keep all, for a picture of any time; else the newest.
         epoch: The time of the run's second 0.
@@ -214,7 +194,6 @@ class EnsembleReducer:
             return Track(None if whole else newest)
 
         self.path = path
-        self.known = known
         self.modes, self.idles, self.lives, self.decisions = track(), track(), track(), track()
         self.ends, self.outcomes, self.observed = track(KEPT), track(1), track(HISTORY)
         self.changes: list[int] = []
@@ -224,13 +203,17 @@ class EnsembleReducer:
         self._whole = whole
         self._epoch = epoch
         self._told_lives: list[ActionLife] = []
-        self._living: dict[int, ActionLife] = {}
-        self._repeats: defaultdict[str, Track] = defaultdict(lambda: track(_LATELY))
         self._tally: defaultdict[Any, Track] = defaultdict(lambda: track(1))
-        self._seen = track(SEEN)
-        self._still = 0  # how many of the last ones may have stood still, which is told cheaply
-        rules = {"repeated": self._repeated, "lasting": self._lasting, "unmoved": self._unmoved}
-        self.spells = Spells(rules, lambda told: tell(path, told), gap)
+        self.judge = Judge(known, lambda told: tell(path, told), gap, whole=whole)
+
+    @property
+    def known(self) -> Known:
+        """Its names, wiring and model."""
+        return self.judge.known
+
+    @known.setter
+    def known(self, known: Known) -> None:
+        self.judge.known = known
 
     # -- Messages ------------------------------------------------------------------------------------------------
 
@@ -243,16 +226,17 @@ class EnsembleReducer:
             repeats: How many of these were made only because an action had ended; by default as its cause says.
         """
         self.version += 1
-        self.spells.settle(message.time)
+        self.judge.settle(message.time)
         if isinstance(message, Decision):
             self._decide(message, count, int(message.cause == "again") if repeats is None else repeats)
         elif isinstance(message, ActionLife):
             self._live(message)
         elif isinstance(message, Mode):
             self.modes.add(message.time, message)
-            self.spells.judge(message.time, "repeated", "lasting", "unmoved")
+            self.judge.mode(message)
         else:
             self.idles.add(message.time, message)
+            self.judge.idle(message)
 
     def _decide(self, decision: Decision, count: int, repeats: int) -> None:
         time, name, observation = decision.time, decision.action_name, decision.observation
@@ -265,129 +249,44 @@ class EnsembleReducer:
         else:
             kept = decision
         self.decisions.add(time, Decided(kept, count, count + (0 if before is None else before.total)))
-        if repeats > 1 and (before is None or before.message.action_name != name):
-            repeats = 1  # of the others it is not known for which action they were
-        if repeats:
-            track = self._repeats[name]
-            track.add(time, repeats + (track.entries[-1] if track.entries else 0))
-        if name in self._repeats or self.spells.has("repeated"):
-            self.spells.judge(time, "repeated")
+        self.judge.decide(decision, count, repeats)
         if observation is not None:
-            self._observe(time, observation, likeliest(decision.belief))
-
-    def _observe(self, time: int, symbol: Any, found: tuple[int, float] | None) -> None:
-        self.observed.add(time, symbol)
-        if self._whole or symbol in self._tally or len(self._tally) < _KINDS:
-            tally = self._tally[symbol]
-            tally.add(time, 1 + (tally.entries[-1] if tally.entries else 0))
-        if found is None:
-            return
-        before = self._seen.entries[-1] if self._seen.entries else None
-        moved = before is not None and (found[0] != before[1] or abs(found[1] - before[2]) >= MOVED)
-        self._still = 1 if moved else self._still + 1
-        self._seen.add(time, (symbol, *found))
-        if self._still >= min(len(self._seen.times), SEEN) >= FEW or self.spells.has("unmoved"):
-            self.spells.judge(time, "unmoved")
+            self.observed.add(time, observation)
+            if self._whole or observation in self._tally or len(self._tally) < _KINDS:
+                tally = self._tally[observation]
+                tally.add(time, 1 + (tally.entries[-1] if tally.entries else 0))
 
     def _live(self, life: ActionLife) -> None:
-        time, living = life.time, self._living
-        if life.status == "running":
-            living[life.life] = life
-            self.spells.expect("lasting", time + _SHORT)
-        else:
-            begun = living.pop(life.life, life)
+        time, begun = life.time, self.judge.living.get(life.life, life)
+        if life.status != "running":
             self.outcomes.add(time, life.status)
             # The life of a plain function has no length, and its decision stands for it; a safe action has none.
-            if life.status != "succeeded" or begun.time != time or life.action == _SAFE:
+            if life.status != "succeeded" or begun.time != time or life.action == SAFE_ACTION:
                 self.ends.add(time, Ended(life.action, (time - begun.time) / 1e9, life.status))
                 if self._whole:
                     self._told_lives += [begun, life] if begun is not life else [life]
-            oldest = next(iter(living.values()), life)  # what is usual changes for those that last
-            if self.spells.has("lasting") or time - oldest.time >= _SHORT:
-                self.spells.judge(time, "lasting")
-        self.lives.add(time, tuple(living.values()))
+        self.judge.live(life)
+        self.lives.add(time, tuple(self.judge.living.values()))
 
     @property
     def living(self) -> AbstractSet[int]:
         """The numbers of the lives that have begun and not ended, as far as was told."""
-        return self._living.keys()
+        return self.judge.living.keys()
 
     def lose(self, life: int, time: int) -> None:
         """End a life whose end was not heard."""
-        del self._living[life]
-        self.lives.add(time, tuple(self._living.values()))
+        del self.judge.living[life]
+        self.lives.add(time, tuple(self.judge.living.values()))
         self.version += 1
 
     def finish(self, time: int) -> None:
         """End all spells: no message follows a time."""
-        self.spells.finish(time)
+        self.judge.finish(time)
 
     @property
     def told_lives(self) -> list[ActionLife]:
         """The beginnings and ends of lives, but for those of plain functions, by their times."""
-        return sorted([*self._told_lives, *self._living.values()], key=lambda life: life.time)
-
-    # -- Rules ---------------------------------------------------------------------------------------------------
-
-    def _decides(self, time: int) -> bool:
-        mode: Mode | None = self.modes.at(time)
-        return mode is not None and mode.mode == "deciding"
-
-    def _repeated(self, time: int) -> Judged:
-        decided: Decided | None = self.decisions.at(time)
-        if decided is None or not self._decides(time):
-            return {}, inf
-        name = decided.message.action_name
-        track = self._repeats.get(name)
-        if track is None:
-            return {}, inf
-        last, first = track.place(time), track.place(time - _WINDOW)
-        before = track.entries[first] if first >= 0 else 0
-        count = track.entries[last] - before if last >= 0 else 0
-        text = repeated(name, count)
-        if not text:
-            return {}, inf
-        place = last  # the earliest entry without which there are too few
-        while place > first and track.entries[last] - (track.entries[place - 1] if place else 0) < OFTEN:
-            place -= 1
-        return {name: text}, track.times[place] + _WINDOW
-
-    def _lasting(self, time: int) -> Judged:
-        if not self._decides(time):
-            return {}, inf
-        found: dict[str, str] = {}
-        due = inf
-        ended = self.ends.entries[self.ends.last(time, KEPT)]
-        for life in self.lives.at(time) or ():
-            if life.action in self.known.composed or life.action == _SAFE:
-                continue
-            when = life.time + _SHORT
-            if when <= time:
-                when = life.time + lasts_long(life.action, ended)
-            if when > time:
-                due = min(due, when)
-            else:
-                found.setdefault(life.action, lasting(life.action, (time - life.time) / 1e9, ended))
-        return found, due
-
-    def _unmoved(self, time: int) -> Judged:
-        last = self._seen.last(time, SEEN)
-        times = self._seen.times[last]
-        if len(times) < FEW or time - times[-1] >= _WINDOW or not self._decides(time):
-            return {}, inf
-        seen = [Seen(at / 1e9, *entry) for at, entry in zip(times, self._seen.entries[last], strict=True)]
-        text = unmoved(seen, self.known.observed, self.known.state)
-        return ({"": text}, times[-1] + _WINDOW) if text else ({}, inf)
-
-    def odd(self, time: int) -> tuple[str, ...]:
-        """Return the oddities at a time, in words."""
-        rules = (self._repeated, self._lasting, self._unmoved)
-        return tuple([text for rule in rules for text in rule(time)[0].values()])
-
-    def odd_now(self, time: int) -> tuple[str, ...]:
-        """Return the oddities now: no later message has come. Costs little where nothing is odd."""
-        self.spells.settle(time + 1)
-        return self.odd(time) if self.spells.open else ()
+        return sorted([*self._told_lives, *self.judge.living.values()], key=lambda life: life.time)
 
     # -- Pictures ------------------------------------------------------------------------------------------------
 
@@ -395,12 +294,11 @@ class EnsembleReducer:
         """Return the seconds from the run's second 0 to a time: all digits, so that a step lands on its event."""
         return (time - self._epoch) / 1e9
 
-    def frame(self, time: int, odd: tuple[str, ...], waiting: tuple[str, ...] = ()) -> EnsembleFrame:
+    def frame(self, time: int, waiting: tuple[str, ...] = ()) -> EnsembleFrame:
         """Return how the ensemble is at a time.
 
         Args:
             time: The time.
-            odd: Its oddities then.
             waiting: The inputs or pauses that it waits for.
         """
         seconds = self.seconds
@@ -419,7 +317,6 @@ class EnsembleReducer:
             action="" if decided is None else decided.message.action_name,
             wanted="" if decided is None else decided.message.wanted_name or "",
             decisions=0 if decided is None else decided.total,
-            odd=odd,
         )
 
     def detail(self, time: int, current: Any, **more: Any) -> Detail:

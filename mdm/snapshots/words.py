@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from mdm.actors import Ensemble
-    from mdm.snapshots.oddities import Ended
+    from mdm.snapshots.judgement import Ended
 
 _CAUSES = {
     "start": "as it started",

@@ -124,21 +124,19 @@ class Terminal:
         return table
 
     def _alarms(self, frame: Frame) -> list[Any]:
+        """Return the judgements, the worst first, with evidence and remedy; green where nothing is named."""
+        shown = [each for each in frame.judgements if each.until is None or frame.judgements[0].until is not None]
+        if not frame.headline:
+            earlier = f"; earlier: {frame.judgements[0]}" if frame.judgements else ""
+            return [self._text((f"✓ nothing is named{earlier}", "green"))]
         found = []
-        for of, each in zip(self.scene.ensembles, frame.ensembles, strict=False):
-            found += [
-                self._text(
-                    (f"■ {of.path} is safe ", "bold red"),
-                    (f"{cause.kind}: {cause.detail}{' → ' * bool(cause.remedy)}{cause.remedy}", "red"),
-                )
-                for cause in each.causes
-                if each.mode == "safe"
-            ]
-        for of, each in zip(self.scene.ensembles, frame.ensembles, strict=False):
-            found += [self._text((f"? {of.path} looks odd: ", "bold yellow"), (text, "yellow")) for text in each.odd]
-        for text in found[:_ALARMS]:
+        for place, each in enumerate(shown[:_ALARMS]):
+            sign, style = ("✕", "bold red") if each.severity == "wrong" else ("?", "bold yellow")
+            words = frame.headline if place == 0 else str(each)
+            text = self._text((f"{sign} {words} ", style), (f"{each.evidence} → {each.remedy}", style.split()[1]))
             text.no_wrap = False
-        return found[:_ALARMS]
+            found.append(text)
+        return found
 
     def _tree(self, frame: Frame, most: int) -> Any:
         table = self._table(5)
@@ -218,9 +216,9 @@ class Terminal:
             style = "red" if event.kind == "fault" or event.status in {"failed", "timed_out", "abandoned"} else ""
             words = f"{event.status} {event.detail}".strip() + (f" → {event.remedy}" if event.remedy else "")
             sign, name = "⚠ " * (event.kind == "fault"), event.name
-            if event.kind == "odd":
+            if event.kind == "judgement":
                 style, sign, words = "yellow", "? ", event.detail
-                name = "looks odd" if event.status == "odd" else "looks odd no more"
+                name = event.name if event.status == "begins" else f"{event.name}: over"
             table.add_row(
                 self._text((seconds(event.time), "bright_black")),
                 self._text((event.source, "")),

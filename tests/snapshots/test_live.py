@@ -282,11 +282,11 @@ def test_of_a_thousand_ensembles_changes_are_seen_at_once_and_all_others_in_thei
         looks = dict.fromkeys(range(300), 0)
         for place, each in enumerate(live._ensembles):
 
-            def look(now, place=place, look=each.reducer.odd_now):
+            def look(now, place=place, look=each.frame):
                 looks[place] += 1
                 return look(now)
 
-            each.reducer.odd_now = look
+            each.frame = look
         for _ in range(20):
             await asyncio.sleep(0.05)
             live.frame({"robot200"})

@@ -66,7 +66,8 @@ def test_a_plain_function_has_a_life_of_no_time_which_says_nothing_of_how_long_a
     assert reducer.ends.entries == []
     assert [(each.action, each.status) for each in reducer.told_lives] == [("Go", "running")]
     assert reducer.outcomes.entries == ["succeeded"] * 8
-    assert reducer.odd(60_000_000_000) == ()
+    reducer.finish(60_000_000_000)
+    assert reducer.judge.named == {}
 
 
 def looked_at(seed, path, seconds):
@@ -137,7 +138,6 @@ def test_a_live_picture_is_that_of_the_record_at_the_same_time(tmp_path, seed):
         for path, live in frames.items():
             recorded = shown.ensembles[paths.index(path)]
             fields = set(live.__struct_fields__) - {"waiting"}  # of which no record knows
-            fields -= set() if path in decisions else {"odd"}
             assert not unequal(live, recorded, fields), (now, path)
             detail = shown.details[path]
             if live.decisions:
@@ -154,9 +154,9 @@ def test_a_live_picture_is_that_of_the_record_at_the_same_time(tmp_path, seed):
     assert compared > 30
     kept = [msgspec.json.decode(each, type=Event) for each in run.after(0, 10**9)[0]]
     until = (looks[-1][0] - first) / 1e9
-    for kind in ("mode", "idle", "fault", "odd"):
+    for kind in ("mode", "idle", "fault", "judgement"):
         told, told_by_record = (
-            [each for each in events_of(which, kind, until) if kind != "odd" or each.source in decisions]
+            [each for each in events_of(which, kind, until) if kind != "judgement" or each.source in decisions]
             for which in (events, kept)
         )
         assert told == told_by_record

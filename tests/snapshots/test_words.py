@@ -15,7 +15,7 @@ from mdm.models import Factor, Space
 from mdm.policies import DeterministicPolicy
 from mdm.recording import Record
 from mdm.snapshots import Event, LiveRun, RecordedRun
-from mdm.snapshots.oddities import Ended
+from mdm.snapshots.judgement import Ended
 from mdm.snapshots.words import Wiring, at_state, cause_in_words, changes, most_frequent, observed, on_observing, wired
 from mdm.testing import run_virtual
 

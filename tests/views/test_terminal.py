@@ -8,7 +8,16 @@ import re
 import pytest
 
 from mdm.snapshots import Event, Frame, Scene
-from mdm.snapshots.frame import BeliefFrame, CauseFrame, Detail, EnsembleFrame, EnsembleScene, LifeFrame, PredicateScene
+from mdm.snapshots.frame import (
+    BeliefFrame,
+    CauseFrame,
+    Detail,
+    EnsembleFrame,
+    EnsembleScene,
+    Judgement,
+    LifeFrame,
+    PredicateScene,
+)
 from mdm.views.terminal import Terminal
 
 console = pytest.importorskip("rich.console")
@@ -21,11 +30,17 @@ SCENE = Scene(
 FRAME = Frame(
     65.5,
     (
-        EnsembleFrame("deciding", 5.0, live=(LifeFrame("Go", 60.0),), odd=("Go has lasted for 99 s",)),
+        EnsembleFrame("deciding", 5.0, live=(LifeFrame("Go", 60.0),)),
         EnsembleFrame("safe", 65.0, causes=(CauseFrame("stale_input", "Near", 65.0, "look at the sensor"),)),
     ),
     (True, False, None),
     (1.0, 1.0, 2.0),
+    judgements=(
+        Judgement("safe", "top/walk", "", "wrong", 1, 65.0, "is safe (stale_input)", "Near", "look at the sensor"),
+        Judgement("hangs", "top", "Go", "wrong", 1, 60.0, "Go has lasted for more than 99 s", "it usually takes 2 s"),
+        Judgement("idle", "top", "", "look", 1, 1.0, "has nothing to do", until=5.0),
+    ),
+    headline="top/walk: is safe (stale_input), since 01:05.0",
     details={"top/walk": Detail(state="hall", belief=BeliefFrame((("hall", 0.75), ("lab", 0.25)), 0.0, 2, 0.8))},
 )
 
@@ -42,8 +57,9 @@ def test_a_picture_says_modes_actions_causes_and_beliefs():
     assert terminal.close == ("top/walk",)
     text = printed(terminal, status="● live")
     assert re.search(r"robot.toml +01:05.5 +● live", text)
-    assert "■ top/walk is safe stale_input: Near → look at the sensor" in text
-    assert "? top looks odd: Go has lasted for 99 s" in text
+    assert "✕ top/walk: is safe (stale_input), since 01:05.0 Near → look at the sensor" in text
+    assert "✕ top: Go has lasted for more than 99 s, since 01:00.0 it usually takes 2 s" in text
+    assert "has nothing to do" not in text
     assert re.search(r"top +▶ deciding +Go +5.5 s", text)
     assert re.search(r"> +walk +■ safe", text)
     assert re.search(r"hall +█{15}░{5} +75.0%", text)
@@ -59,7 +75,7 @@ def test_agents_are_told_apart_and_idle_since_they_have_nothing_to_do():
     text = printed(Terminal(scene), Frame(10.0, modes, (), ()))
     assert re.search(r"> ada/patrol +- idle +0.5 s", text)
     assert "bob/patrol" in text
-    assert "is safe" not in text
+    assert "✓ nothing is named" in text
 
 
 def test_events_are_those_up_to_the_frame():
@@ -71,18 +87,18 @@ def test_events_are_those_up_to_the_frame():
     assert "act10 " not in text  # there is room for the last ones alone
 
 
-def test_where_something_begins_to_look_odd_is_an_event_with_its_words():
+def test_where_a_judgement_begins_is_an_event_with_its_words():
     terminal = Terminal(SCENE)
     facts = {"detail": "go has lasted for 10 s", "life": 1}
     terminal.hear(
         [
-            Event(1, 10.0, "odd", "top", "lasting", status="odd", **facts),
-            Event(2, 20.0, "odd", "top", "lasting", status="over", life=1),
+            Event(1, 10.0, "judgement", "top", "hangs", status="begins", **facts),
+            Event(2, 20.0, "judgement", "top", "hangs", status="over", life=1),
         ]
     )
     text = printed(terminal)
-    assert re.search(r"00:10.0 top +\? looks odd +go has lasted for 10 s", text)
-    assert re.search(r"00:20.0 top +\? looks odd no more", text)
+    assert re.search(r"00:10.0 top +\? hangs +go has lasted for 10 s", text)
+    assert re.search(r"00:20.0 top +\? hangs: over", text)
 
 
 def test_a_long_sentence_leaves_time_and_source_whole():

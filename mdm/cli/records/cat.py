@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from mdm.cli.records.page import recorded_run
 from mdm.cli.report import as_json, printable
 from mdm.cli.usage import UsageError
 from mdm.errors import Error
@@ -20,6 +21,7 @@ from mdm.messages import ActionLife, Belief, Control, Observation, SensorUpdate,
 from mdm.recording.part import SYSTEM
 from mdm.recording.reader import Record
 from mdm.recording.table import Names, names_of
+from mdm.snapshots.frame import Judgement
 from mdm.stimuli import Ended, Said, Ticked
 
 if TYPE_CHECKING:
@@ -65,6 +67,7 @@ def info(arguments: argparse.Namespace) -> int:
         "cannot": list(record.cannot),
         "head": {name: value for name, value in record.head.items() if name != "cannot"},
         "metadata": {name: values for name, values in record.metadata.items() if name not in _OWN},
+        "judgements": _judgements(record),
     }
     print(as_json(facts) if arguments.json else "\n".join(_lines(facts)))
     return 0
@@ -95,8 +98,18 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
         if value is not None:
             yield f"{printable(key, width - 2):{width}}{value if key == 'torn' else printable(value)}"
     yield from (f"{'not in the record':{width}}{printable(sentence)}" for sentence in facts["cannot"])
+    for each in facts["judgements"]:
+        yield f"{each['severity']:{width}}{printable(str(msgspec.convert(each, Judgement)))} → {each['remedy']}"
     yield from _table("topic", "messages", [tuple(each.values()) for each in facts["topics"]])
     yield from _table("attached file", "bytes", [tuple(each.values()) for each in facts["attachments"]])
+
+
+def _judgements(record: Record) -> list[dict[str, Any]]:
+    """Return the judgements of the run, the worst first; none where its messages cannot be read."""
+    try:
+        return [] if record.span is None else msgspec.to_builtins(recorded_run(record, replay=False).judgements)
+    except Error:
+        return []
 
 
 def _told(value: str) -> str:

@@ -74,14 +74,14 @@ class _Shown:
             return self.run
 
 
-def recorded_run(path: str | Path, *, replay: bool = True) -> RecordedRun:
+def recorded_run(path: str | Path | Record, *, replay: bool = True) -> RecordedRun:
     """Return a record as snapshots; without the names, maps and predicates of its configuration where it has none.
 
     Args:
-        path: The record.
+        path: The record, or its file.
         replay: Have predicates from a replay.
     """
-    record = Record(path)
+    record = path if isinstance(path, Record) else Record(path)
     if "configuration" not in record.head:
         return RecordedRun(record)
     with tempfile.TemporaryDirectory() as folder:

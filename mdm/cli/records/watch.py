@@ -31,13 +31,13 @@ _PATIENCE = 5.0
 """Seconds that one picture waits for an ensemble and, of a team, for all agents: they come to its page one by one."""
 _BATCH = 100
 """Events that one message may bring, and there are hardly more: of a run that is old a thousand come with each."""
-_STEPS = {"d": "decision", "n": "change", "f": "fault", "m": "mode", "o": "odd"}
+_STEPS = {"d": "decision", "n": "change", "f": "fault", "m": "mode", "j": "judgement"}
 _WORDS = {
     "decision": "decision",
     "change": "decision for another action",
     "fault": "fault",
     "mode": "change of mode",
-    "odd": "thing that looks odd",
+    "judgement": "judgement",
 }
 _KEY = re.compile("\x1b\\[.|.", re.DOTALL)
 _ARROWS = {"\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left"}
@@ -78,7 +78,7 @@ async def _watch_record(shown: RecordedRun, at: float | None, *, once: bool) -> 
             if playing:
                 time = min(shown.last, time + now - before)
             before = now
-            status = "▶ playing" if playing else f"❚❚ {told}space plays, d n f m o step, q ends"
+            status = "▶ playing" if playing else f"❚❚ {told}space plays, d n f m j step, q ends"
             draw(terminal, shown.frame(time, terminal.close), status)
             if once:
                 return

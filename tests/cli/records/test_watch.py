@@ -88,12 +88,12 @@ def test_a_key_leads_to_where_something_first_looked_odd(tmp_path):
     with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, env=environment) as process:
         try:
             until("00:00.0 of")
-            os.write(ours, b"o")
+            os.write(ours, b"j")
             until("00:17.6 of")
-            until("looks odd: 0 has lasted for 10 s")
-            os.write(ours, b"o")
-            until("no further thing that looks odd; space plays")
-            os.write(ours, b"\x1b[CO\x1b[Dq")  # at once, as of somebody who is quick
+            until("0 has lasted for more than 10 s")
+            os.write(ours, b"j")
+            until("no further judgement; space plays")
+            os.write(ours, b"\x1b[CJ\x1b[Dq")  # at once, as of somebody who is quick
             while process.poll() is None:
                 if select.select([ours], [], [], 0.1)[0]:
                     os.read(ours, 65_536)

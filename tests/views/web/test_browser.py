@@ -98,7 +98,7 @@ def test_a_safe_mode_comes_first_with_its_cause_and_what_to_do():
         robot.safety.alarm(mdm.messages.Fault(runtime.now(), "robot", "policy", "it is torn"))
         await page.wait_for_selector(".headline.alarm")
         told = await text(page, ".headline")
-        assert "robot is safe" in told
+        assert "robot: is safe (policy)" in told
         assert "it is torn" in told
         assert "Correct the policy" in told
 
@@ -381,7 +381,7 @@ def test_the_arrows_choose_an_ensemble_wherever_the_focus_is(tmp_path):
     seen(look_at, mdm.load_system(a_robot(tmp_path)))
 
 
-def test_an_oddity_is_told_at_the_top_and_goes_when_it_is_over():
+def test_a_judgement_is_told_at_the_top_and_goes_when_it_is_over():
     async def nothing():
         pass
 
@@ -392,13 +392,13 @@ def test_an_oddity_is_told_at_the_top_and_goes_when_it_is_over():
     )
 
     async def look_at(page, *_):
-        assert await page.locator(".headline .odd").count() == 0
+        assert await page.locator(".headline .judged").count() == 0
         robot.publish_state(0)
-        await page.wait_for_selector(".headline .odd")
-        assert "? robot looks odd decided 0" in await text(page, ".headline")
-        assert "? odd" in await text(page, "[role=option]")
+        await page.wait_for_selector(".headline .judged")
+        assert "? robot: decided 0" in await text(page, ".headline")
+        assert "? repeats" in await text(page, "[role=option]")
         robot.publish_state(1)
-        await page.wait_for_function("() => !document.querySelector('.headline .odd')")
+        await page.wait_for_function("() => !document.querySelector('.headline .judged')")
 
     seen(look_at, robot)
 
@@ -602,19 +602,17 @@ def test_a_key_and_a_button_lead_to_where_something_first_looked_odd_and_the_tim
         async with served(recorded) as address, browsers.browser() as (look, wrong):
             page = await look(address)
             await page.wait_for_function(UNTIL)
-            assert await page.locator(".headline .odd").count() == 0
-            await page.get_by_role("button", name="odd ▶").click()
+            assert await page.locator(".headline .judged").count() == 0
+            await page.get_by_role("button", name="judgement ▶").click()
             await page.wait_for_function(f"() => Math.abs(mdmPage.frame.time - {begins}) < 1e-6")
-            await page.wait_for_selector(".headline .odd")
-            assert "0 has lasted for 10 s; it usually takes 2.0 s" in await text(page, ".headline")
-            await page.keyboard.press("o")
+            await page.wait_for_selector(".headline .judged")
+            assert "robot: 0 has lasted for more than 10 s, since 00:07.6" in await text(page, ".headline")
+            await page.keyboard.press("j")
             await page.wait_for_function("() => document.querySelector('.ended').innerText.includes('no further')")
             canvas = await page.locator(".timeline canvas").bounding_box()
             place = {"x": 118 + (canvas["width"] - 118) * begins / recorded.last + 5, "y": 30}
             await page.locator(".timeline canvas").hover(position=place)
-            await page.wait_for_function(
-                "() => document.querySelector('.tip')?.innerText.includes('looks odd from 00:17')"
-            )
+            await page.wait_for_function("() => document.querySelector('.tip')?.innerText.includes('hangs from 00:17')")
             assert await browsers.barriers(page) == []
             assert wrong == []
 

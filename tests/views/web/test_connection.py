@@ -8,7 +8,7 @@ from told import DECIDES, Told, served
 from transports import free_port
 
 from mdm.snapshots import EnsembleFrame
-from mdm.snapshots.frame import CauseFrame
+from mdm.snapshots.frame import CauseFrame, Judgement
 
 browsers.needed()
 pytestmark = pytest.mark.slow  # each takes a second or two of a processor in Chromium
@@ -150,27 +150,29 @@ def test_where_the_program_has_ended_nothing_looks_alive_and_no_command_is_offer
 
 def test_the_headline_has_the_sign_and_the_colour_of_that_which_it_says():
     stopped, idle = EnsembleFrame("stopped", 1.0), EnsembleFrame("deciding", 1.0, idle=2.0)
-    odd = EnsembleFrame("deciding", 1.0, odd=("it repeats itself",))
+    looks = Judgement("repeats", "ada/patrol", "Go", "look", 12, 1.0, "decided Go 12 times")
+    fails = Judgement("fails", "bob/patrol", "Go", "wrong", 3, 2.0, "Go has failed 3 times, never succeeded")
     two = ("ada/patrol", "bob/patrol")
     told = Told()
 
     async def program(look, wrong):
         async with served(told) as address:
             page = await look(address)
-            for frames, kind, words in (
-                ((DECIDES, DECIDES), "calm", "▶ all 2 ensembles decide"),
-                ((stopped, stopped), "rests", "○ every ensemble is stopped"),
-                ((stopped, DECIDES), "calm", "▶ 1 of 2 ensembles decide"),
-                ((idle, idle), "waits", "\N{EN DASH} ada/patrol has nothing to do"),
-                ((odd, DECIDES), "calm", "▶ all 2 ensembles decide"),
+            for frames, judged, kind, words in (
+                ((DECIDES, DECIDES), (), "calm", "▶ all 2 ensembles decide"),
+                ((stopped, stopped), (), "rests", "○ every ensemble is stopped"),
+                ((stopped, DECIDES), (), "calm", "▶ 1 of 2 ensembles decide"),
+                ((idle, idle), (), "waits", "\N{EN DASH} ada/patrol has nothing to do"),
+                ((DECIDES, DECIDES), (looks,), "waits", f"? {looks}"),
+                ((DECIDES, DECIDES), (fails, looks), "alarm", f"✕ {fails}"),
             ):
-                told.turn(two, frames)
+                told.turn(two, frames, judged)
                 await page.wait_for_function(
                     f"() => document.querySelector('.headline.{kind} strong')?.innerText.trim() === '{words}'"
                 )
                 assert await browsers.barriers(page) == []
             painted = "getComputedStyle(document.querySelector('%s')).backgroundColor"
-            assert await page.evaluate(painted % ".headline") != await page.evaluate(painted % ".headline .odd")
+            assert await page.evaluate(painted % ".headline") != await page.evaluate(painted % ".headline .look")
             assert wrong == []
 
     in_a_browser(program)

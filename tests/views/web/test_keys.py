@@ -32,11 +32,11 @@ def test_the_keys_of_a_record_work_at_its_own_controls(of):
             page = await look(address)
             await page.wait_for_selector("[role=option]")
             await page.get_by_label(of, exact=True).focus()
-            for key, second in (("d", 2), ("n", 4), ("f", 6), ("m", 8), ("o", 10), ("Shift+d", 8)):
+            for key, second in (("d", 2), ("n", 4), ("f", 6), ("m", 8), ("j", 10), ("Shift+d", 8)):
                 await page.keyboard.press(key)
                 await at(page, second)
             assert kept.commands == [
-                *((kind, False) for kind in ("decision", "change", "fault", "mode", "odd")),
+                *((kind, False) for kind in ("decision", "change", "fault", "mode", "judgement")),
                 ("decision", True),
             ]
             await page.keyboard.press("w")
@@ -126,7 +126,7 @@ def test_the_list_of_keys_has_those_that_do_something_and_a_step_says_where_ther
         async with served(Kept()) as address:
             page = await look(address)
             listed, words = await keys(page)
-            assert listed[:5] == ["d", "n", "f", "m", "o"]
+            assert listed[:5] == ["d", "n", "f", "m", "j"]
             assert "With shift, d, n, f, m and o" in words
             assert "freeze" not in words
             for key, words in (("Shift+d", "no earlier decision"), ("Shift+m", "no earlier change of a mode")):

@@ -1,51 +1,9 @@
-// The headline, the tree of ensembles, and one of them at close range.
+// The tree of ensembles, and one of them at close range.
 import { html, useState } from "./vendor/htm-preact.js";
+import { Judgements, Mark, judgedOf } from "./judgement.js";
 import { VirtualList } from "./list.js";
 import { Panel } from "./panel.js";
 import { called, clock, feeding, number, percent, seconds, SIGNS, since, standing } from "./words.js";
-
-const PAUSE = 2;   // Seconds without anything to do that nobody need be told of.
-
-export function Headline({ scene, frame, lost }) {
-  if (lost) {
-    return html`<section class="headline cut" aria-label="What matters most" aria-live="polite"><div class="line">
-      <strong class="lost">✕ not connected</strong><span>${lost === "refused" ? "The program does not answer this page, for the reason above; it goes on trying." : "The program has ended, or runs with another address."} Below is what it told last, at ${clock(frame.time)}; it may be otherwise now.</span></div></section>`;
-  }
-  const told = frame.ensembles.map((each, place) => ({ each, path: scene.ensembles[place]?.path ?? "", how: standing(each) }));
-  const safe = told.filter(({ how }) => how === "safe");
-  const pauses = ({ each, how }) => how === "idle" && frame.time - each.idle < PAUSE;   // between two decisions
-  const waits = told.filter((one) => (one.how === "waiting" || one.how === "idle") && !pauses(one));
-  const decide = told.filter((one) => one.how === "deciding" || pauses(one));
-  const odd = told.flatMap(({ each, path }) => (each.odd ?? []).map((text) => ({ path, text })));
-  const rests = told.length > 0 && told.every(({ how }) => how === "stopped");
-  const kind = safe.length ? "alarm" : waits.length ? "waits" : rests || !told.length ? "rests" : "calm";
-  const most = 4;
-  const lines = safe.length ? safe : waits;
-  return html`<section class=${`headline ${kind}`} aria-label="What matters most" aria-live="polite">
-    ${!told.length && html`<div class="line">No ensemble has started yet.</div>`}
-    ${!lines.length && told.length > 0 && html`<div class="line"><strong class=${rests ? "stopped" : "deciding"}>${rests ? SIGNS.stopped : SIGNS.deciding} ${
-      decide.length === told.length ? (told.length === 1 ? `${told[0].path} decides` : `all ${told.length} ensembles decide`)
-        : decide.length ? `${decide.length} of ${told.length} ensembles decide` : told.length === 1 ? `${told[0].path} is stopped` : "every ensemble is stopped"}</strong>
-      <span>${rests ? "" : doing(scene, frame)}</span></div>`}
-    ${lines.slice(0, most).map(({ each, path, how }) => html`<div class="line" key=${path}>
-      <strong class=${how}>${SIGNS[how]} ${path} ${how === "safe" ? "is safe" : how === "idle" ? "has nothing to do" : "waits"}</strong>
-      <span class="number">since ${seconds(frame.time - since(each))}</span>
-      ${how === "waiting" && html`<span>for ${each.waiting.slice(0, 4).join(", ")}${each.waiting.length > 4 ? ` and ${each.waiting.length - 4} more` : ""}</span>`}
-      ${(each.causes ?? []).map((cause) => html`<span><b>${cause.kind}</b>: ${cause.detail}</span><span class="remedy">${cause.remedy}</span>`)}
-    </div>`)}
-    ${lines.length > most && html`<div class="line">and ${lines.length - most} more ensembles, in the tree below</div>`}
-    ${odd.length > 0 && html`<div class="odd" aria-live="off">${odd.slice(0, most).map(({ path, text }) => html`<div class="line" key=${path + text.slice(0, 12)}>
-      <strong class="waiting">? ${path} looks odd</strong><span>${text}</span></div>`)}
-      ${odd.length > most && html`<div class="line">and ${odd.length - most} more oddities, in the tree below</div>`}</div>`}
-  </section>`;
-}
-
-function doing(scene, frame) {
-  const acting = frame.ensembles.map((each, place) => [scene.ensembles[place], each]).filter(([of, each]) => of && each.live?.length);
-  if (!acting.length) return frame.ensembles.length === 1 ? frame.ensembles[0].action : "";
-  const sign = ([above], [of]) => of.path.startsWith(`${above.path}/`) ? " › " : "; ";
-  return acting.slice(0, 3).map(([of, each], place, all) => `${place ? sign(all[place - 1], all[place]) : ""}${called(of)}: ${each.live.map((life) => life.action).join(", ")}`).join("");
-}
 
 function depths(ensembles) {
   const found = [];
@@ -69,7 +27,7 @@ export function Tree({ scene, frame, selected, choose }) {
         aria-selected=${of.path === selected} onClick=${() => choose(of.path)}>
       <span style=${`width:${1.1 * depth[place]}rem;flex:none`}></span>
       <span class=${`sign ${how}`} aria-hidden="true">${SIGNS[how]}</span>
-      <span class="name">${called(of)}</span><span class=${how}>${how}</span>${each.odd?.length > 0 && html`<span class="waiting" title=${each.odd.join("; ")}>? odd</span>`}
+      <span class="name">${called(of)}</span><span class=${how}>${how}</span><${Mark} frame=${frame} path=${of.path} />
       ${each.wanted && html`<span class="waiting" title=${`its shield took ${each.action} in place of ${each.wanted}`}>shield</span>`}
       <span class="grow">${live.length
         ? live.map((life) => `${life.action}${life.remaining == null ? "" : `, ${number(life.remaining)} m to go`}`).join(", ")
@@ -96,7 +54,7 @@ export function Detail({ scene, frame, path, ask, lost, control, command }) {
   const how = standing(each);
   const ended = Object.entries(frame.statistics?.ended?.[path] ?? {});
   return html`<${Panel} name="Ensemble" label=${`Ensemble ${path}`} title=${path} aside=${html`<span class=${`badge ${how}`}>${SIGNS[how]} ${how} ${seconds(frame.time - since(each))}</span>`}>
-    ${(each.odd ?? []).map((text) => html`<p class="said waiting" key=${text.slice(0, 12)}>? looks odd: ${text}</p>`)}
+    <${Judgements} judgements=${judgedOf(frame, path)} />
     <p class="soft said">${of.summary}${of.bound ? `; it is the action ${of.bound} of the ensemble above` : ""}</p>
     <dl>
       <dt>live</dt><dd>${each.live?.length ? each.live.map((life) => `${life.action}, for ${seconds(frame.time - life.since)}${life.remaining == null ? "" : `, ${number(life.remaining)} m to go`}`).join("; ") : html`<span class="soft">no action lasts</span>`}</dd>

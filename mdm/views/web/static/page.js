@@ -1,7 +1,8 @@
 // The page: what is told is kept here, and drawn once a frame.
 import { html, render, useEffect, useState } from "./vendor/htm-preact.js";
 import { Connection } from "./connection.js";
-import { Detail, Headline, Tree } from "./ensembles.js";
+import { Detail, Tree } from "./ensembles.js";
+import { Headline } from "./judgement.js";
 import { Counts, Faults, Predicates, Team } from "./facts.js";
 import { Floor } from "./floor.js";
 import { Panel, settle } from "./panel.js";
@@ -110,7 +111,7 @@ function ask(time) {
 
 // Where there is no further step, that is said for a moment.
 function stay({ kind, back }) {
-  const text = `no ${back ? "earlier" : "further"} ${{ change: "decision for another action", mode: "change of a mode", odd: "thing that looks odd" }[kind] ?? kind}`;
+  const text = `no ${back ? "earlier" : "further"} ${{ change: "decision for another action", mode: "change of a mode" }[kind] ?? kind}`;
   told.ended = text;
   setTimeout(() => { if (told.ended === text) { told.ended = null; schedule(); } }, BRIEF);
 }
@@ -263,7 +264,7 @@ const KEYS = {
   n: ["to the next decision for another action, past those that are the same", (back) => step("change", back), "record"],
   f: ["to the next fault", (back) => step("fault", back), "record"],
   m: ["to the next change of a mode", (back) => step("mode", back), "record"],
-  o: ["to where the next thing begins to look odd", (back) => step("odd", back), "record"],
+  j: ["to where the next judgement begins", (back) => step("judgement", back), "record"],
   ArrowLeft: ["a second back", () => go(heading() - 1), "record"],
   ArrowRight: ["a second on", () => go(heading() + 1), "record"],
   " ": [{ record: "play or pause", live: "freeze the picture, or go on" }, freeze],
@@ -328,7 +329,7 @@ function Help() {
   keys.sort(([one], [two]) => (one === "0") - (two === "0"));   // a number comes first in any object
   return html`<${Panel} name="Keys" wide><dl class="keys">
     ${keys.map(([key, [text]]) => html`<dt key=${key}><kbd>${{ " ": "space", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" }[key] ?? key}</kbd></dt><dd>${text[told.scene?.source] ?? text}</dd>`)}</dl>
-    ${isRecord() && html`<p class="soft">With shift, <kbd>d</kbd>, <kbd>n</kbd>, <kbd>f</kbd>, <kbd>m</kbd> and <kbd>o</kbd> go to the one before.</p>`}<//>`;
+    ${isRecord() && html`<p class="soft">With shift, <kbd>d</kbd>, <kbd>n</kbd>, <kbd>f</kbd>, <kbd>m</kbd> and <kbd>j</kbd> go to the one before.</p>`}<//>`;
 }
 
 function Controls() {
@@ -340,7 +341,7 @@ function Controls() {
     <select aria-label="Speed" value=${told.speed} onChange=${(event) => { told.speed = Number(event.currentTarget.value); schedule(); }}>${[0.1, 0.5, 1, 2, 5, 10, 60].map((each) => html`<option value=${each} selected=${each === told.speed}>${each}×</option>`)}</select>
     <input type="range" aria-label="Time" disabled=${lost} min=${scene.first} max=${scene.last} step="0.001" value=${frame.time} aria-valuetext=${clock(frame.time)} onInput=${(event) => go(Number(event.currentTarget.value))} />
     <span class="number">${clock(frame.time)}</span>
-    <span class="steps">${[["decision", "d"], ["change", "n", "other action"], ["fault", "f"], ["mode", "m"], ["odd", "o"]].map(([kind, key, word = kind]) => html`<span class="pair" key=${kind}><button disabled=${lost} aria-label=${`${word} before`} title=${`shift ${key}`} onClick=${() => step(kind, true)}>◀</button><button disabled=${lost} title=${key} onClick=${() => step(kind, false)}>${word} ▶</button></span>`)}</span>
+    <span class="steps">${[["decision", "d"], ["change", "n", "other action"], ["fault", "f"], ["mode", "m"], ["judgement", "j"]].map(([kind, key, word = kind]) => html`<span class="pair" key=${kind}><button disabled=${lost} aria-label=${`${word} before`} title=${`shift ${key}`} onClick=${() => step(kind, true)}>◀</button><button disabled=${lost} title=${key} onClick=${() => step(kind, false)}>${word} ▶</button></span>`)}</span>
     <span class="ended" role="status">${told.ended}</span>
   </div>`;
 }

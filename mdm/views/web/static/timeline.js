@@ -19,7 +19,7 @@ export class History {
   }
 
   lane(path) {
-    if (!this.lanes.has(path)) this.lanes.set(path, { modes: [], lives: [], open: new Map(), decisions: [], odds: [], doubts: new Map() });
+    if (!this.lanes.has(path)) this.lanes.set(path, { modes: [], lives: [], open: new Map(), decisions: [], judged: [], doubts: new Map() });
     return this.lanes.get(path);
   }
 
@@ -39,11 +39,11 @@ export class History {
     const lane = this.lane(event.source);
     if (event.kind === "mode") lane.modes.push(event);
     else if (event.kind === "decision") lane.decisions.push(event);
-    else if (event.kind === "odd" && event.status === "odd") {
-      const spell = { from: event.time, to: null, text: event.detail };
-      lane.odds.push(spell);
+    else if (event.kind === "judgement" && event.status === "begins") {
+      const spell = { from: event.time, to: null, name: event.name, text: event.detail };
+      lane.judged.push(spell);
       lane.doubts.set(event.life, spell);
-    } else if (event.kind === "odd") {
+    } else if (event.kind === "judgement") {
       const spell = lane.doubts.get(event.life);
       if (spell) { spell.to = event.time; lane.doubts.delete(event.life); }
     }
@@ -174,7 +174,7 @@ export function Timeline({ scene, frame, history, selected, view, setView, choos
     if (by && !go) { event.preventDefault(); event.stopPropagation(); setView({ follow: false, span, end: end + by * span }); }
   };
   return html`<${Panel} name="Timeline" wide kind="timeline" aside=${html`<span class="commands">
-      <span class="soft">▶ decides ■ safe ○ stopped | decision, ✕ failed, ⚠ fault, ? looks odd${predicates.length > 0 && "; predicates: ▬ true, ─ false, ▨ unknown"}</span>
+      <span class="soft">▶ decides ■ safe ○ stopped | decision, ✕ failed, ⚠ fault, ? judgement${predicates.length > 0 && "; predicates: ▬ true, ─ false, ▨ unknown"}</span>
       <button onClick=${() => zoom(0.5)} title="+" aria-label="Zoom in">+</button><button onClick=${() => zoom(2)} title="-" aria-label="Zoom out">−</button>
       <button onClick=${() => setView({ follow: false, span: Math.max(1, last - first), end: last })} title="0">all</button>
       ${!go && html`<button aria-pressed=${view.follow} onClick=${() => setView({ ...view, follow: !view.follow, end })}>keep to now</button>`}</span>`}>
@@ -285,13 +285,13 @@ function draw(canvas, { scene, frame, history, lanes, predicates, courses, selec
         if (right - left > 10) context.fillText("✕", (left + right) / 2 - 4, top + 19.5);
       }
     }
-    for (const odd of lane.odds) {
-      const left = Math.max(LEFT, x(odd.from)), right = Math.min(wide, Math.max(x(odd.to ?? frame.time), left + 6));
-      if (odd.from > end || right <= LEFT || (odd.to ?? frame.time) < begin) continue;
-      hit(left, right, top, top + 12, `? ${path} looks odd from ${clock(odd.from)}${odd.to == null ? "" : ` to ${clock(odd.to)}`}\n${odd.text}`);
+    for (const each of lane.judged) {
+      const left = Math.max(LEFT, x(each.from)), right = Math.min(wide, Math.max(x(each.to ?? frame.time), left + 6));
+      if (each.from > end || right <= LEFT || (each.to ?? frame.time) < begin) continue;
+      hit(left, right, top, top + 12, `? ${path} ${each.name} from ${clock(each.from)}${each.to == null ? "" : ` to ${clock(each.to)}`}\n${each.text}`);
       context.fillStyle = tint.wait;
       for (let at = left; at < right; at += 6) context.fillRect(at, top + 9.5, Math.min(4, right - at), 2.5);
-      if (odd.from < begin) continue;
+      if (each.from < begin) continue;
       context.fillRect(left, top - 1, 12, 12);
       context.fillStyle = tint.paper;
       context.font = font(11, 700);

@@ -1,4 +1,4 @@
-"""What looks odd of a robot that runs, and the same from its record."""
+"""What is judged of a robot that runs, and the same from its record."""
 
 from __future__ import annotations
 
@@ -19,26 +19,35 @@ from mdm.testing import run_virtual
 
 
 def compare_spells(live, run):
-    """Compare when something began to look odd, and when that was over, live and from the record, which steps to it."""
+    """Compare when judgements began, and when they were over, live and from the record, which steps to them."""
     recorded = [msgspec.json.decode(each, type=Event) for each in run.after(0, 10**9)[0]]
-    lists = [[(each.source, each.name) for each in events if each.status == "odd"] for events in (live, recorded)]
+    lists = [[(each.source, each.name) for each in events if each.status == "begins"] for events in (live, recorded)]
     assert lists[0] == lists[1]
     for event in recorded:
-        if event.kind != "odd" or event.time > run.last - 6.0:  # of which the end was not seen
+        if event.kind != "judgement" or event.time > run.last - 6.0:  # of which the end was not seen
             continue
         key = event.source, event.name, event.status, event.life
         (seen,) = [each for each in live if (each.source, each.name, each.status, each.life) == key]
         assert abs(seen.time - event.time) < 1.5  # live it is counted from one look to the next
-    begins = sorted({each.time for each in recorded if each.status == "odd"})
+    begins = sorted({each.time for each in recorded if each.status == "begins"})
     at, found = 0.0, []
-    while (after := run.step("odd", at)) != at:
+    while (after := run.step("judgement", at)) != at:
         found.append(after)
         at = after
     assert found == begins
 
 
+def named(frame):
+    """Return the judgements that last, in words by ensemble."""
+    found = {}
+    for each in frame.judgements:
+        if each.until is None:
+            found.setdefault(each.of, []).append(f"{each.text}; {each.evidence}")
+    return found
+
+
 def looked(actors, seconds, path, script=None):
-    """Run actors, and return what looked odd of each ensemble at each second: live, and from the record."""
+    """Run actors, and return what was judged of each ensemble at each second: live, and from the record."""
     live, lives = {}, []
 
     async def main(runtime):
@@ -52,24 +61,14 @@ def looked(actors, seconds, path, script=None):
             for _ in range(5):
                 frame = run.frame(())
                 await asyncio.sleep(0.2)
-            scene = run.scene()
-            live[second + 1] = {
-                of.path: each.odd for of, each in zip(scene.ensembles, frame.ensembles, strict=True) if each.odd
-            }
+            live[second + 1] = named(frame)
         if task is not None:
             task.cancel()
 
     run_virtual(main, record=path)
     run = RecordedRun(Record(path))
     compare_spells(list(lives[0].ring), run)
-    recorded = {
-        second: {
-            of.path: each.odd
-            for of, each in zip(run.scene().ensembles, run.frame(second).ensembles, strict=True)
-            if each.odd
-        }
-        for second in range(1, seconds)
-    }
+    recorded = {second: named(run.frame(second - 0.2)) for second in range(1, seconds)}  # as live, before that look
     return live, recorded
 
 
@@ -88,8 +87,8 @@ def test_an_action_that_ends_at_once_and_is_decided_again_is_told_live_and_from_
     for told in (live, recorded):
         assert told[1] == {}
         (text,) = told[15]["robot"]
-        assert text.startswith("decided 0 2")
-        assert "times in the last 5 s" in text
+        assert text.startswith("decided 0 7")
+        assert "times, each time because it had just ended" in text
 
 
 def test_decisions_that_begin_an_episode_are_none_of_those_that_repeat(tmp_path):
@@ -105,7 +104,7 @@ def test_decisions_that_begin_an_episode_are_none_of_those_that_repeat(tmp_path)
     live, recorded = looked([robot], 20, tmp_path / "run.mcap", script)
     assert live[1] == recorded[1] == {}
     assert live[15] == recorded[15]
-    assert live[15]["robot"][0].startswith("decided 0 16 times")
+    assert live[15]["robot"][0].startswith("decided 0 47 times")
 
 
 def test_an_action_that_hangs_is_told_live_and_from_the_record(tmp_path):
@@ -125,9 +124,10 @@ def test_an_action_that_hangs_is_told_live_and_from_the_record(tmp_path):
         assert told[30]["robot"][0].endswith("it usually takes 2.0 s")
     run = RecordedRun(Record(tmp_path / "run.mcap"))
     begins = 7.0 + 3 * 0.2 + 10.0  # the three that ended, the pauses, and five times as long as usual
-    assert run.step("odd", 0.0) == pytest.approx(begins, abs=1e-6)
-    assert run.frame(begins - 1e-3).ensembles[0].odd == ()
-    assert run.frame(begins).ensembles[0].odd == ("0 has lasted for 10 s; it usually takes 2.0 s",)
+    assert run.step("judgement", 0.0) == pytest.approx(begins, abs=1e-6)
+    assert named(run.frame(begins - 1e-3)) == {}
+    assert named(run.frame(begins)) == {"robot": ["0 has lasted for more than 10 s; it usually takes 2.0 s"]}
+    assert run.frame(begins).headline == "robot: 0 has lasted for more than 10 s, since 00:07.6"
 
 
 def test_a_model_that_cannot_tell_states_apart_is_told_live_and_from_the_record(tmp_path):
@@ -150,11 +150,11 @@ def test_a_model_that_cannot_tell_states_apart_is_told_live_and_from_the_record(
     live, recorded = looked([robot], 30, tmp_path / "run.mcap", script)
     for told in (live, recorded):
         assert told[5] == {}
-        assert "has not moved" in told[25]["robot"][0]
+        assert "does not move" in told[25]["robot"][0]
         assert "hear-left" in told[25]["robot"][0]
 
 
-def test_a_fixed_rate_that_keeps_or_repeats_its_action_is_not_odd(tmp_path):
+def test_a_fixed_rate_that_keeps_or_repeats_its_action_is_not_named(tmp_path):
     async def go():
         await asyncio.sleep(1e6)
 
@@ -174,7 +174,7 @@ def test_a_fixed_rate_that_keeps_or_repeats_its_action_is_not_odd(tmp_path):
     assert set(map(str, live.values())) == set(map(str, recorded.values())) == {"{}"}
 
 
-def test_a_tiger_heard_well_is_not_odd(tmp_path):
+def test_a_tiger_heard_well_is_not_named(tmp_path):
     async def script(robot):
         draw = np.random.default_rng(1)
         for _ in range(200):

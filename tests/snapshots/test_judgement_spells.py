@@ -1,4 +1,4 @@
-"""Spells over which something looked odd, against a judgement of all that has happened at each time."""
+"""Spells of judgements, against a judgement of all that has happened at each time."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ import numpy as np
 import pytest
 
 from mdm.messages import ActionLife, Decision, Mode
-from mdm.snapshots.oddities import Ended, Seen, lasting, repeated, unmoved
+from mdm.snapshots.judgement import Ended, Seen, lasts_long, unmoved
 from mdm.snapshots.reducer import EnsembleReducer, Known
 
 SECOND = 1_000_000_000
+RULES = {"repeats", "hangs", "unmoved"}
 
 
 def happened(seed):
-    """Return messages of a run of two minutes, of much that is odd."""
+    """Return messages of a run of two minutes, of much that is wrong."""
     rng = random.Random(seed)
     messages, time, epoch, life, belief, living = [], 0, 0, 0, 0.5, {}
-    messages.append(Mode(0, "robot", "deciding", (), 0))
+    messages.append(Mode(0, "robot", "deciding", 0))
     while time < 120 * SECOND:
         kind = rng.choice(["burst", "observe", "begin", "end", "mode", "wait"])
         if kind == "burst":
@@ -49,16 +50,16 @@ def happened(seed):
                 ActionLife(time, "robot", number, living.pop(number), rng.choice(["succeeded", "succeeded", "failed"]))
             )
         elif kind == "mode" and rng.random() < 0.3:
-            messages.append(Mode(time, "robot", rng.choice(["deciding", "safe"]), (), time))
+            messages.append(Mode(time, "robot", rng.choice(["deciding", "safe"]), time))
             time += rng.randint(0, SECOND)
-            messages.append(Mode(time, "robot", "deciding", (), time))
+            messages.append(Mode(time, "robot", "deciding", time))
         else:
             time += rng.randint(0, 15 * SECOND)
     return messages
 
 
 def judged(messages, time):
-    """Return the rules by which something looks odd at a time, and what of, by all messages until then."""
+    """Return the rules that name something at a time, and what of, by all messages until then."""
     past = [each for each in messages if each.time <= time]
     if [each for each in past if isinstance(each, Mode)][-1].mode != "deciding":
         return set()
@@ -67,8 +68,8 @@ def judged(messages, time):
     if decisions:
         name = decisions[-1].action_name
         lately = [each for each in decisions if each.time > time - 5 * SECOND and each.cause == "again"]
-        if repeated(name, sum(each.action_name == name for each in lately)):
-            found.add(("repeated", name))
+        if sum(each.action_name == name for each in lately) >= 10:
+            found.add(("repeats", name))
     begun, ended = {}, []
     for each in past:
         if isinstance(each, ActionLife) and each.status == "running":
@@ -76,8 +77,8 @@ def judged(messages, time):
         elif isinstance(each, ActionLife):
             ended.append(Ended(each.action, (each.time - begun.pop(each.life).time) / 1e9, each.status))
     for each in begun.values():
-        if each.action != "d" and lasting(each.action, (time - each.time) / 1e9, ended[-200:]):
-            found.add(("lasting", each.action))
+        if each.action != "d" and time - each.time >= 1e9 * lasts_long(each.action, ended[-200:])[0]:
+            found.add(("hangs", each.action))
     observed = [each for each in decisions if each.belief is not None][-40:]
     seen = [
         Seen(each.time / 1e9, each.observation, int(np.argmax(each.belief)), float(max(each.belief)))
@@ -97,22 +98,23 @@ class Spell(NamedTuple):
 
 
 def spells(messages, end, gap=0):
-    """Return the spells over which something looks odd."""
+    """Return the spells over which one of these rules names something."""
     told = []
     known = Known(None, str, composed=frozenset({"d"}))
     reducer = EnsembleReducer("robot", lambda _, each: told.append(each), known, gap=gap)
     for each in messages:
         reducer.add(each)
     reducer.finish(end)
-    begins = {each.number: each for each in told if each.status == "odd"}
+    begins = {each.number: each for each in told if each.status == "begins"}
     over = {each.number: each.time for each in told if each.status == "over"}
     assert list(begins) == list(range(1, len(begins) + 1))
-    assert begins.keys() == over.keys()
-    return [Spell(each.time, over[number], *each[3:]) for number, each in begins.items()]
+    assert over.keys() <= begins.keys()
+    spells = [Spell(each.time, over.get(number, end + 1), *each[3:]) for number, each in begins.items()]
+    return [each for each in spells if each.rule in RULES]
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_something_is_in_a_spell_whenever_it_looks_odd_and_at_no_other_time(seed):
+def test_something_is_in_a_spell_whenever_it_is_named_and_at_no_other_time(seed):
     messages = happened(seed)
     end = messages[-1].time
     found = spells(messages, end)
@@ -123,18 +125,17 @@ def test_something_is_in_a_spell_whenever_it_looks_odd_and_at_no_other_time(seed
     for time in times:
         within = {(each.rule, each.of) for each in found if each.begin <= time < each.end}
         assert within == judged(messages, time), time
-    assert {each.rule for each in found} <= {"repeated", "lasting", "unmoved"}
 
 
-def test_much_of_what_is_judged_is_odd():
+def test_each_of_these_rules_names_something():
     rules = set()
     for seed in range(12):
         messages = happened(seed)
         rules |= {each.rule for each in spells(messages, messages[-1].time)}
-    assert rules == {"repeated", "lasting", "unmoved"}
+    assert rules == RULES
 
 
-def test_of_an_ensemble_of_which_only_the_name_is_known_nothing_is_odd():
+def test_of_an_ensemble_of_which_only_the_name_is_known_nothing_is_named():
     assert spells([], 10 * SECOND) == []
 
 
@@ -148,15 +149,15 @@ def burst(begin, action):
 
 def test_a_short_break_ends_no_spell_but_that_of_another_rule_or_action():
     def bursts(second, gap):
-        messages = [Mode(0, "robot", "deciding", (), 0), *burst(0, "a"), *burst(20, second)]
+        messages = [Mode(0, "robot", "deciding", 0), *burst(0, "a"), *burst(20, second)]
         return [each[:4] for each in spells(messages, 40, gap)]
 
-    assert bursts("a", 10) == [(9, 30, "repeated", "a")]
-    assert bursts("a", 9) == [(9, 10, "repeated", "a"), (20, 30, "repeated", "a")]
-    assert bursts("b", 20) == [(9, 10, "repeated", "a"), (29, 30, "repeated", "b")]
+    assert bursts("a", 10) == [(9, 30, "repeats", "a")]
+    assert bursts("a", 9) == [(9, 10, "repeats", "a"), (20, 30, "repeats", "a")]
+    assert bursts("b", 20) == [(9, 10, "repeats", "a"), (29, 30, "repeats", "b")]
 
 
 def test_a_tick_that_decides_a_repeated_action_once_more_is_in_a_spell_again():
     again = Decision(12, "robot", 11, "tick", None, None, None, 0, "a", None)
-    messages = [Mode(0, "robot", "deciding", (), 0), *burst(0, "a"), again]
-    assert [each[:4] for each in spells(messages, 40)] == [(9, 10, "repeated", "a"), (12, 41, "repeated", "a")]
+    messages = [Mode(0, "robot", "deciding", 0), *burst(0, "a"), again]
+    assert [each[:4] for each in spells(messages, 40)] == [(9, 10, "repeats", "a"), (12, 41, "repeats", "a")]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import time as times
 from bisect import bisect_left
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -22,6 +23,7 @@ from mdm.runtime.observing import Observer
 from mdm.snapshots.events import Ring, event_of, predicate_event, spell_event
 from mdm.snapshots.frame import Detail, EnsembleFrame, Frame, LifeFrame, PredicateScene, Scene, Spread, StatisticsFrame
 from mdm.snapshots.judgement import RunJudge, judged
+from mdm.snapshots.picture import Picture, case_of, pictures
 from mdm.snapshots.reducer import EnsembleReducer, known_of
 from mdm.snapshots.scenes import ensembles_of, floors_of, robot_frame
 from mdm.snapshots.why import Why, why
@@ -539,6 +541,18 @@ class LiveRun(Observer):
         except Error as error:
             return Why(f"Nothing tells why: {error}.")
         return await asyncio.to_thread(why, case)
+
+    async def draw(self, ensemble: str, _: float | None = None, opened: Collection[int] = ()) -> tuple[Picture, ...]:
+        """Return pictures of an ensemble's policy and hierarchy, made on a thread; none where there is no such one."""
+        found = self._by_path.get(ensemble)
+        if found is None:
+            return ()
+        case = case_of(found.ensemble)
+        with suppress(Error):  # where nothing was decided, there is no way to light
+            case = found.ensemble.case()._replace(states=case.states)
+        frames = zip(self._ensembles, self._frames, strict=True)
+        running = {each.path: [life.action for life in frame.live] or [frame.action] for each, frame in frames}
+        return await asyncio.to_thread(pictures, case, self.scene().ensembles, ensemble, running, opened=opened)
 
 
 def _searched(told: Any) -> str:

@@ -19,10 +19,12 @@ from mdm.messages import ActionLife, Decision, Fault, Idle, Journey, Mode, PoseU
 from mdm.models import Space
 from mdm.recording.table import Names, names_of
 from mdm.replay.replay import replay_predicates
+from mdm.replay.retraced import retraced
 from mdm.snapshots.beliefs import chances_of
 from mdm.snapshots.events import event_of, predicate_event, spell_event
 from mdm.snapshots.frame import Detail, Frame, PredicateScene, Scene, StatisticsFrame
 from mdm.snapshots.judgement import RunJudge, judged
+from mdm.snapshots.picture import Picture, case_of, pictures
 from mdm.snapshots.reducer import EnsembleReducer, Known, Track, expected_return, known_of
 from mdm.snapshots.scenes import ensembles_of, floors_of, robot_at
 from mdm.snapshots.why import Why, is_as_recorded, why_recorded
@@ -52,6 +54,8 @@ POINTS = 300
 """Decisions that are told, at most: more are no wider than a line of the chart."""
 _STATES = 5
 """States that have a band of their own."""
+_WAY = 10
+"""Decisions whose beliefs are the way of the belief in a picture."""
 _KEPT = 64
 """States that are kept of each belief: one that is none of them is less likely than a 64th."""
 
@@ -428,6 +432,33 @@ class RecordedRun:
             return nothing if ensemble in self._ensembles else None
         at = self.last if seconds is None else seconds
         return await asyncio.to_thread(why_recorded, self._record, self._models[ensemble], at)
+
+    async def draw(
+        self, ensemble: str, seconds: float | None = None, opened: Collection[int] = ()
+    ) -> tuple[Picture, ...]:
+        """Return pictures of an ensemble at a time, made on a thread; none where there is no such one."""
+        if ensemble not in self._ensembles:
+            return ()
+        return await asyncio.to_thread(self._draw, ensemble, self.last if seconds is None else seconds, opened)
+
+    def _draw(self, path: str, seconds: float, opened: Collection[int]) -> tuple[Picture, ...]:
+        time, model, track = self._time(seconds), self._models.get(path), self._ensembles[path].decisions
+        decisions = [each.message for each in track.entries[: track.place(time) + 1]]
+        case = None if model is None or not is_as_recorded(self._record, model) else case_of(model)
+        way: list[Any] = []
+        if model is not None and case is not None and decisions:
+            policy, last = case.policy, decisions[-1]
+            if model.controller.takes != "state" and not model.controller.can_end:
+                way = [self._read_belief(each) for each in decisions[-_WAY:]]
+                case = case._replace(at=way[-1])
+            elif last.state is not None and getattr(policy, "table", None) is not None:
+                case = case._replace(at=last.state)
+            else:
+                case = retraced(model.controller, decisions, len(decisions) - 1).case()
+        frames = zip(self._ensembles, self.frame(seconds).ensembles, strict=True)
+        running = {each: [life.action for life in frame.live] or [frame.action] for each, frame in frames}
+        way = [each for each in way[:-1] if each is not None]
+        return pictures(case, self._ensemble_scenes(), path, running, opened=opened, way=way)
 
 
 def _add(tracks: Mapping[str, Track], time: int, values: Mapping[str, bool | None]) -> None:

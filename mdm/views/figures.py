@@ -1,9 +1,10 @@
-"""Plots of policies: over two factors of the state, over beliefs, over an episode; and the bounds of their solvers."""
+"""Plots of policies: as graphs, over two factors of the state, over beliefs, over an episode; and bounds of solvers."""
 
 from __future__ import annotations
 
 import math
 from collections import defaultdict
+from html import escape
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from mdm.models import MDP, Space
     from mdm.models.matrices import Vector
     from mdm.simulation.batch import EpisodeStep
+    from mdm.snapshots.picture import Picture
 
 _LETTER, _LINE = 4.8, 10.0
 """The width of a letter and the height of a line, in points: names of actions stand in the cells that they fit into."""
@@ -303,6 +305,44 @@ def state_name(space: Space, state: int) -> str:
 def _dense(belief: Vector | Support | None, model: MDP) -> Vector:
     assert belief is not None
     return belief.dense(len(model.state_space)) if isinstance(belief, Support) else belief
+
+
+_STYLE = """svg{--paper:#fff;--ink:#1b2129;--soft:#55606d;--mark:#1f5fbf;background:var(--paper);font:12px sans-serif}
+@media(prefers-color-scheme:dark){svg{--paper:#1a2027;--ink:#e8ecf1;--soft:#a5b0bd;--mark:#7fb0ff}}
+text{text-anchor:middle;fill:var(--ink)}path{fill:none;stroke:var(--soft)}.lit path,.way path{stroke:var(--mark);
+stroke-width:3}.lit text{font-weight:700}.edge text{paint-order:stroke;stroke:var(--paper);stroke-width:9}.area path{
+stroke:var(--paper)}.area.lit path{stroke:#14181d}.now path{fill:var(--mark)}.inked text{fill:#14181d}
+.edge path{marker-end:url(#tip)}.edge.lit path{marker-end:url(#tiplit)}marker path,marker.lit path{stroke:none}
+marker path{fill:var(--soft)}marker.lit path{fill:var(--mark)}"""
+_TIP = """<marker id="tip{0}" class="{0}" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" markerHeight="8"
+markerUnits="userSpaceOnUse" orient="auto"><path d="M0 0L8 4L0 8z"/></marker>"""
+
+
+def vector_image(picture: Picture, actions: Sequence[str] = ()) -> str:
+    """Return a picture of a policy as an SVG file, light or dark as whoever shows it asks.
+
+    Args:
+        picture: The picture.
+        actions: All actions by name, in the order of their colours.
+    """
+    known = [*dict.fromkeys([*actions, *(shape.action for shape in picture.shapes if shape.action)])]
+    size = f'viewBox="0 0 {picture.width:g} {picture.height:g}" width="{picture.width:g}" height="{picture.height:g}"'
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" {size}><style>{_STYLE}</style>',
+        _TIP.format(""),
+        _TIP.format("lit"),
+    ]
+    lines.append(f"<title>{escape(picture.title)}</title>")
+    for shape in picture.shapes:
+        kind = f"{shape.kind}{' lit' * shape.lit}{' inked' * bool(shape.action)}"
+        colour = f' style="fill:{ACTIONS[known.index(shape.action) % len(ACTIONS)]}"' if shape.action else ""
+        drawn = f'<path d="{shape.path}"{colour}/>' if shape.path else ""
+        first = shape.y - 7.5 * len(shape.text) + 11.5
+        texts = [
+            f'<text x="{shape.x}" y="{first + 15 * at}">{escape(each)}</text>' for at, each in enumerate(shape.text)
+        ]
+        lines.append(f'<g class="{kind}"><title>{escape(shape.title)}</title>{drawn}{"".join(texts)}</g>')
+    return "\n".join([*lines, "</svg>\n"])
 
 
 class _Entry(msgspec.Struct):

@@ -197,6 +197,11 @@ VERBS = {
                 ),
                 Argument("--axes DOWN ACROSS", "draw over these two factors of the state"),
                 Argument("--columns N", "lay states without factors out in rows of N", count),
+                Argument(
+                    "--graph",
+                    "draw SVG, as the page does: a table's decision diagram, a controller's graph, beliefs by action",
+                    action="store_true",
+                ),
                 *_DRAWN,
             ),
             "belief": _picture(

@@ -16,6 +16,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Draw the picture; return the exit status."""
     from mdm.views.canvas import check_picture, keep, pyplot  # noqa: PLC0415 - the extra mdm[plot]
 
+    if arguments.picture == "policy" and arguments.graph:
+        return _graph(arguments)
     pyplot()
     flaws: tuple[str, ...] = ()
     if arguments.picture == "bounds":
@@ -38,6 +40,32 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"{arguments.output}: drawn")
     for sentence in flaws:
         print(sentence)
+    return 0
+
+
+def _graph(arguments: argparse.Namespace) -> int:
+    """Draw the policy as a graph, as a page does, with the first decision lit where the first state is known."""
+    from mdm.explanation import Case  # noqa: PLC0415
+    from mdm.formats.target import check_place, replacing  # noqa: PLC0415
+    from mdm.snapshots.picture import picture_of  # noqa: PLC0415
+    from mdm.views.figures import vector_image  # noqa: PLC0415
+
+    if given := [name for name in ("states", "axes", "columns") if getattr(arguments, name) is not None]:
+        raise UsageError(f"--graph and --{given[0]} ask for different pictures")
+    check_place(arguments.output, arguments.model, arguments.policy)
+    if not arguments.output.lower().endswith(".svg"):
+        raise Error(f"{arguments.output}: a graph is written as SVG: give its file the suffix .svg")
+    policy, model = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments)
+    at = policy.information(model).current
+    if at is None and model.initial_belief.max() == 1:
+        at = int(model.initial_belief.argmax())
+    case = Case(policy, model, model.state_space, model.action_space, model.observation_space, 0, -1, at)
+    picture = picture_of(case)
+    if not picture.shapes:
+        raise Error(f"{arguments.policy}: {picture.title}: {'; '.join(picture.remarks)}")
+    with replacing(arguments.output) as file:
+        file.write(vector_image(picture, model.action_space.names[:1000]).encode())
+    print("\n".join([f"{arguments.output}: drawn, {picture.title}", *picture.remarks]))
     return 0
 
 

@@ -61,6 +61,14 @@ class Why(_Said, frozen=True):
     time: float | None = None
 
 
+class Draw(_Said, frozen=True):
+    """Draw an ensemble's policy as it decided last or at a second of a record, with some folded nodes opened."""
+
+    ensemble: Path
+    time: float | None = None
+    opened: Annotated[tuple[Annotated[int, msgspec.Meta(ge=0, le=1 << 53)], ...], msgspec.Meta(max_length=100)] = ()
+
+
 class Course(_Said, frozen=True):
     """Tell how an ensemble's decisions went from a second of a record to another one."""
 
@@ -85,10 +93,10 @@ class Sense(_Said, frozen=True):
     before: Time | None = None
 
 
-Aside = Why | Course | Command | Sense
+Aside = Why | Draw | Course | Command | Sense
 """Messages whose answers may take their time, beside the frames."""
 
-Said = Drawn | At | Step | Why | Course | Command | Sense
+Said = Drawn | At | Step | Why | Draw | Course | Command | Sense
 
 _decode = msgspec.json.Decoder(Said).decode
 _encode = msgspec.json.Encoder().encode
@@ -178,6 +186,10 @@ class Reader:
             async with self._explaining:  # in the order in which they were asked for
                 why = await self._source.explain(said.ensemble, said.time)
             return [_encode({"why": why, "ensemble": said.ensemble})]
+        if isinstance(said, Draw):
+            async with self._explaining:
+                drawn = await self._source.draw(said.ensemble, said.time, said.opened)
+            return [_encode({"pictures": drawn, "ensemble": said.ensemble})]
         if isinstance(said, Course):
             if self._newest is not None:
                 raise Error("a running system has no past")

@@ -17,6 +17,7 @@ from mdm.errors import Error
 from mdm.snapshots import EnsembleFrame, Event, Frame, Ring, Scene
 from mdm.snapshots.events import predicate_event
 from mdm.snapshots.frame import StatisticsFrame
+from mdm.snapshots.picture import Picture
 from mdm.snapshots.why import Why
 from mdm.version import __version__
 from mdm.views.web.client import Socket, opened
@@ -44,6 +45,7 @@ class _Told(msgspec.Struct, frozen=True):
     events: tuple[Event, ...] = ()
     cursor: int = 0
     why: Why | None = None
+    pictures: tuple[Picture, ...] = ()
     ensemble: str = ""
     done: str = ""
     refused: str = ""
@@ -150,14 +152,14 @@ class _Agent:
         """Seconds from the beginning of the team's page to its own second 0."""
         return 0.0 if self.scene is None else (self.scene.began - self._team.began) / 1e9
 
-    async def why(self, ensemble: str, time: float | None) -> Why | None:
-        """Return why an ensemble has decided.
+    async def tell(self, **asked: Any) -> _Told:
+        """Return the answer to a question about an ensemble.
 
         Raises:
             Error: If the agent does not answer.
         """
         try:
-            return (await self._ask(self._whys, {"say": "why", "ensemble": ensemble, "time": time})).why
+            return await self._ask(self._whys, asked)
         except TimeoutError:
             raise Error(f"agent {self.name!r} does not answer") from None
 
@@ -362,6 +364,15 @@ class TeamRun:
     async def explain(self, ensemble: str, time: float | None = None) -> Why | None:
         """Return why an ensemble has decided, as its agent says."""
         try:
-            return await self._agent_of(ensemble).why(ensemble, time)
+            return (await self._agent_of(ensemble).tell(say="why", ensemble=ensemble, time=time)).why
         except Error as error:
             return Why(f"Nothing tells why: {error}.")
+
+    async def draw(self, ensemble: str, time: float | None = None, opened: Collection[int] = ()) -> tuple[Picture, ...]:
+        """Return the pictures of an ensemble, as its agent draws them."""
+        try:
+            return (
+                await self._agent_of(ensemble).tell(say="draw", ensemble=ensemble, time=time, opened=opened)
+            ).pictures
+        except Error as error:
+            return (Picture("no picture", (str(error),)),)

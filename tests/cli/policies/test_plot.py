@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
+import shutil
 import sys
+from xml.etree import ElementTree as ET
 
 import pytest
 from drawn import grid
@@ -94,3 +97,43 @@ def test_every_picture_has_help_with_an_example(mdm, picture):
     status, output, _ = mdm("plot", picture, "--help")
     assert status == 0
     assert any(line.startswith("example: mdm plot") for line in output)
+
+
+# -- Graphs ------------------------------------------------------------------------------------------------------------
+
+PATROL = ROOT / "examples" / "patrol"
+
+
+def test_the_picture_of_how_to_md_is_the_one_that_its_command_draws(mdm, tmp_path, monkeypatch):
+    for name in ("patrol.npz", "patrol.policy"):
+        shutil.copy(PATROL / name, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    (line,) = re.findall(r"^mdm (plot policy .* --graph)$", (ROOT / "docs" / "how-to.md").read_text(), re.MULTILINE)
+    assert mdm(*line.split()) == (0, ["policy.svg: drawn, decides by halfway, position"], "")
+    drawn = (tmp_path / "policy.svg").read_text()
+    assert drawn == (ROOT / "docs" / "pictures" / "policy.svg").read_text()
+    texts = [each.text for each in ET.fromstring(drawn).iter("{http://www.w3.org/2000/svg}text")]
+    assert {"halfway", "position", "Up", "Left", "Down", "Right"} <= set(texts)
+
+
+def test_a_graph_needs_no_matplotlib_and_says_how_much_is_folded(mdm, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    path = tmp_path / "tiger.svg"
+    assert mdm("plot", *POLICY, "--graph", "-o", path) == (0, [f"{path}: drawn, actions over beliefs in 2 states"], "")
+    assert "listen" in path.read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (["-o", "x.png"], 1, "x.png: a graph is written as SVG: give its file the suffix .svg"),
+        (["-o", "x.svg", "--columns", "3"], 2, "--graph and --columns ask for different pictures"),
+        (["-o", TIGER], 1, "would be overwritten"),
+        (["-o", "missing/x.svg"], 1, "missing"),
+    ],
+)
+def test_a_graph_that_cannot_be_drawn_says_why(mdm, tmp_path, monkeypatch, arguments, status, words):
+    monkeypatch.chdir(tmp_path)
+    found, _, errors = mdm("plot", *POLICY, "--graph", *arguments)
+    assert found == status
+    assert words in errors

@@ -21,8 +21,8 @@ from transports import free_port
 
 import mdm
 from mdm import Ensemble
-from mdm.models import POMDP
-from mdm.policies import AlphaVectors, DeterministicPolicy
+from mdm.models import POMDP, Factor, Space
+from mdm.policies import AlphaVectors, DeterministicPolicy, FiniteStateController
 from mdm.recording import Record
 from mdm.snapshots import Detail, EnsembleFrame, Frame, RecordedRun
 from mdm.snapshots.frame import FactorScene, LifeFrame, PredicateScene
@@ -665,3 +665,33 @@ def test_why_is_told_with_the_decision_that_it_is_of():
         await why.filter(has_text="since then it has decided again").wait_for()
 
     seen(look_at, robot)
+
+
+def test_it_draws_the_policy_with_the_branch_that_was_taken_lit():
+    table = DeterministicPolicy([0, 2, 1, 2] * 2 + [0, 0, 1, 1], 3)
+    factors = [
+        Factor("room", ["hall", "lab", "attic"]),
+        Factor("door", ["open", "shut"]),
+        Factor("load", ["no", "yes"]),
+    ]
+    table.state_space = Space(factors)
+    robot = Ensemble("robot", policy=table, actions=dict.fromkeys(range(3), lambda: None))
+    rows = [[min(node + 1, 99)] * 2 for node in range(100)]
+    plan = Ensemble("plan", policy=FiniteStateController([0] * 100, rows), actions={0: lambda: None})
+    lit = "[...document.querySelectorAll('.policy .box.lit')].map((box) => box.textContent)"
+    ways = {"hall open yes": "2", "attic shut no": "1"}
+
+    async def look_at(page, *_):
+        for state, action in ways.items():
+            robot.publish_state(table.state_space.index(state))
+            await page.wait_for_function(f"() => {lit}.some((text) => text.endsWith('{action}{action}'))")
+        assert re.fullmatch(r"asks for (\w+)\1", (await page.evaluate(lit))[0])
+        await page.click("[role=option] >> text=plan")
+        fold = page.locator(".policy [role=button]")
+        await fold.wait_for()
+        before = await page.locator(".policy .box").count()
+        await fold.focus()
+        await page.keyboard.press("Enter")
+        await page.wait_for_function(f"() => document.querySelectorAll('.policy .box').length > {before}")
+
+    seen(look_at, robot, plan)

@@ -93,6 +93,18 @@ def test_a_frame_comes_with_the_events_behind_the_cursor():
     with_reader(talk)
 
 
+def test_a_picture_is_told_of_an_ensemble_and_none_of_nobody():
+    async def talk(reader, *_):
+        (told,) = await answers(reader, said(say="draw", ensemble="robot", time=None, opened=[3]))
+        told = msgspec.json.decode(told)
+        assert told["ensemble"] == "robot"
+        assert [each["title"] for each in told["pictures"]] == ["actions over beliefs in 2 states"]
+        (nobody,) = await answers(reader, said(say="draw", ensemble="nobody"))
+        assert msgspec.json.decode(nobody)["pictures"] == []
+
+    with_reader(talk)
+
+
 def test_commands_are_refused_unless_they_are_asked_for():
     async def talk(reader, robot, _):
         (answer,) = await answers(reader, said(say="command", command="stop", ensemble="robot"))
@@ -140,6 +152,8 @@ def test_a_command_that_comes_too_late_is_refused():
         said(say="command", command="stop", ensemble="robot", before=-1),
         said(say="at", time=1.0),
         said(say="course", ensemble="robot", first=0.0, last=1.0),
+        said(say="draw", ensemble="robot", opened=[-1]),
+        said(say="draw", ensemble="robot", opened=[*range(101)]),
         b"\xff\xfe",
     ],
 )

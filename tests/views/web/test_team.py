@@ -73,6 +73,8 @@ def test_all_agents_are_laid_beside_each_other_and_one_that_ends_says_so():
                 why = await team.explain("bob")
                 assert why.epoch == 1
                 assert "there is no ensemble 'carl'" in (await team.explain("carl")).text
+                assert [each.title for each in await team.draw("bob")] == ["actions over beliefs in 2 states"]
+                assert "there is no ensemble 'carl'" in (await team.draw("carl"))[0].remarks[0]
             await until(lambda: "agent bob" in team.frame().team)
             gone = team.frame()
             assert gone.missing == ("bob",)

@@ -8,6 +8,7 @@ import { Floor } from "./floor.js";
 import { Panel, settle } from "./panel.js";
 import { Part } from "./part.js";
 import { Plots, Seen } from "./plots.js";
+import { Policy } from "./policy.js";
 import { Question } from "./question.js";
 import { History, Timeline } from "./timeline.js";
 import { Why } from "./why.js";
@@ -15,7 +16,7 @@ import { clock } from "./words.js";
 
 const told = {
   scene: null, frame: null, cursor: 0, link: "lost", reason: "", ended: null, selected: null, frozen: false, playing: false, speed: 1,
-  why: null, asked: null, said: null, help: false, history: new History(), seen: new Seen(), course: null,
+  why: null, pictures: null, asked: null, said: null, help: false, history: new History(), seen: new Seen(), course: null,
   view: { follow: true, span: 30, end: 0 }, scheme: document.documentElement.dataset.scheme ?? "", scenes: 0,
 };
 let waiting = false;   // A frame is asked for and has not come.
@@ -76,6 +77,8 @@ function receive(message) {
   } else if ("course" in message) {
     courseOf = null;
     told.course = message;
+  } else if (message.pictures) {
+    told.pictures = message;
   } else if ("why" in message && message.ensemble === told.selected) {
     told.why = { ...message, decided: decidedAt(message), question: questions };
   }
@@ -370,6 +373,7 @@ function Page() {
       <${Part} name="the tree of ensembles"><${Tree} scene=${scene} frame=${frame} selected=${told.selected} choose=${choose} /><//>
       <${Part} name="the ensemble"><${Detail} scene=${scene} frame=${frame} path=${told.selected} ask=${ponder} lost=${!isOpen()} control=${scene.control} command=${command} /><//>
       ${told.why && html`<${Part} name="why"><${Why} scene=${scene} why=${told.why} decides=${{ epoch: frame.ensembles[place()]?.epoch, time: decided() }} /><//>`}
+      ${told.selected && html`<${Part} name="the policy"><${Policy} scene=${scene} frame=${frame} path=${told.selected} told=${told.pictures} say=${(message) => link.say(message)} lost=${!isOpen()} /><//>`}
       ${scene.floors?.length > 0 && html`<${Part} name="the floor"><${Floor} floors=${scene.floors} frame=${frame} scheme=${told.scheme} /><//>`}
       <${Part} name="the course of the belief"><${Plots} ...${courseShown()} path=${told.selected} time=${frame.time} go=${at} scheme=${told.scheme} /><//>
       <${Part} name="the team"><${Team} team=${frame.team} /><//>

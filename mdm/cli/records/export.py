@@ -7,7 +7,7 @@ import importlib
 import io
 import json
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 from mdm.cli.usage import UsageError
 from mdm.errors import Error
@@ -18,7 +18,7 @@ from mdm.texts import counted
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Iterator
+    from collections.abc import Collection, Iterator
 
 _MOST = 5000
 """Columns of beliefs, at most."""
@@ -32,12 +32,7 @@ Columns = dict[str, list[Any]]
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the decisions as a table; return the exit status."""
-    suffix = Path(arguments.output).suffix.lower()
-    writers: dict[str, Callable[[Columns, IO[bytes]], None]] = {".csv": _write_csv, ".parquet": _write_parquet}
-    if suffix not in writers:
-        raise UsageError(f"the file of a table ends in {' or '.join(writers)}, not {arguments.output!r}")
-    if suffix == ".parquet":
-        _pyarrow()
+    check_table(arguments.output)
     record = Record(arguments.file)
     check_place(arguments.output, *record.paths)
     if not record.counts["decisions"]:
@@ -47,8 +42,9 @@ def run(arguments: argparse.Namespace) -> int:
         there = ", ".join(sorted({row.decision.ensemble for row in rows(record)}))
         raise Error(f"{record.path}: there are no decisions of {arguments.ensemble!r}; there are of {there or 'none'}")
     columns = _columns(record, found, beliefs=not arguments.no_beliefs)
-    with replacing(arguments.output) as file:
-        writers[suffix](columns, file)
+    symbols = any(isinstance(each, str) for each in columns["observation"])
+    beliefs = {name for name in columns if name.startswith("belief[")}
+    write_table(arguments.output, columns, _WHOLE if symbols else _WHOLE | {"observation"}, _REAL | beliefs)
     print(f"{arguments.output}: {counted(len(found), 'decision', ',')} written")
     for sentence in record.flaws:
         print(sentence)
@@ -114,24 +110,36 @@ def _beliefs(record: Record, found: list[Row], names: dict[str, Names]) -> Itera
             )
 
 
-def _write_csv(columns: Columns, file: IO[bytes]) -> None:
-    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
-    writer = csv.writer(text)
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
-    text.detach()
+def check_table(path: str | Path) -> None:
+    """Refuse a file that can be no table, by its suffix or without pyarrow."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in {".csv", ".parquet"}:
+        raise UsageError(f"the file of a table ends in .csv or .parquet, not {str(path)!r}")
+    if suffix == ".parquet":
+        _pyarrow()
 
 
-def _write_parquet(columns: Columns, file: IO[bytes]) -> None:
-    pyarrow, parquet = _pyarrow()
+def write_table(path: str | Path, columns: Columns, whole: Collection[str], real: Collection[str]) -> None:
+    """Write a table.
 
-    def kind(name: str, values: list[Any]) -> Any:
-        if name in _WHOLE or (name == "observation" and not any(isinstance(each, str) for each in values)):
-            return pyarrow.int64()
-        return pyarrow.float64() if name in _REAL or name.startswith("belief[") else pyarrow.string()
-
-    arrays = {name: pyarrow.array(values, kind(name, values)) for name, values in columns.items()}
-    parquet.write_table(pyarrow.table(arrays), file)
+    Args:
+        path: Its file, see `check_table`.
+        columns: Its columns.
+        whole: Those of whole numbers.
+        real: Those of numbers; the others are text.
+    """
+    with replacing(path) as file:
+        if Path(path).suffix.lower() == ".csv":
+            text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+            writer = csv.writer(text)
+            writer.writerow(columns)
+            writer.writerows(zip(*columns.values(), strict=True))
+            text.detach()
+            return
+        arrow, parquet = _pyarrow()
+        kinds = {name: arrow.int64() if name in whole else arrow.float64() for name in {*whole, *real}}
+        arrays = {name: arrow.array(values, kinds.get(name, arrow.string())) for name, values in columns.items()}
+        parquet.write_table(arrow.table(arrays), file)
 
 
 def _pyarrow() -> tuple[Any, Any]:

@@ -83,6 +83,8 @@ TABLES = {
     ),
     "[team.allowance]": ("mdm.config.team_file.AllowanceTable", ("mdm.team.transport.allowance.Allowance",)),
     "[[team.ceilings]]": ("mdm.team.transport.settings.Ceiling", ()),
+    "mdm sweep SWEEP.toml": ("mdm.config.sweep.SweepTable", ()),
+    "mdm sweep SWEEP.toml: [evaluate]": ("mdm.config.sweep.EvaluationTable", ("mdm.evaluate",)),
 }
 """The tables of the TOML file: the struct that reads each, and what else says what its keys mean."""
 

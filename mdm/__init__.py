@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from mdm.actors.drift import DriftMonitor
     from mdm.beliefs import BeliefTracker
     from mdm.config import System, load_system
+    from mdm.config.sweep import sweep
     from mdm.controller import Controller, Step
     from mdm.errors import ConfigError, Error, FormatError, MapError, MapWarning, ModelError, ModelWarning
     from mdm.formats import load_model, load_policy, load_rewards, save_model, save_policy
@@ -161,6 +162,7 @@ __all__ = [
     "simulation",
     "solve",
     "solvers",
+    "sweep",
     "team",
     "testing",
     "verification",
@@ -181,6 +183,7 @@ _HOMES = {
     "beliefs": ("BeliefTracker",),
     "controller": ("Controller", "Step"),
     "config": ("System", "load_system"),
+    "config.sweep": ("sweep",),
     "errors": ("ConfigError", "Error", "FormatError", "MapError", "MapWarning", "ModelError", "ModelWarning"),
     "formats": ("load_model", "load_policy", "load_rewards", "save_model", "save_policy"),
     "logic": ("Formula", "P", "parse"),

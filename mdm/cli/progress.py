@@ -9,6 +9,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, TextIO
 
 from mdm.progress import followed
+from mdm.texts import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -69,19 +70,20 @@ class ProgressLine:
 
 
 @contextmanager
-def counting(interruption: Interruption, what: str = "") -> Iterator[Callable[[int, int], bool]]:
-    """Yield a function that prints how many episodes of how many have ended, and returns True after a signal.
+def counting(interruption: Interruption, what: str = "", noun: str = "episode") -> Iterator[Callable[[int, int], bool]]:
+    """Yield a function that prints how many of how many have ended, and returns True after a signal.
 
     Args:
         interruption: Notes Ctrl-C, SIGTERM and SIGHUP meanwhile.
         what: The text before the numbers.
+        noun: A word for one of them.
     """
     line, began = ProgressLine(), perf_counter()
 
-    def count(ended: int, episodes: int) -> bool:
+    def count(ended: int, total: int) -> bool:
         seconds = perf_counter() - began
-        left = f"  about {to_go(seconds * (episodes - ended) / ended)}" if ended else ""
-        line.tell(seconds, lambda: f"{seconds:.1f} s  {what}{ended} of {episodes} episodes{left}")
+        left = f"  about {to_go(seconds * (total - ended) / ended)}" if ended else ""
+        line.tell(seconds, lambda: f"{seconds:.1f} s  {what}{ended} of {counted(total, noun)}{left}")
         return interruption.asked()
 
     with interruption.deferred():

@@ -208,11 +208,11 @@ FALSE_NEGATIVE = Argument(
 WORKERS = (
     Argument(
         "--workers N",
-        "simulate in N processes here, auto for one on each processor; 0 (the default) in the command's own",
+        "work in N processes here, auto for one on each processor; 0 (the default) in the command's own",
         _workers,
         default=0,
     ),
-    Argument("--dask ADDRESS", "simulate on the workers of the Dask scheduler at this address, or of its file"),
+    Argument("--dask ADDRESS", "work on the workers of the Dask scheduler at this address, or of its file"),
 )
 IMPORT = Argument("--import", "import the functions of a TOML file, which runs its modules", dest="imports")
 

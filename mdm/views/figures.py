@@ -1,4 +1,4 @@
-"""Plots of policies: as graphs, over two factors of the state, over beliefs, over an episode; and bounds of solvers."""
+"""Plots: of policies as graphs, over two factors, over beliefs, over an episode; of bounds of solvers; of sweeps."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 
 from mdm.beliefs import Support
+from mdm.checks import is_number
 from mdm.errors import Error, FormatError, ModelError
 from mdm.formats.source import content
 from mdm.simulation.batch import EpisodeRunner
@@ -21,7 +22,7 @@ from mdm.views.canvas import pyplot
 from mdm.views.palette import ACTIONS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from mdm.models import MDP, Space
     from mdm.models.matrices import Vector
@@ -40,6 +41,8 @@ _PAIRS = 50
 _FEW = 11
 """Pairs of states that are tried, and beliefs in a pair."""
 _ROWS = 25
+_CONFIDENCE = 1.96
+"""Standard errors within which a value is with 95 % confidence."""
 _NAMED = 30
 """Number of decisions up to which actions and observations are labelled."""
 
@@ -398,3 +401,42 @@ def _read(path: Path) -> _Run:
     if not run.history:
         raise FormatError("the history is empty", file=path)
     return run
+
+
+def sweep_figure(rows: Sequence[Mapping[str, Any]], x: str, y: str = "value", by: str | None = None) -> Any:
+    """Draw a column of a sweep's rows over another, with a line through the means of those that have the same place.
+
+    Args:
+        rows: The rows; those without a number to draw are left out.
+        x: The column to the right.
+        y: The column upwards; values have their 95 % confidence.
+        by: The column whose values have a line each.
+
+    Raises:
+        Error: If there is no such column, or nothing to draw.
+    """
+    for name in filter(None, (x, y, by)):
+        if not any(name in row for row in rows):
+            raise Error(f"the result has no column {name!r}; it has {', '.join(rows[0] if rows else ()) or 'no rows'}")
+    found: defaultdict[Any, list[Any]] = defaultdict(list)
+    for row in rows:
+        if is_number(row[y]) and row[x] is not None:
+            within = _CONFIDENCE * row["standard_error"] if y == "value" else 0.0
+            place = row[x] if is_number(row[x]) else str(row[x])
+            found["" if by is None else f"{by} {row[by]}"].append((place, row[y], within))
+    if not found:
+        raise Error(f"there is nothing to draw: no row has both {x!r} and a number for {y!r}")
+    figure, axes = pyplot().subplots(figsize=(8, 5))
+    for number, (label, points) in enumerate(found.items()):
+        points.sort()
+        places = list(dict.fromkeys(place for place, *_ in points))
+        means = [np.mean([height for at, height, _ in points if at == place]) for place in places]
+        axes.plot(places, means, color=f"C{number}", lw=1.2, label=label)
+        axes.errorbar(*zip(*points, strict=True), fmt="o", ms=4, color=f"C{number}", capsize=2, lw=0.8)
+    if by is not None:
+        axes.legend(frameon=False)
+    axes.set_xlabel(x)
+    axes.set_ylabel("value of the initial belief" if y == "value" else y)
+    axes.grid(alpha=0.3)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure

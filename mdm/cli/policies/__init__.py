@@ -174,6 +174,20 @@ VERBS = {
         (_MODEL, Argument("policies POLICY...", "policies for it; the first is the reference"), *_VALUES),
         "policies.evaluate:compare",
     ),
+    "sweep": Verb(
+        "Solve and evaluate a model for each point of a table of parameters, and write a row for each. Beside the "
+        "result a journal, RESULTS.jsonl, has a line for each point that has ended: --resume does the others. A point "
+        "that fails is a row that says why, and the exit status is 1. Ctrl-C keeps what has ended.",
+        "mdm sweep sweep.toml -o results.csv --workers auto",
+        (
+            Argument("file SWEEP.toml", "the parameters, the solver's options, and how points are evaluated"),
+            Argument("-o --output RESULTS", "the table: .csv, or .parquet (needs pyarrow)", required=True),
+            Argument("--resume", "go on with the journal that is there"),
+            *WORKERS,
+            JSON,
+        ),
+        "policies.simulate:sweep",
+    ),
     "plot": Verb(
         "Draw a picture (needs matplotlib); its file's suffix is .png, .svg or .pdf.",
         "mdm plot policy tiger.pomdp tiger.vf -o tiger.png",
@@ -211,6 +225,16 @@ VERBS = {
                 *_INPUTS,
                 Argument("--steps H", "decisions (25)", count, default=25),
                 *_DRAWN,
+            ),
+            "sweep": _picture(
+                "values over a parameter, from the result of a sweep",
+                "Draw a column of a sweep's result over another, by its journal: values with their 95 %% confidence, "
+                "and a line through the means of what has the same place. A sweep need not have ended.",
+                "mdm plot sweep results.csv -x size --by rocks -o sweep.svg",
+                Argument("results RESULTS", "the result of mdm sweep, beside its RESULTS.jsonl"),
+                Argument("-x COLUMN", "to the right, such as a parameter", required=True),
+                Argument("-y COLUMN", "upwards (value)", default="value"),
+                Argument("--by COLUMN", "a line for each of its values"),
             ),
             "run": _picture(
                 "a recorded run over time",

@@ -1,11 +1,13 @@
-"""``mdm plot``: plots of a solver's bounds, of a policy, of a belief over an episode, and of a recorded run."""
+"""``mdm plot``: plots of bounds, of a policy, of a belief over an episode, of a sweep, and of a recorded run."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mdm.cli.policies.inputs import load, load_for
 from mdm.cli.usage import UsageError
+from mdm.config.sweep import read_journal
 from mdm.errors import Error
 
 if TYPE_CHECKING:
@@ -20,11 +22,16 @@ def run(arguments: argparse.Namespace) -> int:
         return _graph(arguments)
     pyplot()
     flaws: tuple[str, ...] = ()
-    if arguments.picture == "bounds":
-        from mdm.views.figures import bounds_figure  # noqa: PLC0415
+    if arguments.picture in {"bounds", "sweep"}:
+        from mdm.views.figures import bounds_figure, sweep_figure  # noqa: PLC0415
 
-        check_picture(arguments.output, *arguments.histories)
-        figure = bounds_figure(arguments.histories)
+        if arguments.picture == "bounds":
+            check_picture(arguments.output, *arguments.histories)
+            figure = bounds_figure(arguments.histories)
+        else:
+            journal = Path(arguments.results).with_suffix(".jsonl")
+            check_picture(arguments.output, arguments.results, str(journal))
+            figure = sweep_figure([*read_journal(journal)[1].values()], arguments.x, arguments.y, arguments.by)
     elif arguments.picture == "run":
         from mdm.recording.reader import Record  # noqa: PLC0415
         from mdm.views.run import run_figure  # noqa: PLC0415

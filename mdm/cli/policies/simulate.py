@@ -1,4 +1,4 @@
-"""``mdm simulate``: the mean discounted return of a policy in its model."""
+"""``mdm simulate``: the mean discounted return of a policy in its model; and ``mdm sweep``: a row for each of many."""
 
 from __future__ import annotations
 
@@ -8,11 +8,16 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from mdm.checks import is_number, is_whole
 from mdm.cli.policies.inputs import executor_of, of_run, visibility
 from mdm.cli.progress import counting
+from mdm.cli.records.export import check_table, write_table
 from mdm.cli.report import as_json
 from mdm.cli.usage import UsageError, take_model
 from mdm.config.recorded import Simulated, attach_configuration, attach_file
+from mdm.config.sweep import planned, sweep as swept
+from mdm.errors import Error
+from mdm.formats.target import check_place
 from mdm.recording import Recorder
 from mdm.simulation import simulate
 from mdm.texts import counted
@@ -89,3 +94,37 @@ def _recorder(given: Simulated, path: str | None) -> Recorder | None:
         kept = {name: attach_file(recorder, file) for name, file in files.items() if file is not None}
     recorder.head(simulation=msgspec.json.encode(msgspec.structs.replace(given, **kept)).decode())
     return recorder
+
+
+def sweep(arguments: argparse.Namespace) -> int:
+    """Run the points of a sweep that have not ended; return the exit status."""
+    output = Path(arguments.output)
+    journal = output.with_suffix(".jsonl")
+    check_table(output)
+    check_place(output, arguments.file)
+    if output.exists() and not (arguments.resume and journal.exists()):
+        raise Error(f"{output}: this file is here already: give another, or --resume to go on with its {journal.name}")
+    plan = planned(arguments.file)
+    with executor_of(arguments) as executor, counting(arguments.interruption, noun="point") as progress:
+        rows = swept(plan, journal, resume=arguments.resume, progress=progress, executor=executor)
+    failed = [row for row in rows if row["failure"] is not None]
+    interrupted = len(rows) < len(plan.points)
+    facts = {"result": None, "journal": str(journal), "points": len(plan.points), "ended": len(rows) - len(failed)}
+    if not interrupted and len(failed) < len(rows):
+        columns = {name: [row[name] for row in rows] for name in rows[0]}
+        numbers = {name: [each for each in values if each is not None] for name, values in columns.items()}
+        whole = {name for name, values in numbers.items() if all(map(is_whole, values))}
+        write_table(output, columns, whole, {name for name in numbers if all(map(is_number, numbers[name]))})
+        facts["result"] = str(output)
+    if arguments.json:
+        failures = [{name: row[name] for name in ("point", "failure")} for row in failed]
+        print(as_json({**facts, "failures": failures, "interrupted": interrupted}))
+    elif failed:
+        given = ", ".join(f"{name} {value}" for name, value in plan.points[failed[0]["point"]][1].items())
+        told = f"{len(failed)} of {counted(len(rows), 'point')} failed, and --resume tries them once more"
+        print(f"mdm sweep: {told}; the first, {given}: {failed[0]['failure']}", file=sys.stderr)
+    if interrupted and not arguments.json:
+        print(f"interrupted: {journal} has {len(rows)} of {counted(len(plan.points), 'point')}, --resume goes on")
+    elif facts["result"] is not None and not arguments.json:
+        print(f"{output}: {counted(len(rows), 'point')} written")
+    return arguments.interruption.status if interrupted else int(bool(failed))

@@ -48,6 +48,22 @@ def test_pictures_are_drawn(mdm, tmp_path, arguments):
     assert path.stat().st_size > 5000
 
 
+def test_a_sweep_is_drawn_by_its_journal(mdm, tmp_path):
+    (tmp_path / "sweep.toml").write_text('problem = "forest"\n[vary]\nages = [3, 4]\nfire = [0.1, 0.2]\n')
+    assert mdm("sweep", tmp_path / "sweep.toml", "-o", tmp_path / "r.csv")[0] == 0
+    path = tmp_path / "r.svg"
+    assert mdm("plot", "sweep", tmp_path / "r.csv", "-x", "ages", "--by", "fire", "-o", path) == (
+        0,
+        [f"{path}: drawn"],
+        "",
+    )
+    assert "<svg" in path.read_text()
+    journal = (tmp_path / "r.jsonl").read_bytes()
+    (tmp_path / "r.jsonl").write_bytes(journal[:-10])  # of a sweep that goes on
+    assert mdm("plot", "sweep", tmp_path / "r.csv", "-x", "fire", "-y", "lower", "-o", path)[0] == 0
+    assert "the result has no column 'age'" in mdm("plot", "sweep", tmp_path / "r.csv", "-x", "age", "-o", path)[2]
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
@@ -62,6 +78,8 @@ def test_pictures_are_drawn(mdm, tmp_path, arguments):
         ([*POLICY, "-o", "x.png", "--axes", "x", "y"], 1, "no factor 'x'"),
         (["bounds", TIGER, "-o", "x.png"], 1, "tiger.pomdp: a history written by mdm solve --history was expected"),
         (["bounds", ROOT / "nothing.json", "-o", "x.png"], 1, "nothing.json"),
+        (["sweep", ROOT / "nothing.csv", "-x", "size", "-o", "x.png"], 1, "nothing.jsonl: there is no such file"),
+        (["sweep", ROOT / "nothing.csv", "-o", "x.png"], 2, "-x"),
         ([*POLICY, "-o", "x.nothing"], 1, "its file ends in .png, .svg, .pdf"),
         ([*POLICY, "-o", "x"], 1, "its file ends in .png, .svg, .pdf"),
         ([*POLICY, "-o", "no/x.png"], 1, "cannot be written: No such file or directory"),

@@ -349,6 +349,8 @@ class Ensemble(Layer):
         ]
         told = [counted(count, what) for count, what in counts]
         when = f"{drive.rate:g} Hz" if isinstance(drive, FixedRate) else "event-driven"
+        if (period := getattr(self.control.source, "period", None)) is not None:
+            when = f"a step of the team every {period:g} s"
         return ", ".join([kind, *told, when])
 
     # -- Channels that users publish on --------------------------------------------------------------------------

@@ -579,4 +579,4 @@ class ReplayTransport:
 
     def statistics(self) -> TransportStatistics:
         """Return no counts."""
-        return TransportStatistics({}, {}, {}, {}, Latencies().snapshot(), {})
+        return TransportStatistics({}, {}, {}, {}, {}, Latencies().snapshot(), {})

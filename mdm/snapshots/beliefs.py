@@ -48,16 +48,24 @@ def belief_frame(current: Any, space: Space | None) -> BeliefFrame | None:
     most = most[np.argsort(-chances[most], kind="stable")]
     name: Any = str if space is None else space.names.__getitem__
     top = tuple([(name(int(states[place])), _short(chances[place])) for place in most])
-    logs = np.log2(chances, out=np.zeros_like(chances), where=chances > 0)
-    marginals, grid = _marginals(states, chances, space)
+    shares, grid = marginals(states, chances, space)
     return BeliefFrame(
         top=top,
         rest=_short(max(0.0, 1.0 - sum(chance for _, chance in top))),
         states=size,
-        entropy=round(max(0.0, float(-(chances * logs).sum())), 4),
-        marginals=marginals,
+        entropy=entropy(chances),
+        marginals=shares,
         grid=grid,
+        octaves=_octaves(chances) if len(chances) > _TOP else (),
     )
+
+
+def _octaves(chances: Vector) -> tuple[tuple[float, int, float], ...]:
+    powers = np.frexp(chances)[1]  # of which each is at least half, and less than 1
+    low = int(powers.min())
+    counts, masses = np.bincount(powers - low), np.bincount(powers - low, chances)
+    pairs = zip(counts.tolist(), masses.tolist(), strict=True)
+    return tuple([(2.0 ** (low + place), count, _short(mass)) for place, (count, mass) in enumerate(pairs) if count])
 
 
 def chances_of(current: Any) -> tuple[Any, Vector] | None:
@@ -67,6 +75,12 @@ def chances_of(current: Any) -> tuple[Any, Vector] | None:
     if isinstance(current, np.ndarray) and current.ndim == 1 and current.dtype.kind == "f":
         return np.flatnonzero(current), current[current != 0]
     return None
+
+
+def entropy(chances: Vector) -> float:
+    """Return the entropy of probabilities in bits."""
+    logs = np.log2(chances, out=np.zeros_like(chances), where=chances > 0)
+    return round(max(0.0, float(-(chances * logs).sum())), 4)
 
 
 def likeliest(current: Any) -> tuple[int, float] | None:
@@ -84,11 +98,12 @@ def _short(chance: Any) -> float:
     return round(float(chance), 6)
 
 
-def _marginals(states: Any, chances: Vector, space: Space | None) -> tuple[tuple[Marginal, ...], GridFrame | None]:
+def marginals(states: Any, chances: Vector, space: Space | None) -> tuple[tuple[Marginal, ...], GridFrame | None]:
+    """Return the probabilities of the factors' symbols, and of the cells of a grid; none where there is one factor."""
     if space is None or len(space.factors) < 2:
         return (), None
     parts = np.unravel_index(states, space.shape)
-    marginals = []
+    shares = []
     for factor, own in zip(space.factors, parts, strict=True):
         summed = np.bincount(own, chances, minlength=len(factor))
         order: Sequence[int] = range(len(factor))
@@ -96,8 +111,8 @@ def _marginals(states: Any, chances: Vector, space: Space | None) -> tuple[tuple
             order = np.sort(np.argpartition(-summed, _SYMBOLS)[:_SYMBOLS]).tolist()
         values = tuple([_short(summed[place]) for place in order])
         rest = _short(max(0.0, float(chances.sum()) - sum(values))) if len(factor) > _SYMBOLS else 0.0
-        marginals.append(Marginal(factor.name, tuple([factor.names[place] for place in order]), values, rest))
-    return tuple(marginals), _grid(parts, chances, space)
+        shares.append(Marginal(factor.name, tuple([factor.names[place] for place in order]), values, rest))
+    return tuple(shares), _grid(parts, chances, space)
 
 
 def grid_factors(space: Space | None) -> tuple[int, int] | None:

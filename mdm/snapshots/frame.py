@@ -77,7 +77,8 @@ class GridFrame(msgspec.Struct, frozen=True):
 class BeliefFrame(msgspec.Struct, frozen=True, omit_defaults=True):
     """A belief: its likeliest states by names, the rest of the others, the number of states, and marginals of factors.
 
-    ``entropy`` is in bits.
+    ``entropy`` is in bits. Of many states, ``octaves`` has how many there are of a probability up to each power of 2,
+    the least first, and how much of the belief they have together.
     """
 
     top: tuple[tuple[str, float], ...]
@@ -86,6 +87,7 @@ class BeliefFrame(msgspec.Struct, frozen=True, omit_defaults=True):
     entropy: float
     marginals: tuple[Marginal, ...] = ()
     grid: GridFrame | None = None
+    octaves: tuple[tuple[float, int, float], ...] = ()
 
 
 class Detail(msgspec.Struct, frozen=True, omit_defaults=True):

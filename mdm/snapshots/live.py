@@ -29,6 +29,7 @@ from mdm.snapshots.scenes import ensembles_of, floors_of, robot_frame
 from mdm.snapshots.why import Why, why
 from mdm.snapshots.words import valued
 from mdm.team import Member
+from mdm.team.transport.keys import owner_of
 from mdm.version import __version__
 
 if TYPE_CHECKING:
@@ -474,8 +475,8 @@ class LiveRun(Observer):
         runtime = self._runtime
         told = runtime.dispatcher.statistics()
         counts: dict[str, float] = {
-            "turns": told.turns,
-            "turns cut short": told.interrupted,
+            "inputs handled": told.turns,
+            "inputs that took long and let others go first": told.interrupted,
             "messages of threads": told.from_threads,
             "replaced by newer ones": told.replaced,
             "lost": told.lost,
@@ -594,9 +595,15 @@ def _teams(members: list[Member]) -> dict[str, dict[str, str]]:
                 told[f"agent {agent}"] = {"is": "this agent"}
                 continue
             facts = {"link": "live" if agent in statistics.live else "lost"}
-            rounds = transport.round_trips.get(agent)
+            silence, rounds = member.link.ages.get(agent), transport.round_trips.get(agent)
+            if silence is not None:
+                facts["last heard"] = f"{silence:.1f} s ago"
             if rounds:
                 facts["round trip"] = f"{1e3 * rounds.quantile(0.5):.3g} ms"
+            came = sum(
+                each.messages for key, each in transport.received.items() if owner_of(key, member.team.name) == agent
+            )
+            facts["messages lost"] = f"{(lost := transport.lost.get(agent, 0)):,} of {came + lost:,}"
             told[f"agent {agent}"] = facts
         dropped = ", ".join(f"{count:,} {reason}" for reason, count in transport.dropped.items())
         told["messages"] = {

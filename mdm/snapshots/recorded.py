@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 from bisect import bisect_left, bisect_right
 from collections import Counter, OrderedDict
+from itertools import chain
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
@@ -20,7 +21,7 @@ from mdm.models import Space
 from mdm.recording.table import Names, names_of
 from mdm.replay.replay import replay_predicates
 from mdm.replay.retraced import retraced
-from mdm.snapshots.beliefs import chances_of
+from mdm.snapshots.beliefs import chances_of, entropy, marginals
 from mdm.snapshots.events import event_of, predicate_event, spell_event
 from mdm.snapshots.frame import Detail, Frame, PredicateScene, Scene, StatisticsFrame
 from mdm.snapshots.judgement import RunJudge, judged
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
     from mdm.actors import Ensemble, PredicateManager
     from mdm.maps import Places
+    from mdm.models.matrices import Vector
     from mdm.recording.reader import Record
     from mdm.replay.exchange import ReplayTransport
     from mdm.runtime import Actor
@@ -56,6 +58,8 @@ _STATES = 5
 """States that have a band of their own."""
 _WAY = 10
 """Decisions whose beliefs are the way of the belief in a picture."""
+_SYMBOLS = 24
+"""Values of all factors together up to which the probability of each is told."""
 _KEPT = 64
 """States that are kept of each belief: one that is none of them is less likely than a 64th."""
 
@@ -70,6 +74,8 @@ class Course(msgspec.Struct, frozen=True):
         beliefs: For each of these states, its probability at each decision; None where there was no belief.
         rewards: The expected reward of each decision; None where it is not known.
         values: The expected return from each decision on, by the policy's own values; None where it is not known.
+        entropies: The entropy of each belief in bits; None where there was none.
+        shares: Of the values of factors, such as ``position hall``, the probability at each decision; of few alone.
     """
 
     times: tuple[float, ...]
@@ -78,6 +84,8 @@ class Course(msgspec.Struct, frozen=True):
     beliefs: tuple[tuple[float | None, ...], ...]
     rewards: tuple[float | None, ...]
     values: tuple[float | None, ...]
+    entropies: tuple[float | None, ...] = ()
+    shares: tuple[tuple[str, tuple[float | None, ...]], ...] = ()
 
 
 class RecordedRun:
@@ -391,7 +399,7 @@ class RecordedRun:
 
         places, count = sampled(each.decisions.times, first, last)
         told = [each.decisions.entries[place].message for place in places]
-        return course_of(told, count, self._seconds, self._read_belief, value, known.state)
+        return course_of(told, count, self._seconds, self._read_belief, value, known.state, known.space)
 
     # -- Events --------------------------------------------------------------------------------------------------
 
@@ -495,6 +503,7 @@ def course_of(
     belief: Callable[[Decision], Any],
     value: Callable[[Decision, Any], float | None],
     name: Callable[[int], str],
+    space: Space | None = None,
 ) -> Course:
     """Return how decisions went.
 
@@ -505,8 +514,10 @@ def course_of(
         belief: Reads the belief of a decision, None where there was none.
         value: The expected return from a decision on, made on that belief; None where it is not known.
         name: Of a state.
+        space: The states, where their factors are known.
     """
-    times, rewards, values = [], [], []
+    times, rewards, values, entropies = [], [], [], []
+    factors: list[dict[str, float]] = []
     kept: list[dict[int, float] | None] = []
     sums: Counter[int] = Counter()
     for decision in decisions:
@@ -514,21 +525,33 @@ def course_of(
         times.append(seconds(decision.time))
         rewards.append(decision.reward)
         values.append(value(decision, current))
-        chances = _likeliest(current)
+        found = chances_of(current)
+        entropies.append(None if found is None else entropy(found[1]))
+        factors.append({} if found is None else _shares(*found, space))
+        chances = None if found is None else _likeliest(*found)
         kept.append(chances)
         sums.update(chances or {})
     states = [state for state, _ in sums.most_common(_STATES)]
     beliefs = [tuple([None if each is None else round(each.get(state, 0.0), 4) for each in kept]) for state in states]
     names = tuple([name(state) for state in states])
-    return Course(tuple(times), count, names, tuple(beliefs), tuple(rewards), tuple(values))
+    told = dict.fromkeys(chain.from_iterable(factors))
+    shares = tuple([(each, tuple([own.get(each) for own in factors])) for each in told])
+    told_of_each = tuple(beliefs), tuple(rewards), tuple(values), tuple(entropies)
+    return Course(tuple(times), count, names, *told_of_each, shares)
 
 
-def _likeliest(current: Any) -> dict[int, float] | None:
-    """Return the likeliest states of a belief with their probabilities; None where it is no belief."""
-    found = chances_of(current)
-    if found is None:
-        return None
-    states, chances = found
+def _shares(states: Any, chances: Vector, space: Space | None) -> dict[str, float]:
+    """Return the probabilities of the values of factors, by their names; none where there are many."""
+    found = () if space is None or sum(space.shape) > _SYMBOLS else marginals(states, chances, space)[0]
+    return {
+        f"{each.factor} {symbol}": share
+        for each in found
+        for symbol, share in zip(each.symbols, each.values, strict=True)
+    }
+
+
+def _likeliest(states: Any, chances: Vector) -> dict[int, float]:
+    """Return the likeliest states of a belief with their probabilities."""
     if len(chances) > _KEPT:
         most = np.argpartition(-chances, _KEPT)[:_KEPT]
         states, chances = states[most], chances[most]

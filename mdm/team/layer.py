@@ -155,6 +155,11 @@ class TeamLayer(Layer):
         self.assess(self.runtime.now())
 
     @property
+    def period(self) -> float | None:
+        """Seconds from one joint step to the next; None where events make the steps."""
+        return self.team.period
+
+    @property
     def absence(self) -> str:
         """The missing agents whose factors of the state are unknown, and a remedy, in words; empty where none is."""
         state, live = self.ensemble.state, self.link.live

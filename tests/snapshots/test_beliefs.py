@@ -46,6 +46,10 @@ def test_a_large_belief_shows_its_likeliest_states_alone():
     assert frame.states == 100_000
     assert frame.rest == pytest.approx(0.5, abs=1e-3)
     assert frame.marginals == ()
+    (upper, many, mass), most = frame.octaves
+    assert upper / 2 <= 0.5 / 99_999 < upper
+    assert (many, mass) == (99_999, pytest.approx(0.5))
+    assert most == (1.0, 1, 0.5)
 
 
 def test_a_factor_of_many_symbols_shows_the_likeliest_and_the_rest():

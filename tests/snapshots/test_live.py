@@ -387,6 +387,8 @@ def test_of_a_team_it_says_in_words_how_each_agent_and_its_agreement_are():
     told = run_virtual(main)
     assert told["agent right"] == {"is": "this agent"}  # the last one that tells, of two in one runtime
     assert told["agent left"]["link"] == "live"
+    assert float(told["agent left"]["last heard"].removesuffix(" s ago")) < 1
+    assert told["agent left"]["messages lost"].startswith("0 of ")
     (ensemble_,) = [facts for of, facts in told.items() if of.startswith("ensemble ")]
     assert set(ensemble_) >= {"this agent is", "led by", "the leader's term", "step"}
     assert ensemble_["this agent is"] in {"leading", "following"}

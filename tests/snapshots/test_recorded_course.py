@@ -12,6 +12,7 @@ from hypothesis import given, strategies as st
 import mdm
 from mdm.beliefs import Support
 from mdm.messages import Decision
+from mdm.models import Factor, Space
 from mdm.recording import Record
 from mdm.snapshots import RecordedRun
 from mdm.snapshots.recorded import POINTS, course_of, sampled
@@ -55,6 +56,7 @@ def test_a_course_has_the_likeliest_states_with_their_chances_of_dense_and_spars
         lambda decision: given_[decision.epoch],
         lambda decision, current: float(decision.epoch) if current is not None else None,
         "s{}".format,
+        Space([Factor("lit", ["no", "yes"]), Factor("place", 25)]),
     )
     order = np.argsort(-np.sum(beliefs, axis=0))[:5]
     assert course.states == tuple(f"s{state}" for state in order)
@@ -62,6 +64,15 @@ def test_a_course_has_the_likeliest_states_with_their_chances_of_dense_and_spars
     assert course.times == tuple(10.0 * n for n in range(20))
     assert course.rewards == course.values == tuple(map(float, range(20)))
     assert course.decisions == 999
+    assert np.allclose(course.entropies, [-sum(p * np.log2(p) for p in each if p > 0) for each in beliefs], atol=1e-3)
+    assert course.shares == ()  # of 27 values
+    few = course_of(
+        *(decisions[:1], 1, float, lambda _: np.array([0.1, 0.2, 0.3, 0.4]), lambda *_: None, str),
+        Space([Factor("lit", ["no", "yes"]), Factor("x", 2)]),
+    )
+    assert {name: each for name, (each,) in few.shares} == pytest.approx(
+        {"lit no": 0.3, "lit yes": 0.7, "x 0": 0.4, "x 1": 0.6}
+    )
 
 
 def test_a_record_tells_the_course_of_all_of_it_and_of_a_part(tmp_path):

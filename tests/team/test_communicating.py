@@ -424,6 +424,7 @@ def test_a_command_before_the_first_tick_begins_now():
         left.ensemble.start()
         await asyncio.sleep(30.0)
         assert 4 <= left.replica.statistics().step <= 6
+        assert left.ensemble.summary().endswith("a step of the team every 5 s")
 
     run_virtual(main)
 

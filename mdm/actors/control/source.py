@@ -45,6 +45,10 @@ class Team(Protocol):
     def absence(self) -> str:
         """Who is not there whose factors are unknown, and what to do, in words; empty where nobody is."""
 
+    @property
+    def period(self) -> float | None:
+        """Seconds from one joint step to the next; None where events make the steps."""
+
 
 class Held(Enum):
     """How a safe mode of the ensemble holds its input, and what the belief knows of it.
@@ -269,6 +273,11 @@ class JointProcess:
         """Ask the team."""
         self._team.command(command)
         return True
+
+    @property
+    def period(self) -> float | None:
+        """Seconds from one joint step of the team to the next; None where events make the steps."""
+        return self._team.period
 
     @property
     def absence(self) -> str:

@@ -376,6 +376,7 @@ class Router:
         self._served: dict[str, Callable[[bytes], bytes]] = {}
         self._watchers: list[Callable[[Mapping[str, int]], None]] = []
         self._dropped: dict[str, int] = {}
+        self._lost: dict[str, int] = {}
         self._untold: dict[str, tuple[int, str]] = {}
         self._lateness = Latencies()
         self._late = self._lateness.pending
@@ -588,6 +589,8 @@ class Router:
             raise Error(f"agent {self.agent!r} of team {self.team!r} must not use {key}, which is not its own")
 
     def _missing(self, key: str, count: int) -> None:
+        owner = owner_of(key, self.team) or ""
+        self._lost[owner] = self._lost.get(owner, 0) + count
         self.drop("missing", f"messages under {key} were lost on the way", count)
 
     def _renumbered(self, key: str) -> None:
@@ -658,6 +661,7 @@ class Router:
             sent=_traffic(self.packer.sent),
             received=received,
             dropped=dict(self._dropped),
+            lost=dict(self._lost),
             refused=dict(self._refused),
             lateness=self._lateness.snapshot(),
             round_trips={agent: latencies.snapshot() for agent, latencies in self._round_trips.items()},

@@ -77,6 +77,7 @@ class TransportStatistics(msgspec.Struct, frozen=True):
             - ``ignored``: its sender has sent a hundred such messages within a second;
             - ``held_back``: over the allowance of this agent; ``closed``: put after the transport was closed.
         refused: Of these, messages that no agent of this program sends, by the agent in whose name it came.
+        lost: Of the ``missing`` ones, how many each agent had sent.
         lateness: From each put to its handler, by the clocks of both agents.
         round_trips: From each question to its answer, by agent.
     """
@@ -85,6 +86,7 @@ class TransportStatistics(msgspec.Struct, frozen=True):
     received: dict[str, Traffic]
     dropped: dict[str, int]
     refused: dict[str, int]
+    lost: dict[str, int]
     lateness: Histogram
     round_trips: dict[str, Histogram]
 

@@ -46,6 +46,7 @@ def test_losses_are_counted_at_the_receiver():
     assert 200 < len(got) < 360
     # the losses after the last that came are unknown to the receiver
     assert 400 - len(got) - 10 <= statistics.dropped["missing"] <= 400 - len(got)
+    assert sum(statistics.lost.values()) == statistics.dropped["missing"]
 
 
 def test_duplicates_are_dropped():

@@ -25,7 +25,7 @@ from mdm.models import POMDP, Factor, Space
 from mdm.policies import AlphaVectors, DeterministicPolicy, FiniteStateController
 from mdm.recording import Record
 from mdm.snapshots import Detail, EnsembleFrame, Frame, RecordedRun
-from mdm.snapshots.frame import FactorScene, LifeFrame, PredicateScene
+from mdm.snapshots.frame import FactorScene, LifeFrame, PredicateScene, Spread, StatisticsFrame
 from mdm.team.transport.certificates import make_certificates
 from mdm.testing import run_virtual
 
@@ -303,7 +303,17 @@ def test_a_belief_of_a_hundred_thousand_states_shows_the_likeliest():
         told = await text(page, "[aria-label='Ensemble robot']")
         assert "75.0 %" in told
         assert "4321" in told
-        assert "99,988 others" in told
+        assert "fairly sure: 75.0 % for 4321" in told
+        bins = await page.eval_on_selector_all(
+            "[aria-label='Ensemble robot'] .bins span",
+            "(all) => all.map((each) => [each.title, each.offsetLeft, each.offsetHeight])",
+        )
+        # a quarter of it on the many, and the rest on one: on a logarithmic axis far apart
+        (many, left, low), (one, right, high) = bins
+        assert "99,999 states" in many
+        assert "75.0 % together" in one
+        assert low / high == pytest.approx(1 / 3, abs=0.05)
+        assert right - left > 10 * 14
 
     seen(look_at, robot)
 
@@ -459,8 +469,64 @@ def test_a_factor_told_by_places_says_by_which_predicate_and_that_the_map_tells_
             await page.wait_for_selector(".chip")
             assert await text(page, ".chip") == "position Lab ← Lab.reached, told by the robot's pose on the map"
             team = await text(page, "[aria-label=Team]")
-            assert "● agent ada is this agent" in team
+            assert "3" in team
             assert "One agent leads for a term" in team
+            assert wrong == []
+
+    browsers.run(program())
+
+
+def test_a_team_is_a_graph_and_faults_and_latencies_are_gathered():
+    class Team(Told):
+        def frame(self, close=()):
+            lost = {"link": "lost", "last heard": "9.0 s ago", "messages lost": "30 of 90"}
+            team = {
+                "agent ada (ada)": {"is": "this agent"},
+                "agent bob (ada)": {"link": "live", "last heard": "0.1 s ago", "round trip": "2 ms"},
+                "agent cyd (ada)": lost,
+                "ensemble patrol (ada)": {"this agent is": "leading", "led by": "ada", "the leader's term": "3"},
+                "agent cyd": {"link": "lost", "process": "does not answer"},
+            }
+            spread = Spread(4, 2e-4, 2e-3, 2e-3, ((2e-4, 3), (2e-3, 1)))
+            return Frame(
+                *(12.0, self._frames, (True, None), (0.0, 0.0)),
+                statistics=StatisticsFrame({"inputs handled": 4.0}, {"ada/patrol": spread}, {}),
+                team=team,
+            )
+
+    run = Team()
+    waits = EnsembleFrame("deciding", 1.0, waiting=("a pause of 3.2 s",))
+    run.turn(("ada/patrol", "bob/patrol"), (waits, EnsembleFrame("deciding", 2.0)))
+    for number in range(196):
+        run.ring.add(1.0 + number / 100, "fault", f"robot{number}", "idle", detail="idle for 5 s: nothing")
+    for action in ("A", "B"):
+        run.ring.add(3.0, "fault", "bob/patrol", "action", detail=f"action {action!r} failed")
+
+    async def program():
+        async with served(run) as address, browsers.browser() as (look, wrong):
+            page = await look(address)
+            await page.wait_for_function("() => mdmPage.history.faults.length === 198")
+            links = await page.get_attribute(".links", "aria-label")
+            assert links == (
+                "ada and bob: live, heard 0.1 s ago, 2 ms there and back; "
+                "ada and cyd: lost, heard 9.0 s ago, 30 of 90 messages lost"
+            )
+            nodes = await page.eval_on_selector_all(
+                ".links g text:last-child", "(all) => all.map((each) => each.innerHTML)"
+            )
+            assert nodes[-3:] == ["ada, leads", "bob", "✕ cyd"]
+            faults = await page.locator(".fault").all_inner_texts()
+            assert len(faults) == 3
+            (idle,) = [" ".join(each.split()) for each in faults if "idle" in each]
+            assert idle.startswith("⚠ idle \u00d7196 robot0, robot1, robot2 and 193 more")
+            ticks = await page.eval_on_selector_all(
+                ".histogram .ticks span", "(all) => all.map((each) => [each.innerText, each.offsetLeft])"
+            )
+            assert [text for text, _ in ticks] == ["200 µs", "500 µs", "1 ms", "2 ms"]
+            places = dict(ticks)
+            assert places["2 ms"] - places["1 ms"] == pytest.approx(places["1 ms"] - places["500 µs"], abs=3)
+            assert "since" not in await text(page, ".headline .line")  # how long it has waited nobody knows
+            assert await browsers.barriers(page) == []
             assert wrong == []
 
     browsers.run(program())
@@ -566,6 +632,11 @@ def test_over_time_is_of_the_whole_record_though_nobody_has_gone_through_it_and_
             for time, chance in list(zip(course["times"], left, strict=True))[1:]:
                 assert chance == pytest.approx(chances[round(time, 3)]["l"], abs=1e-4)
             assert await page.get_by_role("button", name="keep to now").count() == 0
+            await page.get_by_label("Draw a signal").select_option("states in doubt")
+            await page.wait_for_selector("[aria-label='States in doubt over time'] .u-over")
+            doubt = [2**each for each in course["entropies"]]
+            assert min(doubt) >= 1
+            assert max(doubt) == pytest.approx(2)
             for _ in range(3):
                 await page.keyboard.press("+")
             await page.wait_for_function("() => mdmPage.course.last < 20")

@@ -65,7 +65,7 @@ def test_all_agents_are_laid_beside_each_other_and_one_that_ends_says_so():
                 statistics = team.frame({"ada", "bob"}).statistics
                 assert statistics.ended["ada"] == {"succeeded": 1}
                 assert statistics.latencies["bob"].count == 2
-                assert {"turns (ada)", "turns (bob)"} <= statistics.counts.keys()
+                assert {"inputs handled (ada)", "inputs handled (bob)"} <= statistics.counts.keys()
                 await until(lambda: any(event.kind == "fault" for event in team.ring))
                 events = [msgspec.json.decode(each, type=Event) for each in team.ring.after(0, 1000)[0]]
                 assert [event.detail for event in events if event.kind == "fault"] == ["nothing was told"]

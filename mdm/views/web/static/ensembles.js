@@ -1,9 +1,10 @@
 // The tree of ensembles, and one of them at close range.
 import { html, useState } from "./vendor/htm-preact.js";
+import { Bar, Histogram } from "./bars.js";
 import { Judgements, Mark, judgedOf } from "./judgement.js";
 import { VirtualList } from "./list.js";
 import { Panel } from "./panel.js";
-import { called, clock, feeding, number, percent, seconds, SIGNS, since, standing } from "./words.js";
+import { called, clock, feeding, number, percent, seconds, SIGNS, since, standing, sureness } from "./words.js";
 
 function depths(ensembles) {
   const found = [];
@@ -21,7 +22,7 @@ export function Tree({ scene, frame, selected, choose }) {
     const of = scene.ensembles[place];
     const each = frame.ensembles[place];
     if (!each) return null;
-    const how = standing(each);
+    const how = standing(each, frame.time);
     const live = each.live ?? [];
     return html`<div class="row click" role="option" id=${`listbox-${index}`} key=${of.path} style=${style} title=${`${of.path}: ${of.summary}`}
         aria-selected=${of.path === selected} onClick=${() => choose(of.path)}>
@@ -51,9 +52,9 @@ export function Detail({ scene, frame, path, ask, lost, control, command }) {
   const each = frame.ensembles[place];
   if (!of || !each) return html`<${Panel} name="Ensemble"><p class="empty">None is chosen.</p><//>`;
   const detail = frame.details?.[path] ?? {};
-  const how = standing(each);
+  const how = standing(each, frame.time), begun = since(each, frame.time);
   const ended = Object.entries(frame.statistics?.ended?.[path] ?? {});
-  return html`<${Panel} name="Ensemble" label=${`Ensemble ${path}`} title=${path} aside=${html`<span class=${`badge ${how}`}>${SIGNS[how]} ${how} ${seconds(frame.time - since(each))}</span>`}>
+  return html`<${Panel} name="Ensemble" label=${`Ensemble ${path}`} title=${path} aside=${html`<span class=${`badge ${how}`}>${SIGNS[how]} ${how}${begun == null ? "" : ` ${seconds(frame.time - begun)}`}</span>`}>
     <${Judgements} judgements=${judgedOf(frame, path)} />
     <p class="soft said">${of.summary}${of.bound ? `; it is the action ${of.bound} of the ensemble above` : ""}</p>
     <dl>
@@ -94,19 +95,14 @@ function source(scene, of, factor, value) {
   return teller ? `${name}, ${teller}` : name;
 }
 
-export function Bar({ label, share, text, rest }) {
-  return html`<div class="bar"><span class="label" title=${label}>${label}</span>
-    <span class="track" aria-hidden="true"><span class=${`fill${rest ? " rest" : ""}`} style=${`display:block;width:${Math.max(0, Math.min(1, share)) * 100}%`}></span></span>
-    <span class="value number">${text}</span></div>`;
-}
-
 function Belief({ belief }) {
   const states = belief.top.filter(([, chance]) => chance >= 0.0005);
   return html`<div>
-    <h3>belief over ${belief.states.toLocaleString("en")} states <span class="soft number">entropy ${belief.entropy > 0 && belief.entropy < 0.001 ? "< 0.001" : number(belief.entropy ?? 0)} bits</span></h3>
+    <h3>belief over ${belief.states.toLocaleString("en")} states</h3><p class="soft">${sureness(belief)}</p>
     ${(belief.marginals ?? []).length === 0 || belief.states <= 12
-      ? states.map(([state, chance]) => html`<${Bar} key=${state} label=${state} share=${chance} text=${percent(chance)} />`) : null}
-    ${(belief.marginals ?? []).length === 0 && belief.rest > 0.0005 && html`<${Bar} rest label=${`${(belief.states - belief.top.length).toLocaleString("en")} others`} share=${belief.rest} text=${percent(belief.rest)} />`}
+      ? states.slice(0, belief.octaves ? 4 : states.length).map(([state, chance]) => html`<${Bar} key=${state} label=${state} share=${chance} text=${percent(chance)} />`) : null}
+    ${belief.octaves && (belief.marginals ?? []).length === 0 ? html`<${Octaves} octaves=${belief.octaves} />`
+      : (belief.marginals ?? []).length === 0 && belief.rest > 0.0005 && html`<${Bar} rest label=${`${(belief.states - belief.top.length).toLocaleString("en")} others`} share=${belief.rest} text=${percent(belief.rest)} />`}
     ${belief.grid && html`<${Cells} grid=${belief.grid} />`}
     ${(belief.marginals ?? []).filter((each) => !belief.grid || ![belief.grid.down, belief.grid.across].includes(each.factor)).map((each) => html`<div class="factor" key=${each.factor}><h3>${each.factor}</h3>
       ${each.symbols.map((symbol, place) => [symbol, each.values[place]]).filter(([, chance], _, all) => all.length <= 6 || chance >= 0.0005)
@@ -114,6 +110,14 @@ function Belief({ belief }) {
         .map(([symbol, chance]) => html`<${Bar} key=${symbol} label=${symbol} share=${chance} text=${percent(chance)} />`)}
       ${each.rest > 0.0005 && html`<${Bar} rest label="others" share=${each.rest} text=${percent(each.rest)} />`}</div>`)}
   </div>`;
+}
+
+// Of many states: how much of the belief is on states that are so likely each.
+function Octaves({ octaves }) {
+  const all = octaves.reduce((sum, [, , mass]) => sum + mass, 0);
+  let below = 0;   // what is on the least likely ones, which are left out
+  const bins = octaves.filter(([, , mass]) => (below += mass) > 0.001 * all).map(([upper, states, mass]) => [upper / 2, upper, mass, `${states.toLocaleString("en")} ${states === 1 ? "state" : "states"} with ${percent(upper / 2)} to ${percent(upper)} each: ${percent(mass)} together`]);
+  return html`<div><h3>where the belief lies, by how likely each state is</h3><${Histogram} bins=${bins} format=${(value) => `${Number((100 * value).toPrecision(1))} %`} label=${bins.map(([, , , text]) => text).join("; ")} /></div>`;
 }
 
 function Cells({ grid }) {

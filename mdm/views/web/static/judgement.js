@@ -1,8 +1,7 @@
 // What is judged of a run, in words: on top the worst, with its evidence and what to check; and beside each ensemble.
 import { html } from "./vendor/htm-preact.js";
-import { called, clock, seconds, SIGNS, since, standing } from "./words.js";
+import { called, clock, seconds, SIGNS, standing } from "./words.js";
 
-const PAUSE = 2;   // Seconds without anything to do that nobody need be told of.
 const MOST = 4;
 const MARKS = { wrong: "✕", look: "?" };
 
@@ -14,14 +13,13 @@ export function Headline({ scene, frame, lost }) {
     return html`<section class="headline cut" aria-label="What matters most" aria-live="polite"><div class="line">
       <strong class="lost">✕ not connected</strong><span>${lost === "refused" ? "The program does not answer this page, for the reason above; it goes on trying." : "The program has ended, or runs with another address."} Below is what it told last, at ${clock(frame.time)}; it may be otherwise now.</span></div></section>`;
   }
-  const told = frame.ensembles.map((each, place) => ({ each, path: scene.ensembles[place]?.path ?? "", how: standing(each) }));
+  const told = frame.ensembles.map((each, place) => ({ each, path: scene.ensembles[place]?.path ?? "", how: standing(each, frame.time) }));
   const all = frame.judgements ?? [];
   const shown = frame.headline ? all.filter((each) => each.until == null || all[0].until != null) : [];
   const over = all.length - shown.length;
   const worst = shown[0]?.severity;
-  const pauses = ({ each, how }) => how === "idle" && frame.time - each.idle < PAUSE;   // between two decisions
-  const waits = told.filter((one) => (one.how === "waiting" || one.how === "idle") && !pauses(one));
-  const decide = told.filter((one) => one.how === "deciding" || pauses(one));
+  const waits = told.filter((one) => one.how === "waiting" || one.how === "idle");
+  const decide = told.filter((one) => one.how === "deciding");
   const rests = told.length > 0 && told.every(({ how }) => how === "stopped");
   const kind = worst === "wrong" ? "alarm" : worst || waits.length ? "waits" : rests || !told.length ? "rests" : "calm";
   return html`<section class=${`headline ${kind}`} aria-label="What matters most" aria-live="polite">
@@ -30,7 +28,7 @@ export function Headline({ scene, frame, lost }) {
     ${shown.length > MOST && html`<div class="line">and ${shown.length - MOST} more, beside their ensembles in the tree below</div>`}
     ${waits.slice(0, MOST).map(({ each, path, how }) => html`<div class="line" key=${path}>
       <strong class=${how}>${SIGNS[how]} ${path} ${how === "idle" ? "has nothing to do" : "waits"}</strong>
-      <span class="number">since ${seconds(frame.time - since(each))}</span>
+      ${how === "idle" && html`<span class="number">since ${seconds(frame.time - each.idle)}</span>`}
       ${how === "waiting" && html`<span>for ${each.waiting.slice(0, 4).join(", ")}${each.waiting.length > 4 ? ` and ${each.waiting.length - 4} more` : ""}</span>`}
     </div>`)}
     ${waits.length > MOST && html`<div class="line">and ${waits.length - MOST} more ensembles, in the tree below</div>`}

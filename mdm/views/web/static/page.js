@@ -375,7 +375,7 @@ function Page() {
       ${told.why && html`<${Part} name="why"><${Why} scene=${scene} why=${told.why} decides=${{ epoch: frame.ensembles[place()]?.epoch, time: decided() }} /><//>`}
       ${told.selected && html`<${Part} name="the policy"><${Policy} scene=${scene} frame=${frame} path=${told.selected} told=${told.pictures} say=${(message) => link.say(message)} lost=${!isOpen()} /><//>`}
       ${scene.floors?.length > 0 && html`<${Part} name="the floor"><${Floor} floors=${scene.floors} frame=${frame} scheme=${told.scheme} /><//>`}
-      <${Part} name="the course of the belief"><${Plots} ...${courseShown()} path=${told.selected} time=${frame.time} go=${at} scheme=${told.scheme} /><//>
+      <${Part} name="the course of the belief"><${Plots} ...${courseShown()} predicates=${told.history.predicates} path=${told.selected} time=${frame.time} go=${at} scheme=${told.scheme} /><//>
       <${Part} name="the team"><${Team} team=${frame.team} /><//>
       <${Part} name="the predicates"><${Predicates} scene=${scene} frame=${frame} path=${told.selected} lost=${!isOpen()} control=${scene.control} sense=${sense} /><//>
       <${Part} name="the faults"><${Faults} faults=${told.history.faults} frame=${frame} go=${at} /><//>

@@ -1,5 +1,6 @@
 // Why an action was decided, as a picture: what was compared, what was observed, and what would have decided otherwise.
 import { html, useEffect, useRef } from "./vendor/htm-preact.js";
+import { Share } from "./bars.js";
 import { Panel } from "./panel.js";
 import { clock, number, percent, stateTint, tint } from "./words.js";
 
@@ -69,13 +70,4 @@ function Change({ change, own }) {
   if (!change.moves) return html`<div class="change">${pairs.map(([of, before, after]) => html`<span class="chip" key=${of}>${[before, after].every((each) => each.endsWith(of)) ? "" : `${of} `}${before} <b>→ ${after}</b></span>`)}${then}</div>`;
   return html`<div class="change moves">${change.moves.slice(0, 4).map(({ state, before, after }) => html`<${Share} key=${state} name=${state} share=${before} after=${after} />`)}
     <p>${change.mass < 1e-7 ? "next to none" : `${percent(change.mass)} of the probability elsewhere`} ${then}</p></div>`;
-}
-
-// A probability as a bar; with another one after a change, an arrow leads there.
-export function Share({ name, share, after }) {
-  const [from, to] = [100 * share, 100 * (after ?? share)];
-  return html`<div class="bar"><span class="label" title=${name}>${name}</span>
-    <span class="track axis" aria-hidden="true"><span class="fill" style=${`left:0;width:${from}%`}></span>
-      ${after != null && html`<span class=${`arrow ${to < from ? "back" : ""}`} style=${`left:${Math.min(from, to)}%;width:${Math.max(Math.abs(to - from), 1)}%`}></span>`}</span>
-    <span class="value number">${percent(share)}${after == null ? "" : ` → ${percent(after)}`}</span></div>`;
 }

@@ -2,15 +2,20 @@
 
 export const SIGNS = { deciding: "▶", safe: "■", stopped: "○", waiting: "…", idle: "–" };
 
-export function standing(frame) {
+const PAUSE = 2;   // Seconds without anything to do that nobody need be told of: a pause between two decisions.
+
+export function standing(frame, now) {
   if (frame.mode === "safe") return "safe";
   if (frame.mode === "deciding" && frame.waiting && frame.waiting.length) return "waiting";
-  if (frame.mode === "deciding" && frame.idle != null) return "idle";
+  if (frame.mode === "deciding" && frame.idle != null && now - frame.idle >= PAUSE) return "idle";
   return frame.mode;
 }
 
-// Since when: of an ensemble without anything to do, since when that is so.
-export const since = (frame) => (standing(frame) === "idle" ? frame.idle : frame.since);
+// Since when it is as it stands: of one that waits that is not known, for its mode is older.
+export function since(frame, now) {
+  const how = standing(frame, now);
+  return how === "waiting" ? null : how === "idle" ? frame.idle : frame.since;
+}
 
 // What an ensemble is called: at the top by its whole path, which names its agent in a team, else by its own name.
 export const called = (of) => (of.parent < 0 ? of.path : of.path.slice(of.path.lastIndexOf("/") + 1));
@@ -72,7 +77,14 @@ export function number(value) {
   return String(Number(value.toFixed(size < 10 ? 3 : 1)));
 }
 
-export const percent = (value) => (value >= 0.9995 ? "100 %" : value < 0.001 ? "<0.1 %" : `${(100 * value).toFixed(1)} %`);
+// How sure a belief is, in words; 2 to the entropy is the number of equally likely states that would be as unsure.
+export function sureness({ top, entropy = 0 }) {
+  const [state, chance] = top[0] ?? ["nothing", 0], doubt = 2 ** entropy;
+  const word = chance >= 0.99 ? "all but certain" : chance >= 0.9 ? "quite sure" : chance >= 0.7 ? "fairly sure" : chance >= 0.5 ? "unsure" : "very unsure";
+  return `${word}: ${percent(chance)} for ${state}, as unsure as between ${doubt < 10 ? Number(doubt.toFixed(1)) : Math.round(doubt).toLocaleString("en")} states`;
+}
+
+export const percent = (value) => (value >= 0.9995 ? "100 %" : value < 0.001 ? (value > 0 ? "<0.1 %" : "0 %") : `${(100 * value).toFixed(1)} %`);
 
 export function latency(value) {
   const [scale, unit] = value < 1e-3 ? [1e6, "µs"] : value < 1 ? [1e3, "ms"] : [1, "s"];

@@ -150,14 +150,14 @@ class Terminal:
             above = "" if of.parent < 0 else self.scene.ensembles[of.parent].path
             live = ", ".join(life.action for life in each.live) or each.action
             live += f" (its shield: in place of {each.wanted})" if each.wanted else ""
-            standing_since = each.since if how != "idle" or each.idle is None else each.idle
+            standing_since = {"idle": each.idle, "waiting": None}.get(how, each.since)
             since = each.live[-1].since if each.live else standing_since
             table.add_row(
                 ">" if place == self.selected else " ",
                 self._text(("  " * depth + of.path[len(above) :].lstrip("/"), "bold")),
                 self._text((f"{_SIGNS.get(how, '?')} {how}", _COLOURS.get(how, ""))),
                 self._text((live + (f"  waits for {', '.join(each.waiting)}" if each.waiting else ""), "")),
-                self._text((f"{max(0.0, frame.time - since):.1f} s", "bright_black")),
+                self._text(("" if since is None else f"{max(0.0, frame.time - since):.1f} s", "bright_black")),
             )
         return table
 

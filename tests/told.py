@@ -68,8 +68,11 @@ class Kept(Told):
     async def course(self, ensemble, first, last):
         return None
 
-    def after(self, cursor, most):
+    def after(self, cursor, most, *, rare=False):
         return self.ring.after(cursor, most)
+
+    def lanes(self, first, last, paths, predicates, most):
+        return [event for event in self.ring if event.kind in {"mode", "life", "decision", "predicate"}]
 
 
 @asynccontextmanager

@@ -158,6 +158,11 @@ class Record:
         return sum(file.size for file in self._files)
 
     @property
+    def checksums(self) -> tuple[str, ...]:
+        """Of each file its size and the checksum of all of its bytes."""
+        return tuple([file.checksum for file in self._files])
+
+    @property
     def unread(self) -> int:
         """Bytes that could not be read, since a file is torn or damaged."""
         return sum(file.size - file.whole + sum(hole.size for hole in file.holes) for file in self._files)
@@ -233,10 +238,12 @@ class Record:
         Raises:
             Error: If there is no such topic.
         """
-        decode = self._decoding.decode
-        schemas = {topic.name: topic.schema_name for topic in self.topics.values()}
         for topic, time, sequence, data in self.raw(topics, since, until):
-            yield Recorded(topic, time, sequence, decode(schemas[topic], data))
+            yield Recorded(topic, time, sequence, self.decode(topic, data))
+
+    def decode(self, topic: str, data: bytes) -> Any:
+        """Return a message of `raw`, of a topic: a struct, or plain JSON where its type is unknown."""
+        return self._decoding.decode(self.topics[topic].schema_name, data)
 
     def raw(
         self, topics: Iterable[str] | None = None, since: int | None = None, until: int | None = None
@@ -388,7 +395,8 @@ def repair(record: Record, file: IO[bytes]) -> int:
         else:
             written.metadata(name, mapping)
     for attachment in record.attachments:
-        written.attach(*attachment)
+        if attachment.name != "mdm.summary":  # of all that there was
+            written.attach(*attachment)
     topics = {name: written.topic(*topic) for name, topic in record.topics.items()}
     count = 0
     for topic, time, sequence, data in record.raw():

@@ -113,8 +113,10 @@ def transports_of(record: Record) -> dict[str, ReplayTransport]:
         raise _no_beginning(record)
     joined: dict[str, Joined] = {}
     unsent: dict[str, set[int]] = defaultdict(set)
-    for each in record.messages(["stimuli"]):
-        stimulus = each.message
+    for topic, _, _, data in record.raw(["stimuli"]):
+        if b'"joined"' not in data and b'"unsent"' not in data:
+            continue  # most are decoded for nothing
+        stimulus = record.decode(topic, data)
         if isinstance(stimulus, Joined):
             joined.setdefault(stimulus.agent, stimulus)
         elif isinstance(stimulus, Unsent):

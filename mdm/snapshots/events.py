@@ -21,9 +21,14 @@ Kind = Literal["mode", "fault", "idle", "life", "decision", "predicate", "judgem
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
-_ROOM = {"mode": 5_000, "life": 20_000, "decision": 20_000, "predicate": 20_000}
-"""Events of a kind that are kept; of others fewer."""
-_LESS = 2_000
+ROOM: dict[str, int] = {
+    **dict.fromkeys(KINDS, 2_000),
+    "mode": 5_000,
+    "life": 20_000,
+    "decision": 20_000,
+    "predicate": 20_000,
+}
+"""Events of a kind that are kept of a running system."""
 
 
 class Event(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
@@ -97,9 +102,7 @@ class Ring:
 
     def __init__(self) -> None:
         self.number = 0
-        self._kept: dict[Kind, deque[tuple[int, Event, bytes]]] = {
-            kind: deque(maxlen=_ROOM.get(kind, _LESS)) for kind in KINDS
-        }
+        self._kept: dict[Kind, deque[tuple[int, Event, bytes]]] = {kind: deque(maxlen=ROOM[kind]) for kind in KINDS}
         self._encode = msgspec.json.Encoder().encode
 
     def add(self, time: float, kind: Kind, source: str, name: str, **more: object) -> None:
@@ -111,6 +114,11 @@ class Ring:
         self.number += 1
         event = msgspec.structs.replace(event, number=self.number)
         self._kept[event.kind].append((self.number, event, self._encode(event)))
+
+    @property
+    def kept(self) -> dict[Kind, float]:
+        """Since when all events of a kind are kept, where earlier ones had to go."""
+        return {kind: kept[0][1].time for kind, kept in self._kept.items() if len(kept) == kept.maxlen}
 
     def __iter__(self) -> Iterator[Event]:
         return (event for _, event, _ in merge(*self._kept.values()))

@@ -322,6 +322,8 @@ class Scene(msgspec.Struct, frozen=True):
         floors: The floors of the robot's map.
         control: Whether commands are taken.
         remarks: Warnings about the run, such as that its record is torn.
+        pending: Whether more will be known of it soon: ask again.
+        room: How many events of a kind are kept, or told; of a record, in how many ``part`` its lanes are told at most.
     """
 
     version: str
@@ -335,3 +337,5 @@ class Scene(msgspec.Struct, frozen=True):
     floors: tuple[FloorScene, ...] = ()
     control: bool = False
     remarks: tuple[str, ...] = ()
+    pending: bool = False
+    room: dict[str, int] = {}

@@ -312,6 +312,16 @@ class Told(NamedTuple):
     text: str
 
 
+class KeptSpell(NamedTuple):
+    """A spell as a summary keeps it: its rule, what it is of, and all of it."""
+
+    rule: str
+    of: str
+    number: int
+    edges: list[int]
+    found: list[tuple[int, Found]]
+
+
 class Spell:
     """Some time over which a rule names something: its findings by their times, and from when to when."""
 
@@ -384,6 +394,18 @@ class Spells:
             if until - end > self._gap:
                 del self._breaks[rule, of]
                 self._tell(Told(end, "over", spell.number, rule, of, ""))
+
+    def kept(self) -> list[KeptSpell]:
+        """Return all spells, as a summary keeps them."""
+        pairs = ((key, spell) for key, spells in self.named.items() for spell in spells)
+        return [KeptSpell(*key, spell.number, spell.edges, spell.found) for key, spell in pairs]
+
+    def restore(self, kept: Iterable[KeptSpell]) -> None:
+        """Take spells from a summary, to tell of them alone."""
+        for rule, of, number, edges, found in kept:
+            spell = Spell(number, *found[0])
+            spell.edges, spell.found = edges, found
+            self.named.setdefault((rule, of), []).append(spell)
 
     def finish(self, time: int) -> None:
         """Judge all until a time, which nothing follows: a judgement that lasts then stays so."""

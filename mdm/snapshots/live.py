@@ -20,7 +20,7 @@ from mdm.maps.places import Places
 from mdm.messages import Action, ActionLife, Decision, Idle, Mode, Observation, Progress, Reward, State
 from mdm.runtime.actor import descendants
 from mdm.runtime.observing import Observer
-from mdm.snapshots.events import Ring, event_of, predicate_event, spell_event
+from mdm.snapshots.events import ROOM, Ring, event_of, predicate_event, spell_event
 from mdm.snapshots.frame import Detail, EnsembleFrame, Frame, LifeFrame, PredicateScene, Scene, Spread, StatisticsFrame
 from mdm.snapshots.judgement import RunJudge, judged
 from mdm.snapshots.picture import Picture, case_of, pictures
@@ -358,6 +358,7 @@ class LiveRun(Observer):
             predicates=tuple(predicates),
             floors=tuple([floor for places in self._places for floor in floors_of(places)]),
             control=self._control,
+            room=ROOM,
         )
 
     # -- Frames --------------------------------------------------------------------------------------------------

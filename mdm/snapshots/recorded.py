@@ -7,6 +7,8 @@ values of predicates, `restore` has from a replay, where the record has its conf
 from __future__ import annotations
 
 import asyncio
+import re
+import zlib
 from bisect import bisect_left, bisect_right
 from collections import Counter, OrderedDict
 from itertools import chain
@@ -18,16 +20,18 @@ import numpy as np
 from mdm.errors import Error
 from mdm.messages import ActionLife, Decision, Fault, Idle, Journey, Mode, PoseUpdate, SensorUpdate
 from mdm.models import Space
+from mdm.progress import report_share
 from mdm.recording.table import Names, names_of
 from mdm.replay.replay import replay_predicates
 from mdm.replay.retraced import retraced
 from mdm.snapshots.beliefs import chances_of, entropy, marginals
 from mdm.snapshots.events import event_of, predicate_event, spell_event
 from mdm.snapshots.frame import Detail, Frame, PredicateScene, Scene, StatisticsFrame
-from mdm.snapshots.judgement import RunJudge, judged
+from mdm.snapshots.judgement import KeptSpell, RunJudge, Told, judged
 from mdm.snapshots.picture import Picture, case_of, pictures
-from mdm.snapshots.reducer import EnsembleReducer, Known, Track, expected_return, known_of
+from mdm.snapshots.reducer import PARTS, EnsembleReducer, Known, Track, expected_return, known_of, parts_of
 from mdm.snapshots.scenes import ensembles_of, floors_of, robot_at
+from mdm.snapshots.summary import Summary, packed, unpack
 from mdm.snapshots.why import Why, is_as_recorded, why_recorded
 from mdm.stimuli import Said, Seen, Ticked
 from mdm.version import __version__
@@ -42,11 +46,12 @@ if TYPE_CHECKING:
     from mdm.replay.exchange import ReplayTransport
     from mdm.runtime import Actor
     from mdm.snapshots.events import Event
-    from mdm.snapshots.frame import EnsembleScene, Judgement
-    from mdm.snapshots.judgement import Told
+    from mdm.snapshots.frame import Judgement
 
 Step = Literal["decision", "change", "fault", "mode", "judgement"]
 
+_TOLD = re.compile(rb'"(?:PoseUpdate|Journey|SensorUpdate|seen)"|"missed":[1-9]')
+"""Stimuli with one of these tell something here."""
 _TOPICS = ("stimuli", "decisions", "lives", "modes", "faults", "idles")
 _MOST = 50_000
 """Events of a kind that are shown; of more decisions one stands for several."""
@@ -62,6 +67,17 @@ _SYMBOLS = 24
 """Values of all factors together up to which the probability of each is told."""
 _KEPT = 64
 """States that are kept of each belief: one that is none of them is less likely than a 64th."""
+
+
+_TRACKS = {"_faults": Fault, "_poses": PoseUpdate, "_journeys": Journey}
+_FACTS: dict[str, Any] = {
+    "believes": set[str],
+    "restored": str | None,
+    "told": list[tuple[str, Told]],
+    "spells": dict[str, list[KeptSpell]],
+    "run": list[list[KeptSpell]],
+}
+"""The facts that a summary holds beside its tracks, and their types."""
 
 
 class Course(msgspec.Struct, frozen=True):
@@ -95,6 +111,7 @@ class RecordedRun:
         record: The record.
         system: The actors of the run, built from its configuration and not started, where there is one.
         title: Its title.
+        summary: Its summary, where there is one: without one all of its messages are read.
 
     Raises:
         Error: If there is no message in it.
@@ -102,6 +119,10 @@ class RecordedRun:
     Attributes:
         first: Its first second, which is 0.
         last: Its last one.
+        restored: A remark on the replay that has restored predicates, or nothing; None without one.
+        restorable: Whether a replay can restore predicates.
+        pending: Whether another reading of it comes soon, which knows more.
+        generation: Of how many readings of the record it is.
     """
 
     def __init__(
@@ -113,6 +134,7 @@ class RecordedRun:
         predicates: PredicateManager | None = None,
         places: Places | None = None,
         title: str = "",
+        summary: Summary | None = None,
     ) -> None:
         if record.span is None:
             raise Error(f"{record.path}: there are no messages to show")
@@ -131,9 +153,17 @@ class RecordedRun:
         self._predicates: dict[str, Track] = {}
         self._beliefs: OrderedDict[tuple[str, int], Any] = OrderedDict()
         self._remarks: list[str] = []
+        self._events: dict[bool, list[bytes]] = {}
+        self.restored: str | None = None
+        self.restorable = system is not None and predicates is not None
+        self.pending, self.generation = False, 0
         self._judges = [self._judge(), self._judge()]  # of faults and agents; of predicates
-        self._read()
-        self._encoded = self._encode_events()
+        if summary is None:
+            self._read()
+        else:
+            self._restore(summary)
+        self._tell_damage()
+        self._remarks += [self.restored] if self.restored else []
 
     @property
     def grows(self) -> bool:
@@ -150,8 +180,14 @@ class RecordedRun:
 
     def _read(self) -> None:
         record = self._record
-        for each in record.messages([name for name in _TOPICS if name in record.topics]):
-            message = each.message
+        topics = [name for name in _TOPICS if name in record.topics]
+        total = sum(record.counts[topic] for topic in topics)
+        for count, (topic, _, _, data) in enumerate(record.raw(topics)):
+            if not count % 4096:
+                report_share(f"reading {record.path.name}", count / total)
+            if topic == "stimuli" and not _TOLD.search(data):
+                continue  # most are decoded for nothing
+            message = record.decode(topic, data)
             if isinstance(message, Decision | ActionLife | Mode | Idle):
                 self._reducer(message.ensemble).add(message)
             else:
@@ -165,7 +201,58 @@ class RecordedRun:
         for judge in self._judges:
             judge.finish(self._end)
         self._spells.sort(key=lambda pair: pair[1].time)
-        self._tell_damage()
+        report_share(f"reading {record.path.name}", 1.0)
+
+    # -- Its summary ---------------------------------------------------------------------------------------------
+
+    def summary(self, *, within: bool = False) -> Summary:
+        """Return the summary, of which another one of the same record is made without reading it.
+
+        Args:
+            within: Have one to be kept in the record itself, which has the checksum of no file.
+        """
+        own = {name: packed(getattr(self, name)) for name in _TRACKS}
+        own |= {f"predicate {name}": packed(track) for name, track in self._predicates.items()}
+        columns = {
+            path: {name: packed(track) for name, track in each.tracks().items() if track.times}
+            for path, each in self._ensembles.items()
+        }
+        facts = {
+            "believes": [path for path, each in self._ensembles.items() if each.believes],
+            "restored": self.restored,
+            "told": self._spells,
+            "spells": {path: each.judge.kept() for path, each in self._ensembles.items()},
+            "run": [judge.kept() for judge in self._judges],
+        }
+        encoded = {name: msgspec.Raw(msgspec.msgpack.encode(fact)) for name, fact in facts.items()}
+        return Summary(() if within else self._record.checksums, {"": own, **columns}, encoded)
+
+    def _restore(self, summary: Summary) -> None:
+        """Take all in from a summary.
+
+        Raises:
+            Error: If it lacks something.
+        """
+        try:
+            for name, column in summary.columns.pop("").items():
+                if name.startswith("predicate "):
+                    track = self._predicates[name.removeprefix("predicate ")] = Track()
+                    unpack(column, track, bool | None)
+                else:
+                    unpack(column, getattr(self, name), _TRACKS[name])
+            believes, self.restored, self._spells, spells, run = [
+                msgspec.msgpack.decode(summary.facts[name], type=kind) for name, kind in _FACTS.items()
+            ]
+            for judge, kept in zip(self._judges, run, strict=True):
+                judge.restore(kept)
+            for path, columns in summary.columns.items():
+                each = self._reducer(path)
+                each.believes = path in believes
+                each.judge.restore(spells[path])
+                for name, column in columns.items():
+                    unpack(column, *each.track(name))
+        except (KeyError, AttributeError, ValueError, zlib.error, msgspec.MsgspecError) as error:
+            raise Error(f"the summary lacks something: {error}") from None
 
     def _take(self, message: Any) -> None:
         """Take a message of no ensemble, or of one that has told something before."""
@@ -221,36 +308,53 @@ class RecordedRun:
         space = Space.single("state", list(names.states)) if names.states else None
         return Known(space, lambda observation: names.observation(observation) or str(observation))
 
-    def _encode_events(self) -> list[bytes]:
+    # -- Lanes ---------------------------------------------------------------------------------------------------
+
+    def lanes(
+        self, first: float, last: float, paths: Sequence[str], predicates: Sequence[str], most: int = PARTS
+    ) -> list[Event]:
+        """Return the modes, lives and decisions of ensembles and the changes of predicates over some time, as events.
+
+        Where there are more of a kind than are asked for, those of each part of the time stand together, as one event
+        with their count: of changes that come to several values with the status ``several``, and of lives with the name
+        and the status of the last one that failed, else of the last.
+
+        Args:
+            first: From this second on.
+            last: To this second.
+            paths: The ensembles.
+            predicates: The predicates.
+            most: Of each kind, of an ensemble or predicate.
+        """
+        begin, end = self._time(first), self._time(max(first, last))
         found: list[Event] = []
-        seconds = self._seconds
-        for ensemble in self._ensembles.values():
-            count = len(ensemble.decisions.times)
-            step = -(-count // _MOST) or 1
-            found += [ensemble.decision_event(place, step) for place in range(0, count, step)]
-            if step > 1:
-                self.remark(f"{ensemble.path}: on the timeline one decision stands for {step:,}")
-            found += [event_of(each, seconds) for each in (*ensemble.modes.entries, *ensemble.idles.entries)]
-        found += [event_of(fault, seconds) for fault in self._faults.entries]
-        found += [spell_event(path, told, seconds) for path, told in self._spells[: 2 * _MOST]]
-        lives = [life for ensemble in self._ensembles.values() for life in ensemble.told_lives]
-        if len(lives) > 2 * _MOST:
-            self.remark(f"the timeline has the first {_MOST:,} of {len(lives) // 2:,} actions")
-            lives = sorted(lives, key=lambda life: life.time)[: 2 * _MOST]
-        found += [event_of(life, seconds) for life in lives]
-        changes = [
-            (time, name, value)
-            for name, track in self._predicates.items()
-            for time, value in zip(track.times, track.entries, strict=True)
-        ]
-        if len(changes) > _MOST:
-            self.remark(f"the timeline has the first {_MOST:,} of {len(changes):,} changes of predicates")
-            changes = sorted(changes, key=lambda change: change[0])[:_MOST]
+        for path in paths:
+            if path in self._ensembles:
+                found += self._ensembles[path].lane(begin, end, most)
         manager = "" if self._manager is None else self._manager.path
-        found += [predicate_event(seconds(time), manager, name, value) for time, name, value in changes]
+        for name in predicates:
+            track = self._predicates.get(name, Track())
+            for one, two in parts_of(track.times, begin, end, most):
+                for place in dict.fromkeys((one, two - 1)):
+                    event = predicate_event(self._seconds(track.times[place]), manager, name, track.entries[place])
+                    if place == one < two - 1:
+                        event = msgspec.structs.replace(event, status="several", count=two - one)
+                    found.append(event)
+        return found
+
+    def _every_event(self, *, rare: bool) -> list[bytes]:
+        """Return faults, judgements and times without anything to do, encoded, or these and all lanes."""
+        found: list[Event] = []
+        seconds, ensembles = self._seconds, self._ensembles
+        if not rare:
+            found += self.lanes(self.first, self.last, tuple(ensembles), tuple(self._predicates), _MOST)
+        found += [event_of(each, seconds) for ensemble in ensembles.values() for each in ensemble.idles.entries]
+        found += [event_of(fault, seconds) for fault in self._faults.entries[:_MOST]]
+        found += [spell_event(path, told, seconds) for path, told in self._spells[:_MOST]]
+        if len(self._faults.times) > _MOST:
+            self.remark(f"the timeline has the first {_MOST:,} of {len(self._faults.times):,} faults")
         found.sort(key=lambda event: event.time)
-        encode = msgspec.json.Encoder().encode
-        return [encode(msgspec.structs.replace(event, number=number)) for number, event in enumerate(found, 1)]
+        return [msgspec.json.encode(msgspec.structs.replace(each, number=n)) for n, each in enumerate(found, 1)]
 
     # -- What a replay restores ----------------------------------------------------------------------------------
 
@@ -267,10 +371,12 @@ class RecordedRun:
         found = {name: Track() for name in manager.values()}
         for time, values in changes:
             _add(found, time, values)
+        self.restored = ""
         if not told.same:
             at = told.differences[0].recorded or told.differences[0].replayed
             until = "" if at is None else f" up to second {self._seconds(at.time):g}"
-            self._remarks.append(f"predicates are restored by a replay, which is the same as the run{until} alone")
+            self.restored = f"predicates are restored by a replay, which is the same as the run{until} alone"
+            self.remark(self.restored)
         self._predicates = {name: track for name, track in found.items() if track.times}
         self._spells = [(of, told) for of, told in self._spells if told.rule != "flickers"]
         self._judges[1] = self._judge()
@@ -279,7 +385,7 @@ class RecordedRun:
                 self._judges[1].change(time, name, value)
         self._judges[1].finish(self._end)
         self._spells.sort(key=lambda pair: pair[1].time)
-        self._encoded = self._encode_events()
+        self._events.clear()
 
     def remark(self, text: str) -> None:
         """Add a remark on the run, once."""
@@ -293,6 +399,8 @@ class RecordedRun:
         head = self._record.head
         wall = int(head["wall"]) + self._epoch - int(head["epoch"]) if "wall" in head and "epoch" in head else 0
         declared = None if self._manager is None else self._manager.declared
+        spaces = {path: each.known.space for path, each in self._ensembles.items()}
+        actions = {path: self._names[path].actions for path in self._ensembles if path in self._names}
         return Scene(
             version=__version__,
             source="record",
@@ -300,7 +408,7 @@ class RecordedRun:
             began=wall if head.get("clock") == "wall" else 0,
             first=self.first,
             last=self.last,
-            ensembles=self._ensemble_scenes(),
+            ensembles=ensembles_of({path: self._models.get(path) for path in self._ensembles}, spaces, actions),
             predicates=tuple(
                 [
                     PredicateScene(name, "" if declared is None else declared.definition(name))
@@ -309,12 +417,9 @@ class RecordedRun:
             ),
             floors=() if self._places is None else floors_of(self._places),
             remarks=tuple(self._remarks),
+            pending=self.pending,
+            room={"fault": _MOST, "judgement": _MOST, "part": PARTS},
         )
-
-    def _ensemble_scenes(self) -> tuple[EnsembleScene, ...]:
-        spaces = {path: each.known.space for path, each in self._ensembles.items()}
-        actions = {path: self._names[path].actions for path in self._ensembles if path in self._names}
-        return ensembles_of({path: self._models.get(path) for path in self._ensembles}, spaces, actions)
 
     # -- Frames --------------------------------------------------------------------------------------------------
 
@@ -340,7 +445,7 @@ class RecordedRun:
             changed=tuple([0.0 if place < 0 else self._seconds(track.times[place]) for track, place in values]),
             details={each.path: self._detail(each, time) for each in near},
             robots=() if robot is None else (robot,),
-            statistics=StatisticsFrame({}, {}, {each.path: self._ended(each, time) for each in near}),
+            statistics=StatisticsFrame({}, {}, {each.path: _ended(each, time) for each in near}),
             judgements=judgements,
             headline=headline,
         )
@@ -353,9 +458,6 @@ class RecordedRun:
     def _judged(self, time: int, *, stopped: bool) -> tuple[tuple[Judgement, ...], str]:
         judges = {path: each.judge for path, each in self._ensembles.items()}
         return judged(judges, self._judges, time, self._seconds, stopped=stopped)
-
-    def _ended(self, each: EnsembleReducer, time: int) -> dict[str, int]:
-        return dict(Counter(each.outcomes.entries[: each.outcomes.place(time) + 1]))
 
     def _detail(self, each: EnsembleReducer, time: int) -> Detail:
         decided = each.decisions.at(time)
@@ -403,10 +505,19 @@ class RecordedRun:
 
     # -- Events --------------------------------------------------------------------------------------------------
 
-    def after(self, cursor: int, most: int) -> tuple[list[bytes], int]:
-        """Return the first events behind a cursor, encoded, and the cursor behind them."""
-        end = min(cursor + most, len(self._encoded))
-        return self._encoded[cursor:end], end
+    def after(self, cursor: int, most: int, *, rare: bool = False) -> tuple[list[bytes], int]:
+        """Return the first events behind a cursor, encoded, and the cursor behind them.
+
+        Args:
+            cursor: How many were had before.
+            most: How many at most.
+            rare: Leave out those of lanes, which `lanes` tells.
+        """
+        if rare not in self._events:
+            self._events[rare] = self._every_event(rare=rare)
+        events = self._events[rare]
+        end = min(cursor + most, len(events))
+        return events[cursor:end], end
 
     def step(self, kind: Step, seconds: float, *, back: bool = False) -> float:
         """Return the time of the next event of a kind, or of the one before; the same where there is none.
@@ -417,7 +528,7 @@ class RecordedRun:
         time = self._time(seconds)
         times = {
             "decision": [each.decisions.times for each in self._ensembles.values()],
-            "change": [each.changes for each in self._ensembles.values()],
+            "change": [each.changes.times for each in self._ensembles.values()],
             "mode": [each.modes.times for each in self._ensembles.values()],
             "fault": [self._faults.times],
             "judgement": [[told.time for _, told in self._spells if told.status == "begins"]],
@@ -451,7 +562,7 @@ class RecordedRun:
 
     def _draw(self, path: str, seconds: float, opened: Collection[int]) -> tuple[Picture, ...]:
         time, model, track = self._time(seconds), self._models.get(path), self._ensembles[path].decisions
-        decisions = [each.message for each in track.entries[: track.place(time) + 1]]
+        decisions = [each.message for each in track.entries[track.last(time, _WAY)]]
         case = None if model is None or not is_as_recorded(self._record, model) else case_of(model)
         way: list[Any] = []
         if model is not None and case is not None and decisions:
@@ -462,11 +573,17 @@ class RecordedRun:
             elif last.state is not None and getattr(policy, "table", None) is not None:
                 case = case._replace(at=last.state)
             else:
-                case = retraced(model.controller, decisions, len(decisions) - 1).case()
+                every = [each.message for each in track.entries[: track.place(time) + 1]]
+                case = retraced(model.controller, every, len(every) - 1).case()
         frames = zip(self._ensembles, self.frame(seconds).ensembles, strict=True)
         running = {each: [life.action for life in frame.live] or [frame.action] for each, frame in frames}
         way = [each for each in way[:-1] if each is not None]
-        return pictures(case, self._ensemble_scenes(), path, running, opened=opened, way=way)
+        return pictures(case, self.scene().ensembles, path, running, opened=opened, way=way)
+
+
+def _ended(each: EnsembleReducer, time: int) -> dict[str, int]:
+    ended = {status: track.place(time) + 1 for status, track in each.outcomes.items()}
+    return {status: count for status, count in ended.items() if count}
 
 
 def _add(tracks: Mapping[str, Track], time: int, values: Mapping[str, bool | None]) -> None:

@@ -7,7 +7,7 @@ system the newest are kept, as many as a rule needs.
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections import Counter, defaultdict
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,7 +16,7 @@ import msgspec
 from mdm.errors import ModelError
 from mdm.messages import ActionLife, Decision, Idle, Mode
 from mdm.snapshots.beliefs import belief_frame
-from mdm.snapshots.events import Event, remedy_of
+from mdm.snapshots.events import Event, event_of, remedy_of
 from mdm.snapshots.frame import CauseFrame, Detail, EnsembleFrame, LifeFrame
 from mdm.snapshots.judgement import KEPT, SAFE_ACTION, Ended, Judge
 from mdm.snapshots.words import (
@@ -32,7 +32,7 @@ from mdm.snapshots.words import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Set as AbstractSet
+    from collections.abc import Callable, Iterator, Sequence, Set as AbstractSet
 
     from mdm.actors import Ensemble
     from mdm.models import Space
@@ -44,6 +44,11 @@ _NEWEST = 64
 """Entries that are kept of a running system where no rule needs more."""
 _KINDS = 1_000
 """Observations of a running system that are counted each."""
+PARTS = 2_000
+"""Parts of the time of a lane: there are no more pixels."""
+_AHEAD = 100
+"""Ends of lives behind the time that is looked at, among which that of one that goes on there is looked for."""
+_BAD = ("abandoned", "timed_out", "failed")
 _VALUED = 10_000
 """States up to which a policy is asked for its value."""
 _WINDOW = 5_000_000_000
@@ -59,8 +64,8 @@ class Track:
     __slots__ = ("entries", "newest", "times")
 
     def __init__(self, newest: int | None = None) -> None:
-        self.times: list[int] = []
-        self.entries: list[Any] = []
+        self.times: Any = []
+        self.entries: Any = []
         self.newest = newest
 
     def add(self, time: int, entry: Any) -> None:
@@ -91,6 +96,20 @@ class Decided(NamedTuple):
     message: Decision
     stands: int
     total: int
+
+
+_SYMBOL = int | tuple[int | None, ...]
+_TRACKS: dict[str, Any] = {
+    "modes": Mode,
+    "idles": Idle,
+    "lives": tuple[ActionLife, ...],
+    "decisions": Decided,
+    "ends": Ended,
+    "observed": _SYMBOL,
+    "changes": None,
+    "bars": tuple[ActionLife, ActionLife],
+}
+"""The tracks of a whole run, and the types of their entries."""
 
 
 class Known(NamedTuple):
@@ -171,9 +190,10 @@ class EnsembleReducer:
         idles: When it had nothing to do, and when it had again.
         lives: The actions that lived from each change of them on.
         decisions: Its decisions, each a `Decided`.
-        changes: The times of those for another action than the one before.
+        changes: Where one was for another action than the one before.
         ends: The ended lives of its actions, but for plain functions.
-        outcomes: How each life has ended, those of plain functions with them.
+        bars: The beginnings and the ends of these lives, by their ends; of a whole run alone, as the next.
+        outcomes: Where lives have ended, those of plain functions with them, by how.
         observed: The observations that were decided on.
         believes: Whether any decision has a belief.
         version: The number of messages so far.
@@ -195,14 +215,14 @@ class EnsembleReducer:
 
         self.path = path
         self.modes, self.idles, self.lives, self.decisions = track(), track(), track(), track()
-        self.ends, self.outcomes, self.observed = track(KEPT), track(1), track(HISTORY)
-        self.changes: list[int] = []
+        self.ends, self.observed = track(KEPT), track(HISTORY)
+        self.changes, self.bars = track(), track()
+        self.outcomes: defaultdict[str, Track] = defaultdict(lambda: track(1))
         self.believes = False
         self.version = 0
         self.heard: int | None = None
         self._whole = whole
         self._epoch = epoch
-        self._told_lives: list[ActionLife] = []
         self._tally: defaultdict[Any, Track] = defaultdict(lambda: track(1))
         self.judge = Judge(known, lambda told: tell(path, told), gap, whole=whole)
 
@@ -242,7 +262,7 @@ class EnsembleReducer:
         time, name, observation = decision.time, decision.action_name, decision.observation
         before = self.decisions.entries[-1] if self.decisions.entries else None
         if self._whole and (before is None or before.message.action_name != name):
-            self.changes.append(time)
+            self.changes.add(time, None)
         if decision.belief is not None:  # which is read again where one looks at it
             self.believes = True
             kept = msgspec.structs.replace(decision, belief=None)
@@ -259,12 +279,13 @@ class EnsembleReducer:
     def _live(self, life: ActionLife) -> None:
         time, begun = life.time, self.judge.living.get(life.life, life)
         if life.status != "running":
-            self.outcomes.add(time, life.status)
+            if self._whole:
+                self.outcomes[life.status].add(time, None)
             # The life of a plain function has no length, and its decision stands for it; a safe action has none.
             if life.status != "succeeded" or begun.time != time or life.action == SAFE_ACTION:
                 self.ends.add(time, Ended(life.action, (time - begun.time) / 1e9, life.status))
                 if self._whole:
-                    self._told_lives += [begun, life] if begun is not life else [life]
+                    self.bars.add(time, (begun, life))
         self.judge.live(life)
         self.lives.add(time, tuple(self.judge.living.values()))
 
@@ -283,10 +304,22 @@ class EnsembleReducer:
         """End all spells: no message follows a time."""
         self.judge.finish(time)
 
-    @property
-    def told_lives(self) -> list[ActionLife]:
-        """The beginnings and ends of lives, but for those of plain functions, by their times."""
-        return sorted([*self._told_lives, *self.judge.living.values()], key=lambda life: life.time)
+    # -- Its summary ---------------------------------------------------------------------------------------------
+
+    def tracks(self) -> dict[str, Track]:
+        """Return all of its tracks, by names."""
+        found = {name: getattr(self, name) for name in _TRACKS}
+        found |= {f"ended {status}": track for status, track in self.outcomes.items()}
+        return found | {f"tally {msgspec.json.encode(symbol).decode()}": each for symbol, each in self._tally.items()}
+
+    def track(self, name: str) -> tuple[Track, Any]:
+        """Return the track of a name that `tracks` of some reducer has told, and the type of its entries."""
+        kind, _, of = name.partition(" ")
+        if kind == "ended":
+            return self.outcomes[of], None
+        if kind == "tally":
+            return self._tally[msgspec.json.decode(of, type=_SYMBOL)], int
+        return getattr(self, name), _TRACKS[name]
 
     # -- Pictures ------------------------------------------------------------------------------------------------
 
@@ -372,6 +405,42 @@ class EnsembleReducer:
         )
         return words if message.wanted is None else f"{words}; the shield took it in place of {message.wanted_name!r}"
 
+    def lane(self, begin: int, end: int, most: int) -> Iterator[Event]:
+        """Yield modes, decisions and lives of a whole run from a time to another one as events.
+
+        Args:
+            begin: The first time.
+            end: The last one.
+            most: Of each kind, above which those of a part of the time stand together, see `parts_of`.
+        """
+        seconds, replace = self.seconds, msgspec.structs.replace
+        modes, decisions, changes, bars = self.modes, self.decisions, self.changes, self.bars
+        for one, two in parts_of(modes.times, begin, end, most):
+            yield replace(event_of(modes.entries[two - 1], seconds), count=two - one, time=seconds(modes.times[one]))
+        for one, two in parts_of(decisions.times, begin, end, most):
+            event = self.decision_event(two - 1, two - one)
+            if two - one > 1 and changes.place(decisions.times[two - 1]) > changes.place(decisions.times[one]):
+                event = replace(event, status="several")
+            yield event
+        ended = 0
+        for one, two in parts_of(bars.times, begin, end, most):
+            begun, last = bars.entries[one][0], bars.entries[two - 1][1]
+            ended = two
+            told = last
+            for status in _BAD if two - one > 1 else ():
+                if status in self.outcomes and (place := self.outcomes[status].place(last.time)) >= 0:
+                    failed = bars.place(self.outcomes[status].times[place])
+                    told = bars.entries[failed][1] if failed >= one else told
+            about = {"count": two - one, "life": last.life, "name": told.action}
+            if begun != last:
+                yield replace(event_of(replace(begun, status="running"), seconds), **about)
+            yield replace(event_of(told, seconds), time=seconds(last.time), **about)
+        ended = ended or bisect_right(bars.times, end)
+        for living in self.lives.at(end) or ():  # which may end later
+            yield event_of(living, seconds)
+            ends = (bars.entries[place] for place in range(ended, min(ended + _AHEAD, len(bars.times))))
+            yield from [event_of(last, seconds) for begun, last in ends if begun.life == living.life][:1]
+
     def decision_event(self, place: int, count: int | None = None) -> Event:
         """Return a decision by its place as an event, which has no number yet.
 
@@ -386,5 +455,24 @@ class EnsembleReducer:
         elif message.cause != "observation":
             at = on_observing(self.known.observed(message.observation))
         time, count = self.seconds(message.time), of if count is None else count
-        about = {"detail": self.cause(place), "life": message.epoch, "count": count, "at": at}
+        mixed = "several" if of > 1 else ""  # of which the last is known
+        about = {"detail": self.cause(place), "life": message.epoch, "count": count, "at": at, "status": mixed}
         return Event(0, time, "decision", self.path, message.action_name, **about)
+
+
+def parts_of(times: Sequence[int], first: int, last: int, most: int) -> Iterator[tuple[int, int]]:
+    """Yield places, as the first and the one behind the last, that stand together, where there are more than so many.
+
+    The last one before that time is the first of them, by itself: it says how the time begins.
+    """
+    begin, end = bisect_left(times, first), bisect_right(times, last)
+    if begin:
+        yield begin - 1, begin
+    if end - begin <= most:
+        yield from [(place, place + 1) for place in range(begin, end)]
+        return
+    for part in range(most):
+        after = bisect_right(times, first + (last - first) * (part + 1) // most, begin, end)
+        if after > begin:
+            yield begin, after
+            begin = after

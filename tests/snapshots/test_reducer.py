@@ -53,19 +53,20 @@ def test_an_ended_life_lasted_from_its_beginning_and_a_decision_is_kept_without_
         tracks.add(Decision(epoch, "robot", epoch, cause, None, None, belief, 0, name, None))
     assert tracks.believes
     assert [each.message.belief for each in tracks.decisions.entries] == [None] * 3
-    assert tracks.changes == [0, 2]
+    assert tracks.changes.times == [0, 2]
 
 
 def test_a_plain_function_has_a_life_of_no_time_which_says_nothing_of_how_long_actions_take():
     reducer = EnsembleReducer("robot", lambda *_: None)
-    reducer.add(Mode(0, "robot", "deciding", (), 0))
+    reducer.add(Mode(0, "robot", "deciding", 0, ()))
     for life in range(1, 9):
         for status in ("running", "succeeded"):
             reducer.add(ActionLife(life, "robot", life, f"beep{life % 2}", status))
     reducer.add(ActionLife(10, "robot", 10, "Go", "running"))
     assert reducer.ends.entries == []
-    assert [(each.action, each.status) for each in reducer.told_lives] == [("Go", "running")]
-    assert reducer.outcomes.entries == ["succeeded"] * 8
+    lives = [each for each in reducer.lane(0, 10**12, 100) if each.kind == "life"]
+    assert [(each.name, each.status) for each in lives] == [("Go", "running")]
+    assert {status: len(track.times) for status, track in reducer.outcomes.items()} == {"succeeded": 8}
     reducer.finish(60_000_000_000)
     assert reducer.judge.named == {}
 

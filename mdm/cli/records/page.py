@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import sys
 import tempfile
+from contextlib import suppress
 from threading import Lock
 from typing import TYPE_CHECKING
 
+from mdm.cli.progress import work_shown
 from mdm.config.recorded import as_recorded, load_recorded
 from mdm.errors import Error
 from mdm.recording import Record
 from mdm.replay import transports_of
 from mdm.runtime import run as run_program
 from mdm.snapshots import RecordedRun
+from mdm.snapshots.summary import Summary, decoded, keep, summary_of
 from mdm.views.web import PageServer
 from mdm.views.web.access import encryption
 from mdm.views.web.listening import LOOPBACK
@@ -24,9 +28,15 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+_LONG = 20_000
+"""Messages from which on a record is read for longer than its summary takes."""
+_RESTORES = "predicates are not known yet: a replay restores them"
+_NEVER = "predicates are not known: the record does not tell them, and it is not replayed"
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Show the record until Ctrl-C; return the exit status."""
-    websockets()  # before a long replay, as the rest
+    websockets()  # before a long reading, as the rest
     host = LOOPBACK[0] if arguments.host is None else arguments.host
     encryption(host, arguments.access)
     shown = _Shown(arguments.file, replay=not arguments.no_replay)
@@ -37,9 +47,12 @@ def run(arguments: argparse.Namespace) -> int:
         )
         await server.open()
         print(f"page: {server.address}", file=sys.stderr, flush=True)
+        summarising = asyncio.create_task(shown.restore(server))
         try:
             await asyncio.Event().wait()
         finally:
+            summarising.cancel()
+            await asyncio.gather(summarising, return_exceptions=True)
             await server.close()
 
     run_program(main)
@@ -60,7 +73,14 @@ class _Shown:
     def __init__(self, path: str, *, replay: bool) -> None:
         self._path, self._replay = path, replay
         self._lock = Lock()
-        self.run = recorded_run(path, replay=replay)
+        self.run = self._read()
+
+    def _read(self) -> RecordedRun:
+        run = recorded_run(self._path, replay=False)
+        if run.restored is None and run.restorable:
+            run.pending = self._replay
+            run.remark(_RESTORES if self._replay else _NEVER)
+        return run
 
     def newest(self) -> RecordedRun:
         """Return the record as it is now.
@@ -70,40 +90,87 @@ class _Shown:
         """
         with self._lock:  # one page at a time
             if self.run.grows:
-                self.run = recorded_run(self._path, replay=self._replay)
+                self.run = self._read()
             return self.run
 
+    async def restore(self, server: PageServer) -> None:
+        """Have a process of its own restore predicates, and show the record with them."""
+        if not self.run.pending:
+            return
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-P", "-c", "from mdm.cli.records.page import summarise; summarise()", self._path),
+            stdout=asyncio.subprocess.PIPE,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        )
+        assert process.stdout is not None
+        try:
+            told = await process.stdout.read()
+        finally:
+            with suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+        with self._lock:
+            before = self.run
+            try:
+                self.run = recorded_run(self._path, replay=False, summary=decoded(told))
+            except Error as error:
+                before.remark(f"predicates are not known, for the run cannot be replayed: {error}")
+                before.pending = False
+            self.run.generation = before.generation + 1
+        server.show(self.run)
 
-def recorded_run(path: str | Path | Record, *, replay: bool = True) -> RecordedRun:
+
+def summarise() -> None:
+    """Write the summary of the record that the last argument names to standard output: of a process of its own."""
+    with work_shown():
+        sys.stdout.buffer.write(recorded_run(sys.argv[-1]).summary().encoded())
+
+
+def recorded_run(path: str | Path | Record, *, replay: bool = True, summary: Summary | None = None) -> RecordedRun:
     """Return a record as snapshots; without the names, maps and predicates of its configuration where it has none.
+
+    A long record that has no summary gets one beside it, where its folder can be written.
 
     Args:
         path: The record, or its file.
-        replay: Have predicates from a replay.
+        replay: Have predicates from a replay, where no summary tells them.
+        summary: Its summary, where that is at hand.
     """
     record = path if isinstance(path, Record) else Record(path)
+    summary = summary_of(record) if summary is None else summary
     if "configuration" not in record.head:
-        return RecordedRun(record)
+        return _kept(RecordedRun(record, summary=summary), record, summary)
     with tempfile.TemporaryDirectory() as folder:
-        transports = transports_of(record)
+        transports = {}
         try:
+            if "agent" in record.head:
+                transports = transports_of(record)
             system = load_recorded(record, folder, transport=next(iter(transports.values()), None))
         except Error as error:
-            run = RecordedRun(record)
+            run = RecordedRun(record, summary=summary)
             run.remark(f"the record's configuration cannot be loaded: {error}")
-            return run
+            return _kept(run, record, summary)
         run = RecordedRun(
             *(record, system),
             ensembles=system.ensembles,
             predicates=system.predicates,
             places=system.places,
+            summary=summary,
         )
     for sentence in record.cannot:
         run.remark(sentence)
-    if replay:
+    if replay and run.restored is None:
         try:
             with as_recorded(record, system.ensembles.values()):
                 run.restore(transports)
+            summary = None
         except Error as error:
             run.remark(f"predicates are not known, for the run cannot be replayed: {error}")
+    return _kept(run, record, summary)
+
+
+def _kept(run: RecordedRun, record: Record, summary: Summary | None) -> RecordedRun:
+    """Keep the summary of a run that has none, beside its record where that is long and does not grow."""
+    if summary is None and record.counts.total() >= _LONG and not record.grows:
+        keep(run.summary(), record)
     return run

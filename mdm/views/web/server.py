@@ -153,6 +153,12 @@ class PageServer:
         if self._live:
             self._watch()
 
+    def show(self, source: RecordedRun) -> None:
+        """Show a later reading of the same record, also to those who look at it already."""
+        self._source = source
+        for reader in self._readers:
+            reader.source = source
+
     async def close(self) -> None:
         """Listen no more, and part with everybody."""
         if self._beat is not None:

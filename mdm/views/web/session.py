@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 
 from mdm.errors import Error
+from mdm.snapshots.reducer import PARTS
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -77,6 +78,16 @@ class Course(_Said, frozen=True):
     last: float
 
 
+class Lanes(_Said, frozen=True):
+    """Send the lanes of a record from a second to another one, in so many parts at most."""
+
+    first: float
+    last: float
+    paths: Paths
+    predicates: Paths
+    most: Annotated[int, msgspec.Meta(ge=1, le=10_000)]
+
+
 class Command(_Said, frozen=True):
     """Command an ensemble; not after a time, in nanoseconds since 1970, by which whoever asks waits no longer."""
 
@@ -96,7 +107,7 @@ class Sense(_Said, frozen=True):
 Aside = Why | Draw | Course | Command | Sense
 """Messages whose answers may take their time, beside the frames."""
 
-Said = Drawn | At | Step | Why | Draw | Course | Command | Sense
+Said = Drawn | At | Step | Why | Draw | Course | Lanes | Command | Sense
 
 _decode = msgspec.json.Decoder(Said).decode
 _encode = msgspec.json.Encoder().encode
@@ -136,13 +147,14 @@ class Reader:
         control: Whether it may command.
 
     Attributes:
+        source: The run, in place of which a later reading of the same record may come.
         close: The ensembles that it looks at closely.
     """
 
     def __init__(
         self, source: Any, newest: Callable[[], Awaitable[tuple[int, bytes]]] | None, *, control: bool
     ) -> None:
-        self._source = source
+        self.source = source
         self._newest = newest
         self._control = control
         self._generation = -1
@@ -154,8 +166,8 @@ class Reader:
 
     def greeting(self) -> bytes:
         """Return the scene, encoded."""
-        scene = self._source.scene()
-        self._generation = getattr(self._source, "generation", 0)
+        scene = self.source.scene()
+        self._generation = getattr(self.source, "generation", 0)
         return b'{"scene":' + _encode(scene) + b"}"
 
     def read(self, text: str | bytes) -> Said:
@@ -184,41 +196,49 @@ class Reader:
             return [_encode(await self._commanded(said))]
         if isinstance(said, Why):
             async with self._explaining:  # in the order in which they were asked for
-                why = await self._source.explain(said.ensemble, said.time)
+                why = await self.source.explain(said.ensemble, said.time)
             return [_encode({"why": why, "ensemble": said.ensemble})]
         if isinstance(said, Draw):
             async with self._explaining:
-                drawn = await self._source.draw(said.ensemble, said.time, said.opened)
+                drawn = await self.source.draw(said.ensemble, said.time, said.opened)
             return [_encode({"pictures": drawn, "ensemble": said.ensemble})]
         if isinstance(said, Course):
             if self._newest is not None:
                 raise Error("a running system has no past")
             async with self._looking_back:  # which reads the record, so that there is one at a time
-                course = await self._source.course(said.ensemble, said.first, said.last)
+                course = await self.source.course(said.ensemble, said.first, said.last)
             told = {"course": course, "ensemble": said.ensemble, "first": said.first, "last": said.last}
             return [_encode(told)]
-        self.close = said.close
         if self._newest is not None:
             if not isinstance(said, Drawn):
                 raise Error("a running system has no past")
+            self.close = said.close
             return await self._live(said, self._newest)
         if isinstance(said, Drawn):
             return []
-        seconds = said.time
-        if isinstance(said, Step):
-            seconds = self._source.step(said.kind, said.time, back=said.back)
-        return [
-            _message(_encode(self._source.frame(seconds, said.close)), *self._source.after(said.cursor, _MOST_EVENTS))
-        ]
+        if isinstance(said, Lanes):
+            events = self.source.lanes(said.first, said.last, said.paths, said.predicates, min(said.most, PARTS))
+            return [_encode({"lanes": events, "asked": said})]
+        return self._of_record(said)
+
+    def _of_record(self, said: At | Step) -> list[bytes]:
+        self.close = said.close
+        seconds = self.source.step(said.kind, said.time, back=said.back) if isinstance(said, Step) else said.time
+        more = self._generation != getattr(self.source, "generation", 0)  # is known by now
+        answers = [self.greeting()] if more else []
+        frame = _encode(self.source.frame(seconds, said.close))
+        return [*answers, _message(frame, *self.source.after(said.cursor, _MOST_EVENTS, rare=True))]
 
     async def _live(self, said: Drawn, newest: Callable[[], Awaitable[tuple[int, bytes]]]) -> list[bytes]:
         generation, frame = await newest()
-        while generation != self._source.generation:  # by now there is another scene, of which the frame is none
+        while generation != self.source.generation:  # by now there is another scene, of which the frame is none
             generation, frame = await newest()
         answers = []
-        if self._generation != self._source.generation:
+        if self._generation != self.source.generation:
             answers.append(self.greeting())
-        return [*answers, _message(frame, *self._source.ring.after(said.cursor, _MOST_EVENTS))]
+        events, cursor = self.source.ring.after(said.cursor, _MOST_EVENTS)
+        kept = b"" if said.cursor else b',"kept":' + _encode(self.source.ring.kept)  # of all that comes now
+        return [*answers, _message(frame, events, cursor, kept)]
 
     async def _commanded(self, said: Command | Sense) -> dict[str, str]:
         if not self._control:
@@ -227,9 +247,9 @@ class Reader:
             return {"refused": "this command has come too late"}
         try:
             if isinstance(said, Command):
-                going = self._source.command(said.command, said.ensemble)
+                going = self.source.command(said.command, said.ensemble)
             else:
-                going = self._source.sense(said.predicate, said.value)
+                going = self.source.sense(said.predicate, said.value)
             if going is not None:
                 await going
         except Error as error:
@@ -239,8 +259,7 @@ class Reader:
         return {"done": f"{said.predicate} is {'unknown' if said.value is None else str(said.value).lower()}"}
 
 
-def _message(frame: bytes, events: list[bytes], cursor: int) -> bytes:
+def _message(frame: bytes, events: list[bytes], cursor: int, more: bytes = b"") -> bytes:
     """Return a message of parts that are encoded already."""
-    return b"".join(
-        (b'{"frame":', frame, b',"events":[', b",".join(events), b'],"cursor":', str(cursor).encode(), b"}")
-    )
+    end = b'],"cursor":%d%b}' % (cursor, more)
+    return b"".join((b'{"frame":', frame, b',"events":[', b",".join(events), end))

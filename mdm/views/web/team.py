@@ -15,7 +15,7 @@ import msgspec
 
 from mdm.errors import Error
 from mdm.snapshots import EnsembleFrame, Event, Frame, Ring, Scene
-from mdm.snapshots.events import predicate_event
+from mdm.snapshots.events import ROOM, predicate_event
 from mdm.snapshots.frame import StatisticsFrame
 from mdm.snapshots.picture import Picture
 from mdm.snapshots.why import Why
@@ -294,6 +294,7 @@ class TeamRun:
             predicates=tuple(predicates),
             floors=tuple(floors),
             control=self._control,
+            room=ROOM,
         )
 
     def frame(self, close: Collection[str] = ()) -> Frame:

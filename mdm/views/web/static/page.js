@@ -10,7 +10,7 @@ import { Part } from "./part.js";
 import { Plots, Seen } from "./plots.js";
 import { Policy } from "./policy.js";
 import { Question } from "./question.js";
-import { History, Timeline } from "./timeline.js";
+import { History, Timeline, wantedLanes } from "./timeline.js";
 import { Why } from "./why.js";
 import { clock } from "./words.js";
 
@@ -27,7 +27,7 @@ let coming = null;     // A scene, until the first frame of it has come: a frame
 let isAnew = false;    // The connection is new, and nothing has come through it.
 let fuller = null;     // The picture before ensembles went, and when they went.
 const link = new Connection((message) => { try { receive(message); } finally { schedule(); } }, (state, reason) => {
-  told.link = state; told.reason = reason; waiting = false; coming = null; stepped = later = null; courseOf = null;
+  told.link = state; told.reason = reason; waiting = false; coming = null; stepped = later = null; courseOf = null; lanesOf = false;
   if (state === "open") { told.cursor = 0; isAnew = true; } else { told.asked = null; told.playing = false; keep(); }
   schedule();
 });
@@ -37,6 +37,7 @@ let stepped = null;    // The step that is asked for, and from where.
 let questions = 0;     // How often somebody has asked why.
 let askedOf = -1;      // The number of the decision when why was asked.
 let courseOf = null;   // Of a record, the ensemble and the time of which the course is asked for, as text.
+let lanesOf = false;   // Of a record, lanes are asked for and have not come.
 let drawn = "";        // The ensemble and the time that the timeline shows, as text, and since when it has been them.
 let drawnSince = 0;
 let asked = null;      // When the decision was made of which it is told why.
@@ -46,6 +47,7 @@ const isRecord = () => told.scene?.source === "record";
 const BRIEF = 2_500;   // Milliseconds for which it is told that there is no further step.
 const DONE = 6_000;    // Milliseconds for which it is told that a command is carried out; a refusal stays.
 const SHUTS = 10_000;   // Milliseconds before the end of a program in which it takes its ensembles down.
+const SOON = 1_000;    // Milliseconds after which it is asked again of a record of which more will be known soon.
 const STILL = 200;     // Milliseconds for which the timeline stands still before the course of what it shows is asked for.
 const isOpen = () => told.link === "open";
 const close = () => (told.selected ? [told.selected] : []);
@@ -71,9 +73,14 @@ function receive(message) {
     if (!isRecord()) told.seen.add(told.selected, message.frame, message.frame.ensembles[place()]?.epoch ?? 0);
     if (isRecord() && !told.playing && told.why && asked !== decided()) why();   // of the decision shown now
     if (isRecord() && more && wanted == null) wanted = told.frame.time;   // until all events are here
+    if (told.scene.pending) setTimeout(() => { wanted ??= told.frame.time; schedule(); }, SOON);   // until all is known
+    Object.assign(told.history.kept, message.kept);
   } else if (message.refused || message.done) {
     told.said = message;
     if (message.done) setTimeout(() => { if (told.said === message) { told.said = null; schedule(); } }, DONE);
+  } else if (message.lanes) {
+    lanesOf = false;
+    told.history.show({ ...message, asked: { ...message.asked, scene: told.scene.predicates.length } });
   } else if ("course" in message) {
     courseOf = null;
     told.course = message;
@@ -90,6 +97,7 @@ function enter(scene) {
   }
   if (told.scene && scene.began !== told.scene.began) Object.assign(told, { said: null, why: null, asked: null });   // of the run before
   told.scene = scene;
+  told.history.room = scene.room ?? {};
   told.scenes += 1;
   if (!scene.ensembles.some((each) => each.path === told.selected)) told.selected = scene.ensembles[0]?.path ?? null;
   document.title = `${scene.title || "robot"} - mdm`;
@@ -132,8 +140,10 @@ function lookedAt() {
   return [from, until];
 }
 
-// The course of the chosen ensemble over the time that is looked at is asked for once that stands still.
+// The course of the chosen ensemble over the time that is looked at is asked for once that stands still; lanes are at once.
 function follow() {
+  const wanted = lanesOf ? null : wantedLanes(told.scene, told.history, told.selected, lookedAt(), innerWidth);
+  if (wanted) { lanesOf = true; link.say({ say: "lanes", ...wanted }); }
   const [first, last] = lookedAt(), shown = JSON.stringify([told.selected, first, last]), now = performance.now();
   if (shown !== drawn) { drawn = shown; drawnSince = now; }
   const { ensemble, first: from, last: until } = told.course ?? {};

@@ -8,14 +8,35 @@ const LANE = 46, THIN = 18, HEAD = 24, LEFT = 118, MOST = 10, PREDICATES = 8, AC
 const NEAR = 14;   // Pixels between equal decisions up to which they are drawn as one.
 const TINTS = { deciding: "good", safe: "bad", stopped: "off" };
 
-// What happened, by ensemble, in the order of time; kept up to date event by event.
+// What happened, by ensemble, in the order of time. Of a running system it is kept event by event, as far as there is room;
+// of a record the faults and what looks odd are, and the rest is what was asked for: some time of some lanes.
 export class History {
-  constructor() { this.clear(); }
+  constructor() { this.room = {}; this.clear(); }
 
   clear() {
     this.faults = [];
     this.lanes = new Map();
     this.predicates = new Map();
+    this.kept = {};      // Of a kind of event: since when all of them are here, where earlier ones are not.
+    this.asked = null;   // Of a record, what the lanes show, and whether any of it stands together.
+    this.thinned = false;
+  }
+
+  // Show the lanes of a record that were asked for.
+  show({ lanes, asked }) {
+    for (const lane of this.lanes.values()) Object.assign(lane, { modes: [], lives: [], open: new Map(), decisions: [] });
+    this.predicates = new Map();
+    for (const event of lanes) this.add(event);
+    this.asked = asked;
+    this.thinned = lanes.some((each) => each.count > 1);
+  }
+
+  // Forget the oldest events of a kind where there are more than the server keeps, or sends.
+  trim(list, kind, time = (each) => each.time) {
+    const room = this.room[kind] ?? Infinity;
+    if (list.length <= 1.25 * room) return;
+    list.splice(0, list.length - room);
+    this.kept[kind] = Math.max(this.kept[kind] ?? 0, time(list[0]));
   }
 
   lane(path) {
@@ -26,14 +47,14 @@ export class History {
   add(event) {
     if (event.kind === "fault") {
       this.faults.push(event);
-      if (this.faults.length > 2000) this.faults.shift();
+      this.trim(this.faults, "fault");
       return;
     }
     if (event.kind === "predicate") {
       if (!this.predicates.has(event.name)) this.predicates.set(event.name, []);
       const changes = this.predicates.get(event.name);
       changes.push(event);
-      if (changes.length > 20000) changes.splice(0, 5000);
+      this.trim(changes, "predicate");
       return;
     }
     const lane = this.lane(event.source);
@@ -49,17 +70,18 @@ export class History {
     }
     else if (event.kind === "life") {
       if (event.status === "running") {
-        const life = { from: event.time, to: null, action: event.name, status: "running", detail: "" };
+        const life = { from: event.time, to: null, action: event.name, status: "running", detail: "", count: event.count ?? 1 };
         lane.lives.push(life);
         lane.open.set(event.life, life);
       } else {
         const life = lane.open.get(event.life);
         if (life) { life.to = event.time; life.status = event.status; life.detail = event.detail ?? ""; lane.open.delete(event.life); }
-        else lane.lives.push({ from: event.time, to: event.time, action: event.name, status: event.status, detail: event.detail ?? "" });
+        else lane.lives.push({ from: event.time, to: event.time, action: event.name, status: event.status, detail: event.detail ?? "", count: 1 });
       }
     }
-    if (lane.lives.length > 30000) lane.lives.splice(0, 10000);
-    if (lane.decisions.length > 60000) lane.decisions.splice(0, 20000);
+    this.trim(lane.modes, "mode");
+    this.trim(lane.lives, "life", (each) => each.from);
+    this.trim(lane.decisions, "decision");
   }
 }
 
@@ -99,10 +121,23 @@ function faultsAt(history, time) {
   return history.faults.slice(place, place + 3).filter((each) => each.time <= time + 1e-5).map((each) => html`<br />${blamed(each).replace("\n", " ")}`);
 }
 
+// What is asked for of a record's lanes, so that they are as fine as the screen; null where they are so already.
+export function wantedLanes(scene, history, selected, [first, last], wide) {
+  const span = last - first, { asked } = history;
+  const about = { paths: lanesOf(scene, selected), predicates: shownPredicates(scene, selected) };
+  const same = asked && JSON.stringify([asked.paths, asked.predicates, asked.scene]) === JSON.stringify([about.paths, about.predicates, scene.predicates.length]);
+  if (same && asked.first <= first && last <= asked.last && (!history.thinned || asked.last - asked.first < 4 * span)) return null;
+  const most = Math.max(100, Math.min(scene.room?.part ?? 1000, Math.round(wide)));
+  return { first: Math.max(scene.first, first - span / 2), last: Math.min(scene.last, last + span / 2), ...about, most };
+}
+
 // The last decision of an ensemble by a time, in words.
-function decision(history, path, time) {
-  const { decisions } = history.lane(path);
+function decision(history, scene, frame, path) {
+  const { decisions } = history.lane(path), { time } = frame, detail = frame.details?.[path];
   const place = from(decisions, time + 1e-6, (each) => each.time) - 1;
+  const now = frame.ensembles[scene.ensembles.findIndex((each) => each.path === path)];
+  const isWhole = place >= 0 && !(decisions[place].count > 1);
+  if (scene.source === "record" && !isWhole && detail?.decided != null && now) return `${clock(detail.decided)} ${path} decided ${told({ name: now.action, life: now.epoch, detail: detail.cause })}`;
   return place < 0 ? "" : `${clock(decisions[place].time)} ${path} decided ${told(decisions[place]).replace("\n", ", ")}`;
 }
 
@@ -178,11 +213,11 @@ export function Timeline({ scene, frame, history, selected, view, setView, choos
       <button onClick=${() => zoom(0.5)} title="+" aria-label="Zoom in">+</button><button onClick=${() => zoom(2)} title="-" aria-label="Zoom out">−</button>
       <button onClick=${() => setView({ follow: false, span: Math.max(1, last - first), end: last })} title="0">all</button>
       ${!go && html`<button aria-pressed=${view.follow} onClick=${() => setView({ ...view, follow: !view.follow, end })}>keep to now</button>`}</span>`}>
-    <div class="held"><canvas ref=${box} tabindex="0" role="img" aria-label=${`Timeline from ${clock(begin)} to ${clock(end)} of ${counted(lanes, "ensemble")}, ${counted(predicates, "predicate")}, ${counted(history.faults, "fault")}`}
+    <div class="held">${go && !history.asked && html`<p class="empty" role="status">Loading the lanes…</p>`}<canvas ref=${box} tabindex="0" role="img" aria-label=${`Timeline from ${clock(begin)} to ${clock(end)} of ${counted(lanes, "ensemble")}, ${counted(predicates, "predicate")}, ${counted(history.faults, "fault")}`}
       onPointerDown=${down} onPointerMove=${move} onPointerUp=${up} onPointerLeave=${() => show(null)} onKeyDown=${keys}></canvas>
       ${tip && html`<div class="tip number" role="tooltip" style=${`left:${tip.x}px;top:${tip.y}px`}>${tip.text}</div>`}</div>
     ${legend.length > 0 && html`<p class="legend tints">${legend.map(([own, name]) => html`<span key=${name}><i class="swatch" style=${`background:var(--${own})`}></i>${name}</span>`)}</p>`}
-    <p class="told soft number">${(selected && decision(history, selected, frame.time)) || "Nothing is decided yet."}${faultsAt(history, frame.time)}</p>
+    <p class="told soft number">${(selected && decision(history, scene, frame, selected)) || "Nothing is decided yet."}${faultsAt(history, frame.time)}</p>
   <//>`;
 }
 
@@ -236,6 +271,16 @@ function draw(canvas, { scene, frame, history, lanes, predicates, courses, selec
     labelled = at + width + 8;
   }
   const labels = Object.fromEntries(scene.ensembles.map((each) => [each.path, called(each)]));
+  // Dots, which are none of the values, where nothing is known.
+  const unknown = (since, until, at, text) => {
+    const left = Math.max(LEFT, x(since)), right = Math.min(wide, x(until));
+    if (right - left < 2) return;
+    context.fillStyle = tint.soft;
+    for (let each = left; each < right; each += 8) context.fillRect(each, at, 1.5, 1.5);
+    hit(left, right, at - 6, at + 6, text);
+  };
+  const isRecord = scene.source === "record", [since, to] = isRecord ? [history.asked?.first ?? until, history.asked?.last ?? until] : [0, frame.time];
+  const on = isRecord ? Math.min(end, until) : Math.min(end, frame.time);   // What goes on is known until then.
   lanes.forEach((path, row) => {
     const top = HEAD + row * LANE;
     const lane = history.lane(path);
@@ -243,12 +288,24 @@ function draw(canvas, { scene, frame, history, lanes, predicates, courses, selec
     context.fillStyle = tint.ink;
     context.font = font(12, 600);
     context.fillText(clip(context, labels[path] ?? path, LEFT - 14), 6, top + 16);
+    for (const [kind, at, word] of [["mode", 5, "modes"], ["life", 20, "actions"], ["decision", 34, "decisions"]]) {
+      const early = isRecord ? since : history.kept[kind] ?? 0;
+      unknown(Math.max(begin, 0), early, top + at, isRecord ? "loading" : `the ${word} before ${clock(early)} are not kept`);
+      if (isRecord) unknown(to, Math.min(end, until), top + at, "loading");
+    }
     const modes = lane.modes;
     let place = Math.max(0, from(modes, begin, (each) => each.time) - 1);
     for (; place < modes.length && modes[place].time <= end; place += 1) {
-      const [left, right] = [Math.max(LEFT, x(modes[place].time)), Math.min(wide, place + 1 < modes.length ? x(modes[place + 1].time) : x(Math.min(end, frame.time)))];
+      const [left, right] = [Math.max(LEFT, x(modes[place].time)), Math.min(wide, place + 1 < modes.length ? x(modes[place + 1].time) : x(on))];
       if (right <= left) continue;
       const name = modes[place].name;
+      if (modes[place].count > 1) {
+        hit(left, right, top, top + 10, `${path}: ${modes[place].count} changes of its mode from ${clock(modes[place].time)} on, too close to draw: zoom in`);
+        context.fillStyle = tint.off;
+        context.fillRect(left, top + 2, right - left, 7);
+        hatch(context, left, top + 2, right - left, 7, tint.paper);
+        continue;
+      }
       hit(left, right, top, top + 10, `${path} ${{ deciding: "decides", safe: "is safe", stopped: "is stopped" }[name] ?? name} from ${clock(modes[place].time)}${modes[place].detail ? `\n${modes[place].detail}` : ""}`);
       context.fillStyle = tint[TINTS[name]] ?? tint.off;
       context.fillRect(left, top + 2, right - left, 7);
@@ -262,11 +319,17 @@ function draw(canvas, { scene, frame, history, lanes, predicates, courses, selec
     const first = Math.max(0, from(lane.lives, begin, (each) => each.to ?? Infinity));
     let drawn = -1;
     for (let index = first; index < lane.lives.length && lane.lives[index].from <= end; index += 1) {
-      const life = lane.lives[index];
-      const left = Math.max(LEFT, x(life.from)), right = Math.min(wide, Math.max(x(life.to ?? Math.min(end, frame.time)), left + 2));
-      if (right < LEFT || (right - left < 3 && Math.floor(left) === drawn)) continue;
+      const life = lane.lives[index], bad = ["failed", "timed_out", "abandoned"].includes(life.status);
+      const left = Math.max(LEFT, x(life.from)), right = Math.min(wide, Math.max(x(life.to ?? on), left + 2));
+      if (right < LEFT || (right - left < 3 && Math.floor(left) === drawn && !bad)) continue;
       drawn = Math.floor(left);
-      const bad = ["failed", "timed_out", "abandoned"].includes(life.status);
+      if (life.count > 1) {
+        hit(left, right, top + 11, top + 29, `${life.count} actions from ${clock(life.from)} to ${clock(life.to ?? on)}, too close to draw: zoom in\nthe last ${bad ? "that failed" : "one"}: ${life.action}, ${life.status.replace("_", " ")}`);
+        context.fillStyle = bad ? tint.bad : tint.soft;
+        context.fillRect(left, top + 12, right - left, 16);
+        hatch(context, left, top + 12, right - left, 16, tint.paper);
+        continue;
+      }
       hit(left, right, top + 11, top + 29, `${life.action}: ${clock(life.from)} ${life.to == null ? `on, ${seconds(frame.time - life.from)} so far` : `to ${clock(life.to)}, ${seconds(life.to - life.from)}, ${life.status.replace("_", " ")}`}${life.detail ? `\n${life.detail}` : ""}`);
       const own = tinted(scene, path, life.action);
       context.fillStyle = colour(own);
@@ -305,7 +368,7 @@ function draw(canvas, { scene, frame, history, lanes, predicates, courses, selec
       let right = left, before = -9, count = 0;
       const own = tinted(scene, path, decisions[first].name);
       context.fillStyle = edge(own);
-      for (; index < decisions.length && decisions[index].time <= end && decisions[index].name === decisions[first].name; index += 1) {
+      for (; index < decisions.length && decisions[index].time <= end && decisions[index].name === decisions[first].name && decisions[index].status === decisions[first].status; index += 1) {
         const at = x(decisions[index].time);
         if (at - right > NEAR) break;
         right = at;
@@ -314,21 +377,22 @@ function draw(canvas, { scene, frame, history, lanes, predicates, courses, selec
         before = at;
         context.fillRect(at, top + 30, 1.5, 8);
       }
-      const several = index - first > 1;
+      const several = index - first > 1, mixed = decisions[first].status === "several";   // of which the last alone is known here
       if (several) {
-        context.fillStyle = colour(own);
+        context.fillStyle = mixed ? tint.soft : colour(own);
         context.fillRect(left, top + 32, right - left, 4);
-        hit(left, right, top + 29, top + 42, `${decisions[first].name} decided ${count.toLocaleString("en")} times, ${clock(decisions[first].time)} to ${clock(decisions[index - 1].time)}`);
+        if (mixed) hatch(context, left, top + 32, right - left, 4, tint.paper);
+        hit(left, right, top + 29, top + 42, `${mixed ? "several actions" : decisions[first].name} decided ${count.toLocaleString("en")} times, ${clock(decisions[first].time)} to ${clock(decisions[index - 1].time)}`);
       }
       if (!several || (right - left) / (index - first) > 6) {
         for (let place = first; place < index; place += 1) {
           const at = x(decisions[place].time);
-          hit(at, at + 1.5, top + 29, top + 42, `${clock(decisions[place].time)} ${told(decisions[place])}`);
+          hit(at, at + 1.5, top + 29, top + 42, `${clock(decisions[place].time)} ${mixed ? `the last of ${decisions[place].count} decisions: ` : ""}${told(decisions[place])}`);
         }
       }
       const next = index < decisions.length ? Math.min(wide, x(decisions[index].time)) : wide;
       const isNamed = named.some((each) => each.action === decisions[first].name && each.left <= right + 2 && left <= each.right);
-      if (isNamed) continue;   // by the bar above
+      if (isNamed || mixed) continue;   // by the bar above
       if (left - shown > 70 && next - right > 34) {
         context.fillStyle = tint.soft;
         context.fillText(clip(context, `${decisions[first].name}${count > 1 ? ` ×${count}` : ""}`, Math.min(next - right - 6, 140)), right + 4, top + 35);
@@ -352,8 +416,9 @@ function draw(canvas, { scene, frame, history, lanes, predicates, courses, selec
     context.fillStyle = tint.ink;
     context.fillText(clip(context, name, LEFT - 14), 6, top + 7);
     hit(0, LEFT - 6, top, top + 14, name);
+    if (isRecord) { unknown(Math.max(begin, 0), since, top + 7, "loading"); unknown(to, Math.min(end, until), top + 7, "loading"); }
     const known = changes[0]?.time ?? frame.time;
-    if (known > Math.max(begin, 0)) {   // dots, which are none of the values
+    if ((!isRecord || history.asked) && known > Math.max(begin, 0)) {   // dots, which are none of the values
       const right = Math.min(wide, x(known));
       context.fillStyle = tint.soft;
       for (let at = Math.max(LEFT, x(0)); at < right; at += 8) context.fillRect(at, top + 7, 1.5, 1.5);
@@ -363,11 +428,22 @@ function draw(canvas, { scene, frame, history, lanes, predicates, courses, selec
     }
     let drawn = -1;
     for (let place = Math.max(0, from(changes, begin, (each) => each.time) - 1); place < changes.length && changes[place].time <= end; place += 1) {
-      const { time, status } = changes[place], to = changes[place + 1]?.time ?? Math.max(time, scene.source === "record" ? until : frame.time);
+      let dense = place;
+      while (dense + 1 < changes.length && x(changes[dense + 1].time) - x(changes[dense].time) < 2) dense += 1;
+      const together = dense - place > 2 ? { time: changes[place].time, status: "several", count: dense - place } : null;
+      if (together) place = dense - 1;   // closer than can be drawn
+      const { time, status, count } = together ?? changes[place], to = changes[place + 1]?.time ?? Math.max(time, scene.source === "record" ? until : frame.time);
       const left = Math.max(LEFT, x(time)), right = Math.min(wide, x(to));
       if (right <= LEFT || right - drawn < 1) continue;
       drawn = right;
       const width = Math.max(1, right - left);
+      if (status === "several") {
+        context.fillStyle = tint.good;
+        context.fillRect(left, top + 2, width, 10);
+        hatch(context, left, top + 2, width, 10, tint.paper);
+        hit(left, right, top, top + 14, `${name} changes ${count} times from ${clock(time)} to ${clock(to)}: zoom in`);
+        continue;
+      }
       context.fillStyle = status === "true" ? tint.good : status === "false" ? tint.off : tint.wait;
       if (status === "true") context.fillRect(left, top + 2, width, 10);
       else if (status === "false") context.fillRect(left, top + 7, width, 1.5);

@@ -50,8 +50,8 @@ safe | wrong | the ensemble is safe | Do what the remedy of the cause says; then
 fails | wrong | an action failed three times and never succeeded, eight times in a row, or 15 of its last 20 times; a \
 plain function failed five times within a minute | Check the callback, and what it talks to: the detail of its last \
 failure stands beside it.
-hangs | wrong | an action lasts five times as long as it usually takes, and ten seconds at least; one that has ended \
-less than three times, five times as long as it or any other has taken, and half a minute at least | Check what the \
+hangs | wrong | an action lasts five times as long as it usually takes, four times as long as all its lives but one, \
+and ten seconds at least; one that has ended less than three times, five times as long as it or any other has taken, and half a minute at least | Check what the \
 action waits for; a `timeout` ends one that hangs.
 apart | wrong | an agent of the team was never met, or is lost | See to its process and the network; `mdm team \
 status` asks all agents.
@@ -68,11 +68,11 @@ that the action changes what it is decided on, or give it a `pause`.
 impossible | look | five or more of the last 50 changes of the state are impossible by the model, and a fifth of them \
 or more; states that last less than half a second do not count, for factors may change one after another | Check how \
 predicates and events are wired, and whether the model allows what happens.
-contradicts | look | what follows is less likely than the model itself expects: over up to 200 steps, by .25 nats a \
-step, and by 12 nats and four standard deviations | Check the wiring of sensors and actions; then estimate the model \
+contradicts | look | observations are less likely under the belief than the model itself expects: over up to 200 of \
+them, by .15 nats each, and by 12 nats and four standard deviations in all | Check the wiring of sensors and actions; then estimate the model \
 from the record: `mdm statistics`.
-stuck | look | a factor of the state, or the observation, stays the same for ten seconds or more although the model \
-gives that a chance below one in ten million | Check the sensor that tells it, and whether the actions reach what \
+stuck | look | a factor of the state, or the observation, stays the same for ten seconds or more, over actions that \
+came to their end, although the model gives that a chance below one in ten million | Check the sensor that tells it, and whether the actions reach what \
 they should.
 unmoved | look | over twenty observations or more that differ, and ten seconds, the belief does not move, though it \
 is not all but sure (90 %) | Check the observation probabilities of the model: these do not tell its states apart.
@@ -100,8 +100,9 @@ SEEN = 40
 """Observations by which it is judged whether a belief moves."""
 OFTEN = 10
 """Decisions in the window, each made only because the action of the one before had ended."""
-_FACTOR = 5.0
-"""Times the usual duration of an action from which on it lasts long."""
+_FACTOR, _LATE = 5.0, 4.0
+"""Times the usual duration of an action from which on it lasts long, and times that of all its lives but one: ways of a
+robot are short and long."""
 SHORT, _LONG = 10.0, 30.0
 """Seconds below which no action lasts long: one whose usual duration is known, and one that has hardly ever ended."""
 _OWN, _OTHERS = 3, 2
@@ -128,7 +129,7 @@ _STEPS, _IMPOSSIBLE, _FIFTH = 50, 5, 0.2
 """Changes of the state, and how many of them, and which part, are impossible: factors one after another make a few."""
 _SERIES = 200
 """Steps over which outcomes are held against the model: some minutes of most robots, and memory of a few kilobytes."""
-_NATS, _DEVIATIONS, _EXCESS = 12.0, 4.0, 0.25
+_NATS, _DEVIATIONS, _EXCESS = 12.0, 4.0, 0.15
 """Under a model that is right the excess has mean 0: it passes four standard deviations and 12 nats, which also hold
 for rare events, in one of 10^6 series; the share a step lets a model be a little wrong."""
 _CHANCE = 16.0
@@ -252,7 +253,7 @@ def lasts_long(action: str, ended: Iterable[Ended]) -> tuple[float, str]:
         return inf, ""
     if len(done) >= _OWN:
         usual = median(done)
-        return max(SHORT, _FACTOR * usual), f"it usually takes {_words(usual)}"
+        return max(SHORT, _FACTOR * usual, _LATE * sorted(done)[-2]), f"it usually takes {_words(usual)}"
     others = [each.seconds for each in ended if each.status == "succeeded" and each.action != action]
     if done:
         return max(_LONG, _FACTOR * max(done + others)), f"it took {_words(max(done))} at most before"
@@ -492,8 +493,8 @@ class _Series:
         count = len(self.terms)
         if self.excess < max(_EXCESS * count, _NATS + _DEVIATIONS * sqrt(max(0.0, self.variance))):
             return None
-        told = f"the last {count} steps are {self.excess:.3g} nats less likely than the model itself expects"
-        return Found(count, self.terms[0][0], "what follows its actions contradicts its model", told)
+        told = f"the last {count} are {self.excess:.3g} nats less likely than the model itself expects"
+        return Found(count, self.terms[0][0], "observations contradict its belief", told)
 
 
 class Judge(Spells):
@@ -508,6 +509,7 @@ class Judge(Spells):
     Attributes:
         known: See above.
         living: The lives that have begun and not ended, by their numbers.
+        cut: When actions were pre-empted last.
     """
 
     RULES = (
@@ -518,6 +520,7 @@ class Judge(Spells):
     def __init__(self, known: Known, tell: Callable[[Told], object], gap: int = _WINDOW, *, whole: bool = True) -> None:
         self.known = known
         self.living: dict[int, ActionLife] = {}
+        self.cut: deque[int] = deque(maxlen=_CUT)
         self._mode: Mode | None = None
         self._ended: deque[Ended] = deque(maxlen=KEPT)
         self._ends: defaultdict[str, _Ends] = defaultdict(_Ends)
@@ -590,7 +593,8 @@ class Judge(Spells):
         _, alike, since = self._alike
         if key != self._alike[0] or not repeats:
             alike, since = 0, time
-        self._alike = key, alike + repeats, since
+        alike += repeats
+        self._alike = key, alike, since
         if alike >= _ALIKE or self.has("same"):
             ask(time, "same")
         self._last = decision
@@ -629,6 +633,7 @@ class Judge(Spells):
         if lasted or life.status != "succeeded":  # else a plain function, of whose success nobody hears live
             self._ended.append(Ended(life.action, lasted / 1e9, life.status))
         if life.status == "preempted":
+            self.cut.append(time)
             if lasted <= _WINDOW:
                 ends.cut.append(time)
             else:
@@ -663,7 +668,7 @@ class Judge(Spells):
     def _safe(self, _: int) -> Judged:
         """Name a safe mode, with its causes."""
         mode = self._mode
-        if mode is None or mode.mode != "safe":
+        if mode is None or mode.mode != "safe" or all(cause.kind == "end" for cause in mode.causes):
             return NOTHING
         causes = "; ".join(f"{cause.kind}: {cause.detail}" for cause in mode.causes)
         kind = mode.causes[0].kind if mode.causes else ""
@@ -869,7 +874,7 @@ class _Evidence:
 
     def _step(self, model: Any, state: int, action: int, after: int, time: int, *, moved: bool) -> None:
         """Take a step of the model: a change of the state, or that it stayed."""
-        states, chances, stays, factors = self._row(model, state, action)
+        states, stays, factors = self._row(model, state, action)
         place = int(np.searchsorted(states, after))
         possible = place < len(states) and states[place] == after
         ask = self._judge.ask
@@ -878,14 +883,11 @@ class _Evidence:
             self._steps.append(None if possible else (state, action, after))
             if not possible or self._judge.has("impossible"):
                 ask(time, "impossible")
-            if possible and stays < 1 and len(states) > 1:
-                others = np.where(states == state, 0.0, chances) / (1 - stays)
-                self._series.add(time, others, place)
-                ask(time, "contradicts")
         for name, (before, here) in self._factors(model, state, after).items():
             since, steps, nats, _ = self._kept.get(name, (time, 0, 0.0, here))
             if before != here:
                 self._kept[name] = time, 0, 0.0, here
+            if before != here or time in self._judge.cut:  # of an action that was pre-empted it is too early to say
                 continue
             chance = factors[name]
             if moved:  # given that something has changed
@@ -893,8 +895,8 @@ class _Evidence:
             self._kept[name] = since, steps + 1, nats - max(log(max(chance, 1e-300)), log(0.01)), here
         ask(time, "stuck")
 
-    def _row(self, model: Any, state: int, action: int) -> tuple[Any, Any, float, dict[str, float]]:
-        """Return the states that may follow, their probabilities, that of staying, and that of each factor to stay."""
+    def _row(self, model: Any, state: int, action: int) -> tuple[Any, float, dict[str, float]]:
+        """Return the states that may follow, the probability of staying, and that of each factor to stay."""
         row = self._rows.get((state, action))
         if row is None:
             whole = np.asarray(model.transition(action, state))
@@ -908,7 +910,7 @@ class _Evidence:
             }
             if len(self._rows) >= _LARGE:
                 self._rows.clear()
-            row = self._rows[state, action] = states, chances, float(whole[state]), factors
+            row = self._rows[state, action] = states, float(whole[state]), factors
         return row
 
     @staticmethod
@@ -1009,17 +1011,18 @@ class RunJudge(Spells):
         self._told[fault.source, fault.kind] = since, count + 1, last
         self.ask(fault.time, rule)
 
-    def seen(self, time: int, live: Collection[str]) -> None:
+    def seen(self, time: int, agent: str, live: Collection[str]) -> None:
         """Take that agents of the team are live.
 
         Args:
             time: In nanoseconds.
-            live: Their names.
+            agent: The agent that sees them.
+            live: Their names, with its own.
         """
         self.settle(time)
-        back = [agent for agent in self._gone if agent in live]
-        for agent in back:
-            del self._gone[agent]
+        back = [each for each in self._gone if each in live and each != agent]
+        for each in back:
+            del self._gone[each]
         if back:
             self.ask(time, "apart")
 

@@ -386,7 +386,7 @@ class LiveRun(Observer):
             self._statistics = self._count(close)
             self._team = {} if not self._members else _teams(self._members)
             for member in self._members:
-                self._run.seen(now, member.statistics().live)
+                self._run.seen(now, member.agent, member.statistics().live)
         self._run.settle(now + 1)
         judges = {each.path: each.reducer.judge for each in self._ensembles}
         stopped = all(each.mode == "stopped" for each in self._frames)

@@ -262,7 +262,7 @@ class RecordedRun:
             if message.kind == "waiting" and message.source in self._ensembles:
                 self._ensembles[message.source].judge.fault(message)
         elif isinstance(message, Seen):
-            self._judges[0].seen(message.time, message.live)
+            self._judges[0].seen(message.time, message.agent, message.live)
         elif isinstance(message, Ticked):
             ticks = self._ensembles.get(message.actor.rpartition("/")[0])
             if message.missed and ticks is not None:

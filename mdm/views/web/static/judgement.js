@@ -16,22 +16,24 @@ export function Headline({ scene, frame, lost }) {
   const told = frame.ensembles.map((each, place) => ({ each, path: scene.ensembles[place]?.path ?? "", how: standing(each, frame.time) }));
   const all = frame.judgements ?? [];
   const shown = frame.headline ? all.filter((each) => each.until == null || all[0].until != null) : [];
-  const over = all.length - shown.length;
+  const groups = alike(shown, (each) => [each.severity, each.rule, each.text.replace(/\d+/g, "#")].join(), (each) => each.of), over = all.length - shown.length;
   const worst = shown[0]?.severity;
-  const waits = told.filter((one) => one.how === "waiting" || one.how === "idle");
+  const judgedOnes = new Set(shown.map((each) => each.of));   // of which is said already what keeps them
+  const waits = told.filter((one) => (one.how === "waiting" || one.how === "idle") && !judgedOnes.has(one.path));
+  const waiting = alike(waits, ({ each, path, how }) => `${how} ${(each.waiting ?? []).join().replaceAll(path, "")}`, ({ path }) => path);
   const decide = told.filter((one) => one.how === "deciding");
   const rests = told.length > 0 && told.every(({ how }) => how === "stopped");
   const kind = worst === "wrong" ? "alarm" : worst || waits.length ? "waits" : rests || !told.length ? "rests" : "calm";
   return html`<section class=${`headline ${kind}`} aria-label="What matters most" aria-live="polite">
     ${!told.length && html`<div class="line">No ensemble has started yet.</div>`}
-    <${Judgements} judgements=${shown.slice(0, MOST)} first=${frame.headline} />
-    ${shown.length > MOST && html`<div class="line">and ${shown.length - MOST} more, beside their ensembles in the tree below</div>`}
-    ${waits.slice(0, MOST).map(({ each, path, how }) => html`<div class="line" key=${path}>
+    <${Judgements} judgements=${groups.slice(0, MOST)} first=${frame.headline} />
+    ${groups.length > MOST && html`<div class="line">and ${groups.length - MOST} more, beside their ensembles in the tree below</div>`}
+    ${waiting.slice(0, MOST).map(({ each, path, how, others }) => html`<div class="line" key=${path}>
       <strong class=${how}>${SIGNS[how]} ${path} ${how === "idle" ? "has nothing to do" : "waits"}</strong>
       ${how === "idle" && html`<span class="number">since ${seconds(frame.time - each.idle)}</span>`}
       ${how === "waiting" && html`<span>for ${each.waiting.slice(0, 4).join(", ")}${each.waiting.length > 4 ? ` and ${each.waiting.length - 4} more` : ""}</span>`}
-    </div>`)}
-    ${waits.length > MOST && html`<div class="line">and ${waits.length - MOST} more ensembles, in the tree below</div>`}
+      <${Others} names=${others} /></div>`)}
+    ${waiting.length > MOST && html`<div class="line">and ${waiting.length - MOST} more, in the tree below</div>`}
     ${!shown.length && !waits.length && told.length > 0 && html`<div class="line"><strong class=${rests ? "stopped" : "deciding"}>${rests ? SIGNS.stopped : SIGNS.deciding} ${
       decide.length === told.length ? (told.length === 1 ? `${told[0].path} decides` : `all ${told.length} ensembles decide`)
         : decide.length ? `${decide.length} of ${told.length} ensembles decide` : told.length === 1 ? `${told[0].path} is stopped` : "every ensemble is stopped"}</strong>
@@ -39,10 +41,23 @@ export function Headline({ scene, frame, lost }) {
   </section>`;
 }
 
+// What is the same of several ensembles is one, with the others by name.
+function alike(all, key, name) {
+  const found = new Map();
+  for (const each of all) {
+    const of = key(each);
+    if (found.has(of)) found.get(of).others.push(name(each)); else found.set(of, { ...each, others: [] });
+  }
+  return [...found.values()];
+}
+
+const Others = ({ names }) => names?.length > 0 && html`<b title=${names.join(", ")}>the same of ${names.slice(0, 2).join(", ")}${names.length > 2 ? ` and ${(names.length - 2).toLocaleString("en")} more` : ""}</b>`;
+
 const line = (each) => `${each.of}: ${each.text}, since ${clock(each.since)}${each.until == null ? "" : ` until ${clock(each.until)}`}`;
 
 export const Judgements = ({ judgements, first }) => judgements.map((each, place) => html`<div class=${`line judged ${each.severity}`} key=${[each.rule, each.of, each.subject].join()}>
   <strong class=${each.severity === "wrong" ? "safe" : "waiting"}>${MARKS[each.severity]} ${place === 0 && first ? first : line(each)}</strong>
+  <${Others} names=${each.others} />
   ${each.evidence && html`<span>${each.evidence}</span>`}<span class="remedy">${each.remedy}</span></div>`);
 
 // The mark of an ensemble of which something is judged.

@@ -4,7 +4,7 @@ import { html, useState } from "./vendor/htm-preact.js";
 const KEY = "closed panels";
 const ROW = 2, GAP = 10;         // Pixels of a row of the grid, and between panels.
 const WIDTH = 400, COLUMNS = 4;  // Pixels that a column has at least, and how many columns there are at most.
-const UNEVEN = 240;              // Pixels by which the columns have to become shorter before panels change their places.
+const UNEVEN = 40;               // Pixels by which the columns have to become shorter before panels change their places.
 
 function closedOnes() {
   try { return new Set(JSON.parse(localStorage.getItem(KEY) ?? "[]")); } catch { return new Set(); }

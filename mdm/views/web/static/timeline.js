@@ -209,7 +209,7 @@ export function Timeline({ scene, frame, history, selected, view, setView, choos
     if (by && !go) { event.preventDefault(); event.stopPropagation(); setView({ follow: false, span, end: end + by * span }); }
   };
   return html`<${Panel} name="Timeline" wide kind="timeline" aside=${html`<span class="commands">
-      <span class="soft">▶ decides ■ safe ○ stopped | decision, ✕ failed, ⚠ fault, ? judgement${predicates.length > 0 && "; predicates: ▬ true, ─ false, ▨ unknown"}</span>
+      <span class="soft legend">▶ decides ■ safe ○ stopped | decision, ✕ failed, ⚠ fault, ? judgement${predicates.length > 0 && "; predicates: ▬ true, ─ false, ▨ unknown"}</span>
       <button onClick=${() => zoom(0.5)} title="+" aria-label="Zoom in">+</button><button onClick=${() => zoom(2)} title="-" aria-label="Zoom out">−</button>
       <button onClick=${() => setView({ follow: false, span: Math.max(1, last - first), end: last })} title="0">all</button>
       ${!go && html`<button aria-pressed=${view.follow} onClick=${() => setView({ ...view, follow: !view.follow, end })}>keep to now</button>`}</span>`}>

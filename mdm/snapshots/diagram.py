@@ -1,4 +1,4 @@
-"""What decides first: a table over factored states as a reduced, ordered decision diagram.
+"""Which factor decides first: a table over factored states as a reduced, ordered decision diagram.
 
 A node asks for the value of a factor, and each value leads on. No two nodes lead on alike, and none does so for all of
 its values: for an order of the factors there is one such diagram (R. E. Bryant, *Graph-based algorithms for Boolean

@@ -48,8 +48,6 @@ _SIDE, _BAND, _CELLS, _CELL = 260.0, 44.0, (20, 7), (100.0, 24.0)
 _GAP, _SWEEPS, _NAMED, _PART = 18.0, 24, 12, 1 << 15
 """The room between columns, sweeps over them, names that are kept of an edge, entries of a table at a time."""
 
-Point = tuple[float, float]
-
 
 class Shape(msgspec.Struct, frozen=True, omit_defaults=True):
     """A shape, in the order of drawing.
@@ -82,7 +80,7 @@ class Picture(msgspec.Struct, frozen=True, omit_defaults=True):
 
     Attributes:
         title: The kind of picture, and of how much.
-        remarks: What is folded, and why; where there is no picture they say why.
+        remarks: How much is folded; where there is no picture they say why.
         width: In pixels of a text of 12.
         height: The same.
         shapes: The picture.
@@ -116,9 +114,8 @@ def picture_of(case: Case, opened: Collection[int] = (), way: Sequence[Any] | No
         return _simplex(case, way) if policy.num_states in {2, 3} else _regions(case)
     if isinstance(policy, Shielded):
         told = picture_of(case._replace(policy=policy.policy), opened, way)
-        return msgspec.structs.replace(
-            told, remarks=("drawn without its shield, which may replace actions", *told.remarks)
-        )
+        remarks = "drawn without its shield, which may replace actions", *told.remarks
+        return msgspec.structs.replace(told, remarks=remarks)
     remark = "it is code, or searches: only tables, controllers and alpha vectors have a picture"
     return Picture(getattr(policy, "form", "a policy of another kind"), (remark,))
 
@@ -245,9 +242,12 @@ def drawn(graph: Graph, opened: Collection[int] = ()) -> Picture:
             path = _rectangle(x - halves[stop], y[stop] - height / 2, 2 * halves[stop], height)
             shapes.append(msgspec.structs.replace(box, path=path, x=round(x, 1), y=round(y[stop], 1)))
     bottom = max(y[stop] + heights[stop] / 2 for stop in stops) + _PAD
-    left = count - len(kept)
-    folds = f"{left:,} of {count:,} nodes are {'never reached' if count <= MOST else 'folded: press one to open it'}"
-    return Picture(graph.title, (folds,) if left else (), round(lefts[-2]), round(bottom), tuple(shapes))
+    remarks = [f"{free.sum():,} of {count:,} nodes are folded: press one to open it"] if count > MOST else []
+    if count <= MOST and free.any():
+        remarks = [
+            f"never reached: {', '.join(dict.fromkeys(graph.node(int(node))[0] for node in np.flatnonzero(free)))}"
+        ]
+    return Picture(graph.title, tuple(remarks), round(lefts[-2]), round(bottom), tuple(shapes))
 
 
 def _columns(graph: Graph, kept: dict[int, Edges]) -> dict[int, int]:
@@ -273,9 +273,7 @@ def _heights(columns: dict[Any, int], ways: list[list[Any]], room: dict[Any, flo
     for one, two in (pair for way in ways for pair in pairwise(way)):
         near[one].append(two)
         near[two].append(one)
-    y: dict[Any, float] = {
-        stop: at for inside in held.values() for stop, at in _spread(dict.fromkeys(inside, 0.0), room).items()
-    }
+    y = dict.fromkeys(columns, 0.0)
     for turn in range(_SWEEPS):
         back, last = turn % 2 == 1, turn > _SWEEPS - 5
         for column in sorted(held, reverse=back):
@@ -369,19 +367,16 @@ def diagram(policy: Any, states: Space | None) -> tuple[Diagram, Any, list[Facto
         factors.insert(0, Factor("decision", [str(number) for number in range(1, len(table) + 1)]))
     made = Diagram.of(table.reshape([len(each) for each in factors]).astype(np.int64), len(entries))
     count = len(entries) + sum(map(len, made.levels))
-    heads = [
-        np.arange(first, first + len(rows)).repeat(rows.shape[1])
-        for first, rows in zip(made.firsts, made.levels, strict=True)
-    ]
-    return made, _links(count, np.concatenate(heads), np.concatenate([*map(np.ravel, made.levels)])), factors, entries
+    levels = zip(made.firsts, made.levels, strict=True)
+    heads = np.concatenate([np.arange(first, first + len(rows)).repeat(rows.shape[1]) for first, rows in levels])
+    return made, _links(count, heads, np.concatenate([*map(np.ravel, made.levels)])), factors, entries
 
 
 def _decisions(case: Case, made: Diagram, links: Any, factors: list[Factor], entries: list[Any]) -> Graph:
     """Return the graph of a diagram, with the way of the state lit."""
     state, staged = state_of(case.at), [case.at.stage] if hasattr(case.at, "stage") else []
-    values = (
-        [] if state is None else [*staged, *np.unravel_index(state, [len(each) for each in factors[len(staged) :]])]
-    )
+    own = [len(each) for each in factors[len(staged) :]]
+    values = [] if state is None else [*staged, *np.unravel_index(state, own)]
     way = made.path(values) if values else []
 
     def node(number: int) -> tuple[str, str, str]:
@@ -406,9 +401,8 @@ def _decisions(case: Case, made: Diagram, links: Any, factors: list[Factor], ent
         return {int(row[part[0]]): (len(part), [factor.names[int(place)] for place in part[:_NAMED]]) for part in parts}
 
     asked = [at for at, rows in enumerate(made.levels) if len(rows)]
-    title = (
-        f"decides by {', '.join(factors[made.order[at]].name for at in asked)}" if asked else "decides always the same"
-    )
+    names = ", ".join(factors[made.order[at]].name for at in asked)
+    title = f"decides by {names}" if asked else "decides always the same"
     columns = {at: column for column, at in enumerate([*asked, len(factors)])}
     lit = {one: [two] for one, two in pairwise(way)} | {each: [] for each in way[-1:]}
     return Graph(title, links, node, edges, [made.root], lit, lambda number: columns[made.place(number)])
@@ -603,16 +597,13 @@ def _regions(case: Case) -> Picture:
             name, path = case.action_name(int(table[tuple(at)])), _rectangle(wide * x, high * y, wide, high)
             title, middle = f"{names[0][row]} {names[1][column]}: {name}", (wide * (x + 0.5), high * (y + 0.5))
             shapes.append(Shape("area", path, *middle, (_short(name, 13),), title, name, at == now))
-    shapes += [
-        Shape("text", "", wide * (x + 0.5), high / 2, (_short(names[1][each], 13),))
-        for x, each in enumerate(columns, 1)
-    ]
+    for x, column in enumerate(columns, 1):
+        shapes.append(Shape("text", "", wide * (x + 0.5), high / 2, (_short(names[1][column], 13),)))
     shapes.sort(key=lambda shape: shape.lit)
     others = [f"{factors[axis].name} {factors[axis].names[now[axis]]}" for axis in order[2:]]
     remarks = [f"drawn for beliefs that are sure of the state{', with ' * bool(others)}{', '.join(others)}"]
     if len(rows) * len(columns) < shape[axes[0]] * shape[axes[1]]:
-        remarks.append(
-            f"{len(rows)} of {shape[axes[0]]} and {len(columns)} of {shape[axes[1]]} values, near the likeliest"
-        )
+        sizes = f"{len(rows)} of {shape[axes[0]]} and {len(columns)} of {shape[axes[1]]}"
+        remarks.append(f"{sizes} values, near the likeliest")
     title = f"actions by {' and '.join(factors[axis].name for axis in axes if shape[axis] > 1)}"
     return Picture(title, tuple(remarks), wide * (len(columns) + 1), high * (len(rows) + 1), tuple(shapes))

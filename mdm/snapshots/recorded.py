@@ -11,6 +11,7 @@ import re
 import zlib
 from bisect import bisect_left, bisect_right
 from collections import Counter, OrderedDict
+from contextlib import suppress
 from itertools import chain
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -552,31 +553,30 @@ class RecordedRun:
         at = self.last if seconds is None else seconds
         return await asyncio.to_thread(why_recorded, self._record, self._models[ensemble], at)
 
-    async def draw(
-        self, ensemble: str, seconds: float | None = None, opened: Collection[int] = ()
-    ) -> tuple[Picture, ...]:
+    async def draw(self, path: str, seconds: float | None = None, opened: Collection[int] = ()) -> tuple[Picture, ...]:
         """Return pictures of an ensemble at a time, made on a thread; none where there is no such one."""
-        if ensemble not in self._ensembles:
+        if path not in self._ensembles:
             return ()
-        return await asyncio.to_thread(self._draw, ensemble, self.last if seconds is None else seconds, opened)
+        at = self.last if seconds is None else seconds
+        frames = zip(self._ensembles, self.frame(at).ensembles, strict=True)
+        running = {each: [life.action for life in frame.live] or [frame.action] for each, frame in frames}
+        return await asyncio.to_thread(self._draw, path, self._time(at), running, opened)
 
-    def _draw(self, path: str, seconds: float, opened: Collection[int]) -> tuple[Picture, ...]:
-        time, model, track = self._time(seconds), self._models.get(path), self._ensembles[path].decisions
+    def _draw(self, path: str, time: int, running: Any, opened: Collection[int]) -> tuple[Picture, ...]:
+        track, model = self._ensembles[path].decisions, self._models.get(path)
         decisions = [each.message for each in track.entries[track.last(time, _WAY)]]
         case = None if model is None or not is_as_recorded(self._record, model) else case_of(model)
         way: list[Any] = []
         if model is not None and case is not None and decisions:
-            policy, last = case.policy, decisions[-1]
             if model.controller.takes != "state" and not model.controller.can_end:
-                way = [self._read_belief(each) for each in decisions[-_WAY:]]
+                way = [self._read_belief(each) for each in decisions]
                 case = case._replace(at=way[-1])
-            elif last.state is not None and getattr(policy, "table", None) is not None:
-                case = case._replace(at=last.state)
+            elif decisions[-1].state is not None and getattr(case.policy, "table", None) is not None:
+                case = case._replace(at=decisions[-1].state)
             else:
                 every = [each.message for each in track.entries[: track.place(time) + 1]]
-                case = retraced(model.controller, every, len(every) - 1).case()
-        frames = zip(self._ensembles, self.frame(seconds).ensembles, strict=True)
-        running = {each: [life.action for life in frame.live] or [frame.action] for each, frame in frames}
+                with suppress(Error):  # one that the policy has not made has no way to light
+                    case = case._replace(at=retraced(model.controller, every, len(every) - 1).at)
         way = [each for each in way[:-1] if each is not None]
         return pictures(case, self.scene().ensembles, path, running, opened=opened, way=way)
 

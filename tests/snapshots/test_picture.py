@@ -51,7 +51,7 @@ def texts(picture, kind, *, lit=None):
 
 
 @given(st.lists(st.integers(0, 2), min_size=12, max_size=12), st.integers(0, 11))
-@settings(max_examples=30)
+@settings(max_examples=20)
 def test_the_lit_way_of_a_table_leads_through_the_values_of_the_state_to_its_action(actions, state):
     picture = picture_of(case(DeterministicPolicy(actions, 3), state, STATES, ACTIONS))
     *asked, action = texts(picture, "box", lit=True)
@@ -102,7 +102,7 @@ def folded(seed=0):
 
 
 @given(st.integers(0, 999))
-@settings(max_examples=15)
+@settings(max_examples=6)
 def test_of_a_large_diagram_the_lit_way_is_drawn_whole_and_the_rest_is_counted(state):
     states, policy = folded()
     picture = picture_of(case(policy, state, states))
@@ -129,7 +129,7 @@ def corners(shape):
 
 
 @given(st.integers(0, 10**6), st.integers(1, 60))
-@settings(max_examples=25)
+@settings(max_examples=15)
 def test_no_two_boxes_and_no_two_texts_overlap(seed, nodes):
     random = np.random.default_rng(seed)
     rows = [
@@ -208,7 +208,7 @@ def inside(points, x, y):
 
 
 @given(st.integers(0, 10**6), st.integers(2, 3), st.integers(1, 12))
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_the_regions_are_those_of_the_greatest_vectors(seed, states, vectors):
     random = np.random.default_rng(seed)
     policy = AlphaVectors(random.integers(-5, 6, (vectors, states)), random.integers(0, 4, vectors).tolist(), 4)
@@ -222,7 +222,9 @@ def test_the_regions_are_those_of_the_greatest_vectors(seed, states, vectors):
         y = y if states == 3 else (low[1] + high[1]) / 2
         for action, points in found:
             if inside(points, x, y):
-                assert int(action) == policy.actions_at(belief[None])[0]
+                values = policy.vectors @ belief
+                greatest = np.flatnonzero(values > values.max() - 1e-9)  # several where vectors are equal
+                assert int(action) in {policy.actions[place] for place in greatest}
     sizes = [abs(np.dot(p[:, 0], np.roll(p[:, 1], 1)) - np.dot(p[:, 1], np.roll(p[:, 0], 1))) / 2 for _, p in found]
     whole = np.prod(high - low) / (2 if states == 3 else 1)
     assert sum(sizes) == pytest.approx(whole, rel=0.02)  # all beliefs, each once

@@ -11,7 +11,7 @@ const WIDE = 560, LEAST = 0.75;        // Pixels from which on a picture has all
 export function Policy({ scene, frame, path, told, say, lost }) {
   const mine = told?.ensemble === path ? told : null;
   const isWide = (mine?.pictures ?? []).some((each) => each.width > WIDE);
-  return html`<${Panel} name="Policy" label=${`Policy of ${path}`} wide=${isWide} aside=${mine?.pictures[0] && html`<span class="soft">${mine.pictures[0].title}</span>`}>
+  return html`<${Panel} name="Policy" label=${`Policy of ${path}`} wide=${isWide}>
     <${Pictures} key=${path} scene=${scene} frame=${frame} path=${path} told=${mine} say=${say} lost=${lost} /><//>`;
 }
 
@@ -36,7 +36,7 @@ function Pictures({ scene, frame, path, told, say, lost }) {
   });
   if (!told) return html`<p class="empty">It is being drawn.</p>`;
   return told.pictures.map((picture, number) => html`<div class="pictured" key=${number}>
-    ${number > 0 && html`<h3>${picture.title}</h3>`}
+    <h3>${picture.title}</h3>
     ${(picture.remarks ?? []).map((text) => html`<p class="soft legend" key=${text}>${text}</p>`)}
     ${picture.shapes && html`<${Drawing} picture=${picture} colour=${(action) => tint(scene, path, action)} open=${(node) => open([...opened, node])} />`}
   </div>`);

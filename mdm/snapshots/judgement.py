@@ -12,7 +12,7 @@ import re
 from bisect import bisect_right
 from collections import Counter, defaultdict, deque
 from functools import partial
-from math import ceil, inf, log, sqrt
+from math import ceil, exp, inf, log, sqrt
 from operator import itemgetter
 from statistics import median
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple
@@ -23,6 +23,7 @@ from mdm.errors import ModelError
 from mdm.faults import KINDS
 from mdm.snapshots.beliefs import likeliest
 from mdm.snapshots.frame import Judgement
+from mdm.snapshots.words import at_state
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -493,7 +494,8 @@ class _Series:
         count = len(self.terms)
         if self.excess < max(_EXCESS * count, _NATS + _DEVIATIONS * sqrt(max(0.0, self.variance))):
             return None
-        told = f"the last {count} are {self.excess:.3g} nats less likely than the model itself expects"
+        rate = exp(self.excess / count)
+        told = f"each of the last {count} is {rate:.2g} times less likely than the model expects"
         return Found(count, self.terms[0][0], "observations contradict its belief", told)
 
 
@@ -780,8 +782,11 @@ class Judge(Spells):
             return NOTHING
         if time < idle.since + _IDLE:
             return {}, idle.since + _IDLE
-        why = f"{idle.action} has ended, and nothing decides again" if idle.action else ""
-        return {"": Found(1, idle.since, "has nothing to do", why)}, inf
+        ends, last = self._ends[idle.action], self._last
+        still = "" if last is None or last.state is None else f", {at_state(self.known.space, last.state)} as before"
+        why = f"{idle.action} {ends.detail if ends.row else 'has ended'}{still}; nothing decides again"
+        remedy = "Correct its callback; `on_failed_action` says what follows a failure." if ends.row else ""
+        return {"": Found(1, idle.since, "has nothing to do", why if idle.action else "", remedy)}, inf
 
     def _shielded(self, time: int) -> Judged:
         """Name a shield that often decides in place of the policy."""

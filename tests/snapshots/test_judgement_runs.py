@@ -183,3 +183,27 @@ def test_a_tiger_heard_well_is_not_named(tmp_path):
 
     live, recorded = looked([ensemble()], 60, tmp_path / "run.mcap", script)
     assert set(map(str, live.values())) == set(map(str, recorded.values())) == {"{}"}
+
+
+def test_a_robot_that_stands_after_a_failure_says_so_and_one_whose_state_stays_says_in_which(tmp_path):
+    async def grips():
+        await asyncio.sleep(0.5)
+        raise RuntimeError("no grip")
+
+    async def waits():
+        await asyncio.sleep(0.5)
+
+    def robot(name, act):
+        return Ensemble(name, policy=DeterministicPolicy([0, 0]), actions={0: act})
+
+    async def script(*actors):
+        for each in actors:
+            each.publish_state(1)
+        await asyncio.sleep(100)
+
+    path = tmp_path / "stands.mcap"
+    live, recorded = looked([robot("fails", grips), robot("stands", waits)], 35, path, script)
+    for told in (live[33], recorded[33]):
+        assert "has nothing to do; 0 failed: RuntimeError: no grip" in told["fails"][0]
+        assert told["fails"][0].endswith(", in state 1 as before; nothing decides again")
+        assert told["stands"] == ["has nothing to do; 0 has ended, in state 1 as before; nothing decides again"]

@@ -173,6 +173,10 @@ def test_the_headline_has_the_sign_and_the_colour_of_that_which_it_says():
                 assert await browsers.barriers(page) == []
             painted = "getComputedStyle(document.querySelector('%s')).backgroundColor"
             assert await page.evaluate(painted % ".headline") != await page.evaluate(painted % ".headline .look")
+            rests = Judgement("idle", "ada/patrol", "", "look", 1, 2.0, "has nothing to do")
+            told.turn(two, (idle, DECIDES), (rests,))
+            await page.wait_for_function(f"() => document.querySelector('.headline').innerText.includes('{rests}')")
+            assert await page.locator(".headline .line").count() == 1  # which says it once
             assert wrong == []
 
     in_a_browser(program)

@@ -3,6 +3,7 @@ import { html } from "./vendor/htm-preact.js";
 import { called, clock, seconds, SIGNS, standing } from "./words.js";
 
 const MOST = 4;
+const LONG = 10;   // Seconds from which on it is told for how long an action has lived.
 const MARKS = { wrong: "✕", look: "?" };
 
 export const judgedOf = (frame, path) => (frame.judgements ?? []).filter((each) => each.of === path && each.until == null);
@@ -70,5 +71,5 @@ function doing(scene, frame) {
   const acting = frame.ensembles.map((each, place) => [scene.ensembles[place], each]).filter(([of, each]) => of && each.live?.length);
   if (!acting.length) return frame.ensembles.length === 1 ? frame.ensembles[0].action : "";
   const sign = ([above], [of]) => of.path.startsWith(`${above.path}/`) ? " › " : "; ";
-  return acting.slice(0, 3).map(([of, each], place, all) => `${place ? sign(all[place - 1], all[place]) : ""}${called(of)}: ${each.live.map((life) => life.action).join(", ")}`).join("");
+  return acting.slice(0, 3).map(([of, each], place, all) => `${place ? sign(all[place - 1], all[place]) : ""}${called(of)}: ${each.live.map((life) => life.action + (frame.time - life.since < LONG ? "" : ` for ${seconds(frame.time - life.since)}`)).join(", ")}`).join("");
 }

@@ -107,9 +107,9 @@ def picture_of(case: Case, opened: Collection[int] = (), way: Sequence[Any] | No
     """
     policy: Any = case.policy
     if isinstance(policy, Plan):
-        return drawn(_plan(case), opened)
+        return _drawn(_plan(case), opened)
     if (found := diagram(policy, case.states)) is not None:
-        return drawn(_decisions(case, *found), opened)
+        return _drawn(_decisions(case, *found), opened)
     if isinstance(policy, AlphaVectors):
         return _simplex(case, way) if policy.num_states in {2, 3} else _regions(case)
     if isinstance(policy, Shielded):
@@ -155,18 +155,11 @@ Edges = dict[int, tuple[int, list[str]]]
 """The nodes that follow one, each with the number of edges to it and the first names of these."""
 
 
-class Graph(NamedTuple):
-    """A graph to be drawn.
+class _Graph(NamedTuple):
+    """A graph: an entry for each edge, N x N; the text, title and action of a node; its edges; the first nodes.
 
-    Args:
-        title: Of the picture.
-        links: An entry for each edge, N x N and sparse.
-        node: The text, title and action of a node.
-        edges: The edges from a node.
-        firsts: The nodes of the first column.
-        lit: The nodes that are lit, each with those after it to which the way goes.
-        column: The column of a node; by default its distance from the first ones.
-        kept: Nodes that are drawn besides, whatever is folded.
+    ``lit`` has the nodes that are lit, each with those after it to which the way goes, ``kept`` those that are drawn
+    besides, whatever is folded. A column is by default the distance from the first nodes.
     """
 
     title: str
@@ -179,29 +172,31 @@ class Graph(NamedTuple):
     kept: Sequence[int] = ()
 
 
-def _folded(graph: Graph, opened: Collection[int]) -> dict[int, Edges]:
-    """Return the nodes that are drawn, with all their edges: of many the lit ones and those near the first ones."""
-    few, waiting = graph.links.shape[0] <= MOST, deque([*graph.firsts, *graph.lit])
+def _folded(graph: _Graph, opened: Collection[int]) -> tuple[dict[int, Edges], dict[int, int]]:
+    """Return the nodes that are drawn with their edges, of many the lit ones and those near the first; and columns."""
+    few, waiting = graph.links.shape[0] <= MOST, deque((node, 0) for node in (*graph.firsts, *graph.lit))
     kept = {node: graph.edges(node) for node in (*graph.lit, *graph.kept)}
+    columns: dict[int, int] = {}
     while waiting:
-        node = waiting.popleft()
-        if node in kept or few or len(kept) < _SHOWN:
-            kept[node] = edges = kept[node] if node in kept else graph.edges(node)
-            waiting += [other for other in [*edges][: None if few else _FAN] if other not in kept]
+        node, column = waiting.popleft()
+        if node not in columns and (node in kept or few or len(kept) < _SHOWN):
+            kept[node], columns[node] = graph.edges(node), column
+            near = [*kept[node]] if few else [*[*kept[node]][:_FAN], *(other for other in kept[node] if other in kept)]
+            waiting += [(other, column + 1) for other in near]
     for node in opened:
-        if node in kept:
-            kept |= {other: graph.edges(other) for other in [*kept[node]][:_OPENED] if other not in kept}
-    return kept
+        for other in [*kept.get(node, ())][:_OPENED]:
+            kept[other] = graph.edges(other)
+            columns.setdefault(other, columns[node] + 1)
+    return kept, columns if graph.column is None else {node: graph.column(node) for node in kept}
 
 
-def drawn(graph: Graph, opened: Collection[int] = ()) -> Picture:
+def _drawn(graph: _Graph, opened: Collection[int] = ()) -> Picture:
     """Return a graph as a picture: boxes in the even columns, and the texts of edges in the odd ones between."""
-    kept, count = _folded(graph, opened), graph.links.shape[0]
+    (kept, columns), count = _folded(graph, opened), graph.links.shape[0]
     free = np.ones(count, np.bool_)
     free[[*kept]] = False
     hidden = graph.links.multiply(free).tocsr()  # edges to nodes that are not drawn
     hidden.eliminate_zeros()
-    columns = _columns(graph, kept)
     stops: dict[Any, tuple[int, Shape]] = {}  # boxes, and each edge in each column that it passes
     edges: list[tuple[int, int, Shape]] = []
     for node, after in kept.items():
@@ -244,24 +239,8 @@ def drawn(graph: Graph, opened: Collection[int] = ()) -> Picture:
     bottom = max(y[stop] + heights[stop] / 2 for stop in stops) + _PAD
     remarks = [f"{free.sum():,} of {count:,} nodes are folded: press one to open it"] if count > MOST else []
     if count <= MOST and free.any():
-        remarks = [
-            f"never reached: {', '.join(dict.fromkeys(graph.node(int(node))[0] for node in np.flatnonzero(free)))}"
-        ]
+        remarks = [f"never reached: {', '.join(graph.node(int(node))[1] for node in np.flatnonzero(free))}"]
     return Picture(graph.title, tuple(remarks), round(lefts[-2]), round(bottom), tuple(shapes))
-
-
-def _columns(graph: Graph, kept: dict[int, Edges]) -> dict[int, int]:
-    """Return the column of each node that is drawn."""
-    if graph.column is not None:
-        return {node: graph.column(node) for node in kept}
-    columns: dict[int, int] = {}
-    for first in [*graph.firsts, *kept]:  # of those that nothing drawn leads to
-        waiting = deque([] if first in columns or first not in kept else [(first, 0)])
-        while waiting:
-            node, column = waiting.popleft()
-            if columns.setdefault(node, column) == column:
-                waiting += [(other, column + 1) for other in kept[node] if other in kept and other not in columns]
-    return columns
 
 
 def _heights(columns: dict[Any, int], ways: list[list[Any]], room: dict[Any, float]) -> dict[Any, float]:
@@ -372,7 +351,7 @@ def diagram(policy: Any, states: Space | None) -> tuple[Diagram, Any, list[Facto
     return made, _links(count, heads, np.concatenate([*map(np.ravel, made.levels)])), factors, entries
 
 
-def _decisions(case: Case, made: Diagram, links: Any, factors: list[Factor], entries: list[Any]) -> Graph:
+def _decisions(case: Case, made: Diagram, links: Any, factors: list[Factor], entries: list[Any]) -> _Graph:
     """Return the graph of a diagram, with the way of the state lit."""
     state, staged = state_of(case.at), [case.at.stage] if hasattr(case.at, "stage") else []
     own = [len(each) for each in factors[len(staged) :]]
@@ -405,31 +384,25 @@ def _decisions(case: Case, made: Diagram, links: Any, factors: list[Factor], ent
     title = f"decides by {names}" if asked else "decides always the same"
     columns = {at: column for column, at in enumerate([*asked, len(factors)])}
     lit = {one: [two] for one, two in pairwise(way)} | {each: [] for each in way[-1:]}
-    return Graph(title, links, node, edges, [made.root], lit, lambda number: columns[made.place(number)])
+    return _Graph(title, links, node, edges, [made.root], lit, lambda number: columns[made.place(number)])
 
 
 # -- Controllers and hierarchies ---------------------------------------------------------------------------------------
 
 
-def _listing(
-    title: str,
-    nodes: Sequence[tuple[str, str, str]],
-    after: Sequence[Mapping[int, list[str]]],
-    firsts: Sequence[int],
-    lit: dict[int, list[int]],
-) -> Graph:
+def _listing(nodes: Sequence[tuple[str, str, str]], after: Sequence[Mapping[int, list[str]]], **options: Any) -> _Graph:
     """Return a graph of nodes that are listed, each with the names of the edges to those after it."""
     heads = [one for one, edges in enumerate(after) for _ in edges]
     links = _links(len(nodes), heads, [two for edges in after for two in edges])
     parts = [{two: (len(names), names) for two, names in edges.items()} for edges in after]
-    return Graph(title, links, nodes.__getitem__, parts.__getitem__, firsts, lit)
+    return _Graph(links=links, node=nodes.__getitem__, edges=parts.__getitem__, **options)
 
 
 def _links(count: int, heads: Any, tails: Any) -> Any:
     return csr_array((np.ones(len(heads), np.bool_), (heads, tails)), (count, count))
 
 
-def _plan(case: Case) -> Graph:
+def _plan(case: Case) -> _Graph:
     """Return the graph of a finite-state controller, or of those of all agents; of a large one around its node."""
     policy: Any = case.policy
     plans = policy.controllers
@@ -444,14 +417,14 @@ def _plan(case: Case) -> Graph:
         action_name, seen_name = (_own(space, agent, len(plans)) for space in (case.actions, case.observations))
         for number, (action, row) in enumerate(zip(plan.actions, plan.successors, strict=True)):
             name = action_name(action)
-            nodes.append((f"{whose}{name}", f"node {number} of {whose or 'the controller: '}{name}", name))
+            nodes.append((f"{whose}{name}", f"{whose}node {number}: {name}", name))
             edges: defaultdict[int, list[str]] = defaultdict(list)
             for seen, other in enumerate(row):
                 if other is not None:
                     edges[start + other].append(seen_name(seen))
             after.append(edges)
-    around = now if now and len(nodes) > MOST else firsts
-    return _listing(f"a controller of {counted(len(nodes), 'node')}", nodes, after, around, {each: [] for each in now})
+    around, lit = now if now and len(nodes) > MOST else firsts, {each: [] for each in now}
+    return _listing(nodes, after, title=f"a controller of {counted(len(nodes), 'node')}", firsts=around, lit=lit)
 
 
 def _own(space: Space | None, agent: int, agents: int) -> Callable[[int], str]:
@@ -493,7 +466,7 @@ def hierarchy(ensembles: Sequence[EnsembleScene], acting: Mapping[str, Collectio
         acts = () if number >= first else acting.get(ensembles[number].path, ())
         lit[number] = [other for other in after[number] if not other >= first > number or nodes[other][0] in acts]
         running += lit[number]
-    made = drawn(_listing("which ensemble runs in which", nodes, after, way[:1], lit)._replace(kept=way))
+    made = _drawn(_listing(nodes, after, title="which ensemble runs in which", firsts=way[:1], lit=lit, kept=way))
     shapes = tuple([msgspec.structs.replace(shape, opens=-1) for shape in made.shapes])
     remarks = ("of many ensembles those near the top and the chosen one are drawn",) if made.remarks else ()
     return msgspec.structs.replace(made, shapes=shapes, remarks=remarks)

@@ -160,7 +160,15 @@ def test_a_controller_has_its_edges_by_observation_and_its_node_lit():
     assert boxes["drop"].text[1] == "↻ noise"
     assert [each.text[0] for each in boxes.values() if each.lit] == ["open"]
     assert Counter(texts(picture, "edge")) == Counter(["noise", "quiet", "noise"])
+    assert picture.remarks == ()
     assert {name: each.action for name, each in boxes.items()} == {name: name for name in ACTIONS.names}
+
+
+def test_actions_and_nodes_that_nothing_leads_to_are_named():
+    picture = picture_of(case(DeterministicPolicy([0, 1] * 6, 3), 0, STATES, ACTIONS))
+    assert picture.remarks == ("never reached: drop",)
+    plan = FiniteStateController([0, 1, 2], [[0], [0], [1]])
+    assert picture_of(case(plan, (0,), None, ACTIONS)).remarks == ("never reached: node 1: open, node 2: drop",)
 
 
 def test_of_a_team_each_agent_has_its_own_graph():

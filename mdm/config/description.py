@@ -121,10 +121,15 @@ class Describer:
         self._recorder.describe(new | {FOLDER + CONFIGURATION: msgspec.json.encode(found)}, facts)
 
 
+_SUMMARY = "mdm.cli.records.page:within"
+"""What makes the summary of a record, by name: it is loaded in the process that writes, as the record is closed."""
+
+
 def recorder_of(given: object) -> Recorder:
     """Return the recorder that is given as itself or by the path of its file; it also keeps the parts of the run."""
     found = recorder.recorder_of(given)
     found.describer = Describer(found)
+    found.summary = _SUMMARY
     return found
 
 

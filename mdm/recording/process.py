@@ -41,6 +41,8 @@ TOPIC, MESSAGE, METADATA, ATTACHMENT, LOST, END = range(1, 7)
 
 _CHUNK = 256 * 1024
 """Bytes of messages that are compressed together, at most: what is lost where this process is killed, too."""
+_LONG, _LARGE = 20_000, 2_000_000
+"""Messages from which on, and up to which, a record gets a summary as it is closed."""
 _SYNC = 1.0
 """Seconds after which what was written is on the disk."""
 _READ = 1 << 20
@@ -209,16 +211,25 @@ class _Output:
         library: The program that writes it, and its version.
         split_bytes: The size from which on another file begins.
         split_time: Nanoseconds of messages, likewise.
+        summary: The function, as ``module:name``, that returns a summary of a record by its path, to be attached when
+            that is closed; empty where there is none.
     """
 
     def __init__(
-        self, path: str, descriptor: int, library: str, split_bytes: int | None, split_time: int | None
+        self,
+        path: str,
+        descriptor: int,
+        library: str,
+        split_bytes: int | None,
+        split_time: int | None,
+        summary: str = "",
     ) -> None:
         self.messages = 0
         self.lost = 0
         self.closed = False
         self.dirty = False
         self._path = path
+        self._summary = summary
         self._library = library
         self._split_bytes = split_bytes
         self._split_time = split_time
@@ -308,7 +319,17 @@ class _Output:
         end = {"closed": "yes" if self.closed else "no", "messages": str(self.messages), "lost": str(self.lost)}
         self._file.flush()
         self._file.metadata("mdm.end", end)
+        if self.is_summarised:
+            with suppress(Exception):  # of a record that is none of a system, or too large for the memory
+                module, name = self._summary.split(":")
+                summary = getattr(importlib.import_module(module), name)(self._path)
+                self.attach("mdm.summary", "application/octet-stream", summary)
         self._finish()
+
+    @property
+    def is_summarised(self) -> bool:
+        """Whether it gets a summary as it is closed, which takes some microseconds a message."""
+        return bool(self._summary) and self.closed and _LONG <= self.messages <= _LARGE
 
 
 def _synchronise_folder(path: str) -> None:
@@ -384,6 +405,8 @@ class _Recorder:
     def close(self) -> None:
         """Complete the file."""
         if self._output is not None:
+            if self._output.is_summarised:
+                self._report({"summarises": True})
             self._try(self._output.close)
         self._tell(finished=self._output is not None)
 

@@ -115,6 +115,7 @@ class Recorder(Extension):
             raise ConfigError(text, key="channels")
         self.lost = 0
         self.describer: Any = None  # keeps the parts of a run by `describe`, see `mdm.config.description`
+        self.summary = ""  # makes the summary of the record as it is closed, as ``module:name``
         self._largest = settings.largest_belief
         self._bound = settings.bound
         self._writer = RecordWriter(path, settings)
@@ -159,6 +160,7 @@ class Recorder(Extension):
         """
         if self._runtime is not None:
             raise Error(f"{self.path}: a Recorder is for one run: make a new one for each runtime")
+        self._writer.summary = self.summary
         self._writer.open()
         self.path = self._writer.path
         self._runtime, self._virtual = runtime, isinstance(runtime.clock, VirtualClock)

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 SILENT = 3.0
 """Seconds after which a process that writes, and reports once a second, has been silent for too long."""
+_SUMMARY = 30.0
+"""Seconds that a summary may take as a record is closed."""
 _STARTS = 30.0
 """The same, of one that has not said its first word."""
 _BOUND = 16 * 1024 * 1024
@@ -105,6 +107,9 @@ class RecordWriter:
         self._keep = files.keep
         self.failure: str | None = None
         """A sentence that says why nothing more is written, None while all is well."""
+        self.summary = ""
+        """The function, as ``module:name``, that returns the summary of a record by its path."""
+        self._summarises = False
         self._split_bytes = files.split_bytes
         self._split_time = None if files.split_seconds is None else round(files.split_seconds * 1e9)
         self._bound = bound
@@ -180,6 +185,7 @@ class RecordWriter:
             "library": f"mdm/{__version__}",
             "split_bytes": self._split_bytes,
             "split_time": self._split_time,
+            "summary": self.summary,
         }
         (source, self._pipe), (self._ear, told) = os.pipe(), os.pipe()
         try:
@@ -325,6 +331,7 @@ class RecordWriter:
         for line in lines:
             told = json.loads(line)
             self._finished |= told.get("finished", False)
+            self._summarises = told.get("summarises", self._summarises)
             self._written = told.get("written", self._written)
             self._lost = told.get("lost", self._lost)
             if self.failure is None and "failure" in told:
@@ -357,7 +364,8 @@ class RecordWriter:
     def close(self, seconds: float = 2.0) -> None:
         """Send the rest, and wait until the file is complete: for so many seconds, at most.
 
-        Past these seconds, the process still writes all that it has, and the rest is dropped.
+        Past these seconds, the process still writes all that it has, and the rest is dropped. A summary is waited for,
+        too, for half a minute more.
         """
         if self._process is None:
             return
@@ -372,8 +380,11 @@ class RecordWriter:
         self._limit = -1
         os.close(self._pipe)
         self._pipe = -1
-        try:
+        with suppress(subprocess.TimeoutExpired):
             self._process.wait(max(0.0, deadline - times.monotonic()))
+        self._hear()
+        try:
+            self._process.wait(_SUMMARY if self._summarises else 0.0)
         except subprocess.TimeoutExpired:
             if self.failure is None:
                 self.failure = f"{self.path}: the record was not complete after {seconds:g} s; it is still written"

@@ -255,3 +255,23 @@ def test_a_file_that_was_removed_is_let_go_of(tmp_path):
         os.fstat(descriptor)
     taker.close()
     assert [*told[0]] == ["failure"]
+
+
+@pytest.mark.parametrize(
+    ("count", "summary", "attached"),
+    [
+        (20_000, "os:fsencode", 1),
+        (20_000, "os:there_is_no_such_function", 0),
+        (19_999, "os:fsencode", 0),
+        (20_000, "", 0),
+    ],
+)
+def test_a_long_record_gets_a_summary_as_it_is_closed(tmp_path, count, summary, attached):
+    path = tmp_path / "run.mcap"
+    sent = b"".join(message(1, time, b"{}") for time in range(count))
+    reports = ran(path, BEGIN + sent + frame(process.END, b""), summary=summary)
+    record = Record(path)
+    assert record.counts.total() == count
+    assert record.flaws == ()
+    assert [each.data for each in record.attachments] == [os.fsencode(path)] * attached
+    assert ({"summarises": True} in reports) == (bool(summary) and count == 20_000)

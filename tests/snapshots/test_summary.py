@@ -209,3 +209,32 @@ def test_a_life_that_goes_on_behind_what_is_looked_at_has_its_end(robot):
     )
     middle = (begun.time + ended.time) / 2
     assert {begun, ended} <= set(run.lanes(middle, middle + 0.01, ["top"], [], 2000))
+
+
+@pytest.mark.slow
+def test_a_long_run_has_its_summary_within_its_record(tmp_path, monkeypatch):
+    async def main(runtime):
+        manager = mdm.PredicateManager("predicates")
+        sensor = manager.sensor("On", initial=False)
+        policy = mdm.policies.DeterministicPolicy([0, 1])
+        robot = mdm.Ensemble(
+            "robot",
+            states=[mdm.StateFactor("on", ["On"])],
+            policy=policy,
+            actions={0: lambda: None, 1: lambda: None},
+            predicates=manager,
+        )
+        await runtime.start(robot)
+        for step in range(5_200):
+            sensor.set(step % 2 == 1)
+            await asyncio.sleep(0.1)
+
+    run_virtual(main, record=tmp_path / "run.mcap")
+    record = Record(tmp_path / "run.mcap")
+    assert record.counts.total() > 20_000
+    assert summary_of(record) is not None
+    assert not beside(record).exists()
+    moments = [0.0, 77.7, 300.05, 519.0]
+    brief = shown(recorded_run(record.path, replay=False), moments)
+    monkeypatch.setattr(page, "summary_of", lambda _: None)
+    assert shown(recorded_run(record.path, replay=False), moments) == brief

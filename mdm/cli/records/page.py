@@ -126,6 +126,11 @@ def summarise() -> None:
         sys.stdout.buffer.write(recorded_run(sys.argv[-1]).summary().encoded())
 
 
+def within(path: str) -> bytes:
+    """Return the summary of a record that is about to be closed, to be attached to it."""
+    return recorded_run(path, replay=False).summary(within=True).encoded()
+
+
 def recorded_run(path: str | Path | Record, *, replay: bool = True, summary: Summary | None = None) -> RecordedRun:
     """Return a record as snapshots; without the names, maps and predicates of its configuration where it has none.
 

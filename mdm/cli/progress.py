@@ -78,11 +78,13 @@ def counting(interruption: Interruption, what: str = "", noun: str = "episode") 
         what: The text before the numbers.
         noun: A word for one of them.
     """
-    line, began = ProgressLine(), perf_counter()
+    line, began, before = ProgressLine(), perf_counter(), -1
 
     def count(ended: int, total: int) -> bool:
-        seconds = perf_counter() - began
-        left = f"  about {to_go(seconds * (total - ended) / ended)}" if ended else ""
+        nonlocal before
+        before = ended if before < 0 else before  # what was done earlier took no time of this run
+        seconds, done = perf_counter() - began, ended - before
+        left = f"  about {to_go(seconds * (total - ended) / done)}" if done else ""
         line.tell(seconds, lambda: f"{seconds:.1f} s  {what}{ended} of {counted(total, noun)}{left}")
         return interruption.asked()
 

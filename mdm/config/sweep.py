@@ -70,7 +70,7 @@ class EvaluationTable(Options, frozen=True):
 
     episodes: Annotated[int, Meta(ge=1)] | None = None
     steps: Annotated[int, Meta(ge=1)] | None = None
-    seed: Annotated[int, Meta(ge=0)] = 0
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
     metrics: tuple[str, ...] = ()
 
 
@@ -122,7 +122,7 @@ def points_of(vary: Mapping[str, Any], found: Problems) -> list[_Point]:
                 kind = _Draws if "sobol" in given else _Range
                 if (made := found.convert(given, kind, f"vary.{name}")) is None:
                     continue
-                if not -math.inf < getattr(made, "from") <= made.to < math.inf:
+                if not (_is_plain([getattr(made, "from"), made.to]) and getattr(made, "from") <= made.to):
                     raise ConfigError("a range is from a number to a greater one, both of them finite")
                 if kind is _Range:
                     axes[name] = [{name: value} for value in _range(made)]
@@ -145,10 +145,10 @@ def points_of(vary: Mapping[str, Any], found: Problems) -> list[_Point]:
 
 
 def _is_plain(given: Any) -> bool:
-    """Whether something is a value: a finite number, a text, true or false, or a list of these."""
+    """Whether something is a value: a finite number, a text, true or false, or a list of these; whole in 64 bits."""
     if isinstance(given, list):
         return all(map(_is_plain, given))
-    return isinstance(given, str | bool) or (is_number(given) and math.isfinite(given))
+    return isinstance(given, str | bool) or (is_number(given) and abs(given) < (2**63 if is_whole(given) else math.inf))
 
 
 def _between(ends: Any, share: float) -> Any:
@@ -416,7 +416,7 @@ def planned(given: str | os.PathLike[str] | Mapping[str, Any]) -> Plan:
     points = points_of(table.vary, wrong)
     _check_options(table.solve, points, wrong)
     wrong.raise_all()
-    parts = [msgspec.json.encode([table, points]), *map(content, files)]
+    parts = [repr([table, points]).encode(), *map(content, files)]
     made: Any = {"model": model, "make": make, "own": own, "durations": durations, "options": table.solve}
     made |= {"evaluation": evaluation, "metrics": metrics, "digest": of_parts(map(of_bytes, parts))}
     return Plan(points=list(enumerate(points)), seed=evaluation.seed, units=len(points), **made)
@@ -487,7 +487,7 @@ class _Head(msgspec.Struct, frozen=True):
 
 
 def read_journal(path: Path) -> tuple[_Head, dict[int, _Point], int]:
-    """Return the head of a journal, the last row of each of its points, and how many bytes of it are whole.
+    """Return the head of a journal, the last row of each of its points in order, and how many bytes of it are whole.
 
     Raises:
         FormatError: If it cannot be read, or is none.
@@ -496,8 +496,8 @@ def read_journal(path: Path) -> tuple[_Head, dict[int, _Point], int]:
     whole = data.rfind(b"\n") + 1  # a torn last line is of a point that has not ended
     try:
         head, *lines = data[:whole].splitlines() or [b"{}"]
-        rows = map(msgspec.json.decode, lines)
-        return msgspec.json.decode(head, type=_Head), {row["point"]: row for row in rows}, whole
+        rows = {row["point"]: row for row in map(msgspec.json.decode, lines)}
+        return msgspec.json.decode(head, type=_Head), dict(sorted(rows.items())), whole
     except (msgspec.MsgspecError, KeyError, TypeError):
         raise FormatError("this is no journal of a sweep, or it is damaged", file=path) from None
 

@@ -52,6 +52,14 @@ def test_episodes_are_counted(monkeypatch, capsys):
     assert told[2] == "4.0 s  policy 1 of 2  3 of 10 episodes  about 9 s to go"
 
 
+def test_work_that_goes_on_takes_as_long_as_this_run_says(capsys, monkeypatch):
+    seconds = iter(range(100))
+    monkeypatch.setattr("mdm.cli.progress.perf_counter", lambda: float(next(seconds)))
+    with counting(Interruption(), noun="point") as count:
+        assert not any(count(ended, 10) for ended in range(6, 9))
+    assert capsys.readouterr().err.splitlines() == ["1.0 s  6 of 10 points", "2.0 s  7 of 10 points  about 6 s to go"]
+
+
 def test_work_is_shown_on_a_terminal_after_two_seconds(monkeypatch):
     seconds = iter([10.0, 11.0, 12.5, 15.0, 20.0, 21.0, 30.0])
     monkeypatch.setattr("mdm.cli.progress.perf_counter", lambda: next(seconds))

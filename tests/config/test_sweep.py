@@ -83,6 +83,7 @@ def test_draws_are_the_published_sequence_together():
 @pytest.mark.parametrize(
     "given",
     [
+        *([10**30], {"from": 1, "to": 10**30}, {"from": 1, "to": 10**400}, {"sobol": 10**30, "from": 0, "to": 1}),
         *([], [float("nan")], [None], [[1, {}]], {}, {"from": 1}, {"from": 1, "to": "2"}, {"from": 2, "to": 1}),
         *({"from": 0, "to": float("inf")}, {"from": 0.5, "to": 1}, {"from": 0, "to": 1, "step": 0}),
         *({"from": 0, "to": 1, "count": 1}, {"from": 0, "to": 1, "count": 2, "step": 1}, {"from": 0, "to": 10**7}),

@@ -112,9 +112,11 @@ def sweep(arguments: argparse.Namespace) -> int:
     facts = {"result": None, "journal": str(journal), "points": len(plan.points), "ended": len(rows) - len(failed)}
     if not interrupted and len(failed) < len(rows):
         columns = {name: [row[name] for row in rows] for name in rows[0]}
-        numbers = {name: [each for each in values if each is not None] for name, values in columns.items()}
-        whole = {name for name, values in numbers.items() if all(map(is_whole, values))}
-        write_table(output, columns, whole, {name for name in numbers if all(map(is_number, numbers[name]))})
+        numbers = {name: [each for each in columns[name] if each is not None] for name in columns if name != "failure"}
+        real = {name for name, values in numbers.items() if all(map(is_number, values))}
+        for name in columns.keys() - real:
+            columns[name] = [each if isinstance(each, str | None) else as_json(each) for each in columns[name]]
+        write_table(output, columns, {name for name in real if all(map(is_whole, numbers[name]))}, real)
         facts["result"] = str(output)
     if arguments.json:
         failures = [{name: row[name] for name in ("point", "failure")} for row in failed]

@@ -71,6 +71,11 @@ def test_a_table_in_parquet_has_the_same_rows_with_their_kinds(mdm, file, tmp_pa
     )
     texts = [{name: "" if value is None else str(value) for name, value in row.items()} for row in table.to_pylist()]
     assert without_run(texts) == without_run(rows_of(tmp_path / "r.csv"))
+    assert (kinds["failure"], kinds["episodes"], kinds["solver"]) == ("string", "int64", "string")
+    file.write_text('model = "swept:walk"\n[vary]\nslip = 0.5\ngoal = [true, 2]\n"solve.gap" = [0.1, 1]\n')
+    assert mdm("sweep", file, "-o", "t.parquet")[0] == 0
+    rows = parquet.read_table(tmp_path / "t.parquet").to_pylist()
+    assert [(row["goal"], row["solve.gap"]) for row in rows] == [("true", 0.1), ("true", 1.0), ("2", 0.1), ("2", 1.0)]
 
 
 def test_a_result_that_is_there_is_kept(mdm, file, tmp_path):

@@ -423,7 +423,7 @@ def _plan(case: Case) -> _Graph:
                 if other is not None:
                     edges[start + other].append(seen_name(seen))
             after.append(edges)
-    around, lit = now if now and len(nodes) > MOST else firsts, {each: [] for each in now}
+    around, lit = now if now and len(nodes) > MOST else firsts, dict.fromkeys(now, list[int]())
     return _listing(nodes, after, title=f"a controller of {counted(len(nodes), 'node')}", firsts=around, lit=lit)
 
 

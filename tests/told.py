@@ -51,6 +51,9 @@ class Told:
     async def explain(self, ensemble, time=None):
         return None
 
+    async def draw(self, ensemble, time=None, opened=()):
+        return ()
+
 
 class Kept(Told):
     """A record of a minute, in which something happens each two seconds."""

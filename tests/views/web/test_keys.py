@@ -100,10 +100,10 @@ def test_the_focus_and_the_answer_to_why_come_into_sight_above_the_bar_of_a_reco
                 assert await page.evaluate(f"document.activeElement.getBoundingClientRect().top < {bar}")
                 if await page.evaluate("document.activeElement.matches('input, button')"):
                     assert await page.evaluate(f"document.activeElement.getBoundingClientRect().bottom <= {bar}")
-            await page.evaluate("scrollTo(0, 0)")
+            await page.evaluate("document.querySelector('.content').scrollTo(0, 0)")
             await page.keyboard.press("w")
-            await page.wait_for_function("() => document.body.innerText.includes('Nothing tells why')")
-            await is_in_sight("[aria-label^=Ensemble\\\\ ] > .empty")
+            await page.wait_for_function("() => document.body.innerText.includes('There is no ensemble robot00')")
+            await is_in_sight("[aria-label^=Why] .empty")
 
     in_a_browser(program, viewport={"width": 390, "height": 500})
 
@@ -127,7 +127,7 @@ def test_the_list_of_keys_has_those_that_do_something_and_a_step_says_where_ther
             page = await look(address)
             listed, words = await keys(page)
             assert listed[:5] == ["d", "n", "f", "m", "j"]
-            assert "With shift, d, n, f, m and o" in words
+            assert "With shift, d, n, f, m and j" in words
             assert "freeze" not in words
             for key, words in (("Shift+d", "no earlier decision"), ("Shift+m", "no earlier change of a mode")):
                 await page.keyboard.press(key)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from heapq import merge
+from itertools import islice
+from operator import itemgetter
 from typing import TYPE_CHECKING, Literal, get_args
 
 import msgspec
@@ -140,7 +142,8 @@ class Ring:
                     break
                 newest.append(entry)
             found.append(newest[::-1])
-        merged = [(number, encoded) for number, _, encoded in merge(*found, key=lambda entry: entry[0])][:most]
+        first = islice(merge(*found, key=itemgetter(0)), most)
+        merged = [(number, encoded) for number, _, encoded in first]
         if len(merged) < most:
             return [encoded for _, encoded in merged], self.number
         return [encoded for _, encoded in merged], merged[-1][0]

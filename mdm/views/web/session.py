@@ -18,7 +18,7 @@ from mdm.snapshots.reducer import PARTS
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
-_MOST_EVENTS = 1_000
+_MOST_EVENTS = 3_000
 """Events that a message has at most."""
 _CLOSE = 16
 

@@ -52,29 +52,29 @@ fails | wrong | an action failed three times and never succeeded, eight times in
 plain function failed five times within a minute | Check the callback, and what it talks to: the detail of its last \
 failure stands beside it.
 hangs | wrong | an action lasts five times as long as it usually takes, four times as long as all its lives but one, \
-and ten seconds at least; one that has ended less than three times, five times as long as it or any other has taken, and half a minute at least | Check what the \
-action waits for; a `timeout` ends one that hangs.
+and ten seconds at least; one that has ended less than three times, five times as long as it or any other has taken, \
+and half a minute at least | Check what the action waits for; a `timeout` ends one that hangs.
 apart | wrong | an agent of the team was never met, or is lost | See to its process and the network; `mdm team \
 status` asks all agents.
 disagrees | wrong | an agent was refused, is there twice, or has another copy of the team's state than the others; \
 until a minute after the last such fault | Give all agents the same file, model, policy and version; look for two \
 processes of one name.
-waits | wrong | an ensemble that should decide cannot, until its next decision | Check who tells what it waits for; \
-the evidence names that.
 pre-empted | look | an action was pre-empted six times in a row, within a minute, each time within five seconds, in \
 an ensemble in which actions do succeed | Check whether the action hangs, and what makes the ensemble decide again so \
 soon: a predicate that flickers?
 repeats | look | an action was decided ten times within five seconds, each time only because it had ended | Check \
 that the action changes what it is decided on, or give it a `pause`.
+waits | look | an ensemble that should decide cannot, for ten seconds or more | Check who tells what it waits for; \
+the evidence names that.
 impossible | look | five or more of the last 50 changes of the state are impossible by the model, and a fifth of them \
 or more; states that last less than half a second do not count, for factors may change one after another | Check how \
 predicates and events are wired, and whether the model allows what happens.
 contradicts | look | observations are less likely under the belief than the model itself expects: over up to 200 of \
-them, by .15 nats each, and by 12 nats and four standard deviations in all | Check the wiring of sensors and actions; then estimate the model \
-from the record: `mdm statistics`.
+them, by .15 nats each, and by 12 nats and four standard deviations in all | Check the wiring of sensors and actions; \
+then estimate the model from the record: `mdm statistics`.
 stuck | look | a factor of the state, or the observation, stays the same for ten seconds or more, over actions that \
-came to their end, although the model gives that a chance below one in ten million | Check the sensor that tells it, and whether the actions reach what \
-they should.
+came to their end, although the model gives that a chance below one in ten million | Check the sensor that tells it, \
+and whether the actions reach what they should.
 unmoved | look | over twenty observations or more that differ, and ten seconds, the belief does not move, though it \
 is not all but sure (90 %) | Check the observation probabilities of the model: these do not tell its states apart.
 flickers | look | a predicate changes ten times within ten times its `held_for`, or within five seconds where that is \
@@ -515,7 +515,7 @@ class Judge(Spells):
     """
 
     RULES = (
-        *("safe", "fails", "hangs", "waits", "pre-empted", "repeats", "impossible", "contradicts"),
+        *("safe", "fails", "hangs", "pre-empted", "repeats", "waits", "impossible", "contradicts"),
         *("stuck", "unmoved", "same", "idle", "shielded", "late"),
     )
 
@@ -544,7 +544,7 @@ class Judge(Spells):
     def mode(self, mode: Mode) -> None:
         """Take another mode."""
         self._mode = mode
-        self.ask(mode.time, "safe", "repeats", "hangs", "unmoved")
+        self.ask(mode.time, "safe", "repeats", "hangs", "unmoved", "waits")
 
     def idle(self, idle: Idle) -> None:
         """Take that it is idle, or no longer."""
@@ -770,10 +770,14 @@ class Judge(Spells):
         text = f"decided {key[0]} {count} times in a row, always in the same state"
         return {key[0]: Found(count, since, text, "each time because it had ended")}, inf
 
-    def _waits(self, _: int) -> Judged:
+    def _waits(self, time: int) -> Judged:
         """Name the input for which no decision comes."""
         fault = self._want
-        return NOTHING if fault is None else ({"": Found(1, fault.time, "cannot decide", fault.detail)}, inf)
+        if fault is None or not self._decides:
+            return NOTHING
+        if time < fault.time + _SHORT:
+            return {}, fault.time + _SHORT
+        return {"": Found(1, fault.time, "cannot decide", fault.detail)}, inf
 
     def _idle(self, time: int) -> Judged:
         """Name idleness that no binding intends."""

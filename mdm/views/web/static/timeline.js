@@ -9,7 +9,7 @@ const NEAR = 14;   // Pixels between equal decisions up to which they are drawn 
 const TINTS = { deciding: "good", safe: "bad", stopped: "off" };
 
 // What happened, by ensemble, in the order of time. Of a running system it is kept event by event, as far as there is room;
-// of a record the faults and what looks odd are, and the rest is what was asked for: some time of some lanes.
+// of a record the faults and judgements are, and the rest is what was asked for: some time of some lanes.
 export class History {
   constructor() { this.room = {}; this.clear(); }
 

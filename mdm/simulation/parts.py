@@ -58,10 +58,7 @@ class WorkerWarning(UserWarning):
 
 
 class Work(Protocol):
-    """Work that has parts: units in a model, which travels by itself, with random numbers of a seed.
-
-    Unit n has the random numbers of the spawn key (n,).
-    """
+    """Work that has parts: units in a model, which travels by itself; unit n draws by the seed's spawn key (n,)."""
 
     model: Any
     policy: Any
@@ -91,10 +88,7 @@ class Part(NamedTuple):
 
 
 class Worker(msgspec.Struct, frozen=True):
-    """A process that has run parts: its host and number, the versions of its libraries, how many parts in how long.
-
-    Times are in seconds, of the parts alone.
-    """
+    """A process: its host and number, the versions of its libraries, how many parts it ran, and their seconds."""
 
     host: str
     process: int
@@ -251,6 +245,7 @@ class _Run:
         """Those of Dask's workers."""
         self._count: int = getattr(executor, "workers", 0) or getattr(executor, "_max_workers", 0)
         self._check()
+        self._warn_of_search()
         content = _packed(work.model, "the model"), _packed(work, "the policy", work.model)
         model = of_bytes(content[0])
         self._needs = model, of_bytes(model.encode() + content[1])
@@ -264,8 +259,8 @@ class _Run:
         self._failed: dict[_Units, str] = {}
         self._workers: dict[tuple[str, int], Worker] = {}
 
-    def _check(self) -> None:
-        """Refuse workers before the first part, and searches for which there is no memory."""
+    def _check(self, *, again: bool = False) -> None:
+        """Refuse workers before the first part."""
         others, wrong = [], ""
         try:
             if self._dask is not None:
@@ -275,6 +270,10 @@ class _Run:
         except ImportError as error:
             others = [f"a worker has no mdm ({error})"]
         except BrokenExecutor as error:
+            if isinstance(self._executor, Processes) and not again:  # one was killed before, or as it began
+                self._executor.renew()
+                self._check(again=True)
+                return
             wrong = f"the workers do not start ({error}): a program starts them below if __name__ == '__main__':"
         except RuntimeError as error:
             wrong = f"the executor takes no work ({error}): give one that is open"
@@ -282,15 +281,19 @@ class _Run:
             wrong = f"{others[0]}, but here it is {__version__}: install the same"
         if wrong:
             raise ConfigError(wrong, key="executor")
-        if getattr(self._work.policy, "deliberates", False):
-            many, free = self._count or _UNKNOWN, free_memory()
-            most = many * getattr(getattr(self._work.policy, "policy", self._work.policy), "memory", 0)
-            text = f"each worker searches by itself, {many} of them with up to {most / 1e6:.0f} MB"
-            if isinstance(self._executor, Processes) and free is not None and most > free:
-                text += f", but the machine has {free / 1e6:.0f} MB free: give fewer workers, or the search less memory"
-                raise ConfigError(text, key="executor")
-            text += "; it finds less where workers share a processor and its time"
-            warnings.warn(text, WorkerWarning, stacklevel=4)
+
+    def _warn_of_search(self) -> None:
+        """Say how much memory searches may take; refuse more than this machine has free."""
+        policy, many, free = self._work.policy, self._count or _UNKNOWN, free_memory()
+        if not getattr(policy, "deliberates", False):
+            return
+        most = many * getattr(getattr(policy, "policy", policy), "memory", 0)
+        text = f"each worker searches by itself, {many} of them with up to {most / 1e6:.0f} MB"
+        if isinstance(self._executor, Processes) and free is not None and most > free:
+            text += f", but the machine has {free / 1e6:.0f} MB free: give fewer workers, or the search less memory"
+            raise ConfigError(text, key="executor")
+        text += "; it finds less where workers share a processor and its time"
+        warnings.warn(text, WorkerWarning, stacklevel=4)
 
     def _others(self) -> list[str]:
         """Ask Dask's workers, of which some may be new, for their version; name new ones that have another."""
@@ -301,8 +304,8 @@ class _Run:
         found = self._dask.run(resolve_name, _VERSION, workers=new, on_error="return")
         found = {name: its for name, its in found.items() if isinstance(its, str | ImportError)}  # of those still there
         self._versions |= found
-        others = [(name, its) for name, its in found.items() if its != __version__]
-        return [f"{name} has {f'mdm {its}' if isinstance(its, str) else f'no mdm ({its})'}" for name, its in others]
+        text = {name: f"mdm {its}" if isinstance(its, str) else f"no mdm ({its})" for name, its in found.items()}
+        return [f"{name} has {text[name]}" for name, its in found.items() if its != __version__]
 
     def submit(self) -> bool:
         """Send as many parts as there is room for; return whether any are under way."""
@@ -313,10 +316,9 @@ class _Run:
             good = [name for name, version in self._versions.items() if version == __version__]
             few = {} if len(good) == len(self._versions) else {"workers": good, "allow_other_workers": True}
             named = {"pure": False, **few}
-        many = 2 * self._count or _UNKNOWN
         self._alone = self._alone and bool(self._again or self.open)
-        room = 1 if self._alone else many if self._results else self._count or 1  # at first each lacks all
-        while len(self.open) < room and not self._stopped:
+        many = 2 * self._count or _UNKNOWN if self._results else self._count or 1  # at first each lacks all
+        while len(self.open) < (1 if self._alone else many) and not self._stopped:
             lacks: tuple[str, ...] = ()
             if self._again:
                 units, lacks = self._again.popleft()
@@ -360,8 +362,7 @@ class _Run:
 
     def _take(self, units: _Units, answer: Answer) -> None:
         its = answer.worker
-        late = self._dask is not None and its.environment["mdm"] != __version__
-        if answer.lacks or late:
+        if answer.lacks or (self._dask is not None and its.environment["mdm"] != __version__):  # which came late
             self._again.append((units, answer.lacks))
         elif answer.failure:
             self._retry(units, answer.failure)
@@ -462,7 +463,6 @@ def _begin() -> None:
 
 
 def _end() -> None:
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    parent.join()
-    os._exit(1)
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)

@@ -267,6 +267,22 @@ def test_processes_that_search_with_more_memory_than_there_is_are_refused():
         assert evaluated(search, executor, episodes=2).episodes == 2
 
 
+def test_processes_that_were_killed_while_idle_start_again():
+    class Idle(Here):
+        broken = True
+
+        def submit(self, function, /, *arguments):
+            if self.broken:
+                raise BrokenExecutor("a worker was killed")
+            return super().submit(function, *arguments)
+
+        def renew(self):
+            self.broken = False
+
+    with Idle(1) as executor:
+        assert kept(evaluated(VECTORS, executor)) == kept(evaluated(VECTORS))
+
+
 class Cluster(Shuffled):
     """An executor as Dask's: workers come and go, and each has a version."""
 

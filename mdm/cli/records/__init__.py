@@ -172,7 +172,7 @@ VERBS = {
         "mdm run FILE.toml --page.",
         "mdm page run.mcap",
         (
-            _FILE,
+            Argument("file FILE", "the record, or a folder with those of a team's agents"),
             Argument("--port PORT", "where the page is (8765)", port, default=8765),
             *page_hosts(prefix="--"),
             Argument("--no-replay", "begin at once, without the values of predicates"),
@@ -186,7 +186,9 @@ VERBS = {
         "next decision, fault and mode, with shift to the one before.",
         "mdm watch run.mcap",
         (
-            Argument("source URL|FILE", "the address of a page, or a record"),
+            Argument(
+                "source URL|FILE", "the address of a page, or a record, or a folder with those of a team's agents"
+            ),
             Argument("--once", "print one picture, of a record its end, and stop"),
             Argument("--at S", "of a record, begin at second S", moment),
             Argument(

@@ -7,6 +7,7 @@ import os
 import sys
 import tempfile
 from contextlib import suppress
+from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from mdm.cli.progress import work_shown
 from mdm.config.recorded import as_recorded, load_recorded
 from mdm.errors import Error
 from mdm.recording import Record
+from mdm.recording.reader import records_of
 from mdm.replay import transports_of
 from mdm.runtime import run as run_program
 from mdm.snapshots import RecordedRun
@@ -22,10 +24,11 @@ from mdm.views.web import PageServer
 from mdm.views.web.access import encryption
 from mdm.views.web.listening import LOOPBACK
 from mdm.views.web.server import websockets
+from mdm.views.web.team import RecordedTeam
 
 if TYPE_CHECKING:
     import argparse
-    from pathlib import Path
+    from collections.abc import Mapping
 
 
 _LONG = 20_000
@@ -60,10 +63,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 class _Shown:
-    """A record that is shown, and read again for as long as it grows: its recorder may still be at work.
+    """A record, or those of a team's agents, shown and read again for as long as they grow: recorders may be at work.
 
     Args:
-        path: The record.
+        path: The record, or a folder of them.
         replay: Have predicates from a replay.
 
     Attributes:
@@ -73,51 +76,80 @@ class _Shown:
     def __init__(self, path: str, *, replay: bool) -> None:
         self._path, self._replay = path, replay
         self._lock = Lock()
-        self.run = self._read()
+        self._runs = {name: self._read(each) for name, each in paths_of(path).items()}
+        self.run = run_of(path, self._runs)
 
-    def _read(self) -> RecordedRun:
-        run = recorded_run(self._path, replay=False)
+    def _read(self, path: Path) -> RecordedRun:
+        run = recorded_run(path, replay=False)
         if run.restored is None and run.restorable:
             run.pending = self._replay
             run.remark(_RESTORES if self._replay else _NEVER)
         return run
 
-    def newest(self) -> RecordedRun:
+    def newest(self) -> RecordedRun | RecordedTeam:
         """Return the record as it is now.
 
         Raises:
             Error: If it cannot be read any more.
         """
         with self._lock:  # one page at a time
-            if self.run.grows:
-                self.run = self._read()
+            grown = {name: run for name, run in self._runs.items() if run.grows}
+            if grown:
+                paths = paths_of(self._path)
+                self._runs |= {name: self._read(paths[name]) for name in grown}
+                self.run = run_of(self._path, self._runs)
             return self.run
 
     async def restore(self, server: PageServer) -> None:
         """Have a process of its own restore predicates, and show the record with them."""
-        if not self.run.pending:
-            return
-        process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-P", "-c", "from mdm.cli.records.page import summarise; summarise()", self._path),
-            stdout=asyncio.subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        )
-        assert process.stdout is not None
-        try:
-            told = await process.stdout.read()
-        finally:
-            with suppress(ProcessLookupError):
-                process.kill()
-            await process.wait()
-        with self._lock:
-            before = self.run
-            try:
-                self.run = recorded_run(self._path, replay=False, summary=decoded(told))
-            except Error as error:
-                before.remark(f"predicates are not known, for the run cannot be replayed: {error}")
-                before.pending = False
-            self.run.generation = before.generation + 1
-        server.show(self.run)
+        for name, path in paths_of(self._path).items():
+            if not self._runs[name].pending:
+                continue
+            told = await _summarised(path)
+            with self._lock:
+                run = before = self._runs[name]
+                try:
+                    run = recorded_run(path, replay=False, summary=decoded(told))
+                except Error as error:
+                    before.remark(f"predicates are not known, for the run cannot be replayed: {error}")
+                    before.pending = False
+                run.generation = before.generation + 1
+                self._runs[name] = run
+                self.run = run_of(self._path, self._runs)
+            server.show(self.run)
+
+
+async def _summarised(path: Path) -> bytes:
+    """Return the summary that a process of its own has made; nothing of one that failed."""
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-P", "-c", "from mdm.cli.records.page import summarise; summarise()", str(path)),
+        stdout=asyncio.subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )
+    assert process.stdout is not None
+    try:
+        return await process.stdout.read()
+    finally:
+        with suppress(ProcessLookupError):
+            process.kill()
+        await process.wait()
+
+
+def paths_of(path: str | Path) -> dict[str, Path]:
+    """Return the path of a record, or those of a folder of records by their agents, else by the names of their files.
+
+    Raises:
+        Error: If a folder has no records.
+        FormatError: If a file in it is no record.
+    """
+    if not Path(path).is_dir():
+        return {"": Path(path)}
+    return {record.head.get("agent", record.path.stem): record.path for record in records_of(path).values()}
+
+
+def run_of(path: str | Path, runs: Mapping[str, RecordedRun]) -> RecordedRun | RecordedTeam:
+    """Return the run of `paths_of` a path, or those of a team together."""
+    return RecordedTeam(runs, title=Path(path).resolve().name) if Path(path).is_dir() else runs[""]
 
 
 def summarise() -> None:

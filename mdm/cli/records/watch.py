@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from mdm.cli.records.page import recorded_run
+from mdm.cli.records.page import paths_of, recorded_run, run_of
 from mdm.cli.usage import UsageError
 from mdm.errors import Error
 from mdm.runtime import run as run_program
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from mdm.snapshots import RecordedRun
+    from mdm.views.web.team import RecordedTeam
 
 _PERIOD = 0.25
 _PATIENCE = 5.0
@@ -62,12 +63,13 @@ def run(arguments: argparse.Namespace) -> int:
             raise UsageError("--at is for a record: a running system has no past")
         run_program(lambda: _watch_page(arguments.source, arguments.authority, once=arguments.once))
     else:
-        shown = recorded_run(arguments.source)
+        runs = {name: recorded_run(path) for name, path in paths_of(arguments.source).items()}
+        shown = run_of(arguments.source, runs)
         run_program(lambda: _watch_record(shown, arguments.at, once=arguments.once))
     return 0
 
 
-async def _watch_record(shown: RecordedRun, at: float | None, *, once: bool) -> None:
+async def _watch_record(shown: RecordedRun | RecordedTeam, at: float | None, *, once: bool) -> None:
     terminal = Terminal(shown.scene())
     terminal.hear([msgspec.json.decode(each, type=Event) for each in shown.after(0, sys.maxsize)[0]])
     time = at if at is not None else (shown.last if once else shown.first)
@@ -96,7 +98,7 @@ async def _watch_record(shown: RecordedRun, at: float | None, *, once: bool) -> 
                 (time, told), playing = _stepped(shown, key, time), False
 
 
-def _stepped(shown: RecordedRun, key: str, time: float) -> tuple[float, str]:
+def _stepped(shown: RecordedRun | RecordedTeam, key: str, time: float) -> tuple[float, str]:
     """Return the second to which a key steps, and a sentence where nothing is there."""
     kind, back = _STEPS[key.lower()], key.isupper()
     to = shown.step(kind, time, back=back)  # type: ignore[arg-type]

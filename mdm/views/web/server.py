@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from mdm.snapshots import RecordedRun
     from mdm.team.transport.access import Access as Certificate
     from mdm.views.web.session import Said
-    from mdm.views.web.team import TeamRun
+    from mdm.views.web.team import RecordedTeam, TeamRun
 
 PORT = 8765
 """The port where none is given."""
@@ -89,7 +89,7 @@ class PageServer:
 
     def __init__(
         self,
-        source: LiveRun | TeamRun | RecordedRun,
+        source: LiveRun | TeamRun | RecordedRun | RecordedTeam,
         *,
         port: int = PORT,
         host: str = LOOPBACK[0],
@@ -97,7 +97,7 @@ class PageServer:
         live: bool,
         control: bool = False,
         token: str | None = None,
-        renew: Callable[[], RecordedRun] | None = None,
+        renew: Callable[[], RecordedRun | RecordedTeam] | None = None,
         metrics: Metrics | None = None,
     ) -> None:
         self._source: Any = source
@@ -153,7 +153,7 @@ class PageServer:
         if self._live:
             self._watch()
 
-    def show(self, source: RecordedRun) -> None:
+    def show(self, source: RecordedRun | RecordedTeam) -> None:
         """Show a later reading of the same record, also to those who look at it already."""
         self._source = source
         for reader in self._readers:

@@ -24,9 +24,11 @@ from mdm.views.web.client import Socket, opened
 from mdm.views.web.session import Allowance
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection, Iterable, Mapping
 
+    from mdm.snapshots import RecordedRun
     from mdm.snapshots.frame import EnsembleScene, FloorScene, PredicateScene
+    from mdm.snapshots.recorded import Course
 
 _GONE = EnsembleFrame("stopped", 0.0)
 _AGAIN = 0.5
@@ -140,7 +142,7 @@ class _Agent:
 
     def shown(self, predicate: str) -> str:
         """Return the name by which the team's page has a predicate of the agent."""
-        return f"{self.name}: {predicate}"
+        return _shown(self.name, predicate)
 
     @property
     def paths(self) -> frozenset[str]:
@@ -224,7 +226,181 @@ def _shifted(frame: Frame, by: float) -> Frame:
         ensembles=tuple(ensembles),
         changed=tuple([time + by for time in frame.changed]),
         details=details,
+        judgements=tuple(
+            [
+                replace(each, since=each.since + by, until=None if each.until is None else each.until + by)
+                for each in frame.judgements
+            ]
+        ),
     )
+
+
+def _shown(agent: str, predicate: str) -> str:
+    return f"{agent}: {predicate}"
+
+
+def _together(
+    scenes: Iterable[tuple[str, Scene]],
+) -> tuple[tuple[EnsembleScene, ...], tuple[PredicateScene, ...], tuple[FloorScene, ...]]:
+    """Return the ensembles, predicates and floors of agents' scenes as those of one."""
+    ensembles: list[EnsembleScene] = []
+    predicates: list[PredicateScene] = []
+    floors: list[FloorScene] = []
+    for name, scene in scenes:
+        before = len(ensembles)
+        ensembles += [
+            each if each.parent < 0 else msgspec.structs.replace(each, parent=each.parent + before)
+            for each in scene.ensembles
+        ]
+        predicates += [msgspec.structs.replace(each, name=_shown(name, each.name)) for each in scene.predicates]
+        floors += [floor for floor in scene.floors if floor not in floors]
+    return tuple(ensembles), tuple(predicates), tuple(floors)
+
+
+class RecordedTeam:
+    """The records of a team's agents, for those who look at them together; each began by its own wall clock.
+
+    Args:
+        runs: The record of each agent, by its name.
+        title: The title of the team.
+
+    Raises:
+        Error: If two of them have the same ensemble, as records of several robots do.
+
+    Attributes:
+        first: The first second.
+        last: The last one.
+        generation: Of how many readings of the records it is.
+    """
+
+    def __init__(self, runs: Mapping[str, RecordedRun], *, title: str) -> None:
+        self._runs = runs
+        self._title = title
+        scenes = {name: run.scene() for name, run in runs.items()}
+        self._began = min(scene.began for scene in scenes.values())
+        self._ahead = {name: (scene.began - self._began) / 1e9 for name, scene in scenes.items()}
+        self._home: dict[str, str] = {}
+        for name, scene in scenes.items():
+            for each in scene.ensembles:
+                if (other := self._home.setdefault(each.path, name)) != name:
+                    raise Error(
+                        f"{title}: the records of {other} and {name} both have an ensemble {each.path!r}: they are of "
+                        f"several runs or robots, which are shown one by one"
+                    )
+        self.first, self.last = 0.0, max(run.last + self._ahead[name] for name, run in runs.items())
+        self.generation = sum(run.generation for run in runs.values())
+
+    def scene(self) -> Scene:
+        """Return the scenes of all agents as one."""
+        scenes = {name: run.scene() for name, run in self._runs.items()}
+        ensembles, predicates, floors = _together(scenes.items())
+        facts = {"began": self._began, "first": 0.0, "last": self.last, "floors": floors}
+        remarks = tuple([f"{name}: {remark}" for name, scene in scenes.items() for remark in scene.remarks])
+        pending = any(scene.pending for scene in scenes.values())
+        one = next(iter(scenes.values()))
+        about = {"title": self._title, "ensembles": ensembles, "predicates": predicates}
+        return msgspec.structs.replace(one, **about, **facts, remarks=remarks, pending=pending)
+
+    def frame(self, seconds: float, close: Collection[str] = ()) -> Frame:
+        """Return how all agents were at a time; one that had not begun yet as stopped."""
+        time = min(max(seconds, self.first), self.last)
+        frames: list[Any] = []
+        values: list[bool | None] = []
+        for name, run in self._runs.items():
+            found = _shifted(run.frame(time - self._ahead[name], close), self._ahead[name])
+            if time < self._ahead[name]:
+                found = msgspec.structs.replace(found, ensembles=(_GONE,) * len(found.ensembles), judgements=())
+                values += [None] * len(found.predicates)
+            else:
+                values += found.predicates
+            frames.append(found)
+        judgements = sorted(
+            [each for frame in frames for each in frame.judgements],
+            key=lambda each: (each.until is not None, each.severity != "wrong"),
+        )
+        is_named = any(frame.headline for frame in frames)
+        return Frame(
+            time,
+            tuple([each for frame in frames for each in frame.ensembles]),
+            tuple(values),
+            tuple([each for frame in frames for each in frame.changed]),
+            details={path: each for frame in frames for path, each in frame.details.items()},
+            robots=tuple([each for frame in frames for each in frame.robots]),
+            judgements=tuple(judgements),
+            headline=str(judgements[0]) if judgements and is_named else "",
+        )
+
+    def lanes(
+        self, first: float, last: float, paths: Collection[str], predicates: Collection[str], most: int
+    ) -> list[Event]:
+        """Return lanes as `RecordedRun.lanes` does, of all agents."""
+        found: list[Event] = []
+        for name, run in self._runs.items():
+            by, begin = self._ahead[name], f"{name}: "
+            own = [each.removeprefix(begin) for each in predicates if each.startswith(begin)]
+            if last >= by:
+                found += self._moved(name, run.lanes(first - by, last - by, tuple(paths), own, most))
+        return found
+
+    def _moved(self, name: str, events: Iterable[Event]) -> list[Event]:
+        by = self._ahead[name]
+        return [
+            msgspec.structs.replace(
+                each, time=each.time + by, name=_shown(name, each.name) if each.kind == "predicate" else each.name
+            )
+            for each in events
+        ]
+
+    def after(self, cursor: int, most: int, *, rare: bool = False) -> tuple[list[bytes], int]:
+        """Return the first events behind a cursor, as `RecordedRun.after` does, of all agents."""
+        found: list[Event] = []
+        for name, run in self._runs.items():
+            encoded, _ = run.after(0, 1 << 62, rare=rare)
+            found += self._moved(name, [msgspec.json.decode(each, type=Event) for each in encoded])
+        found.sort(key=lambda each: each.time)
+        told = found[cursor : cursor + most]
+        return [_encode(each) for each in told], cursor + len(told)
+
+    def step(self, kind: Any, seconds: float, *, back: bool = False) -> float:
+        """Return the time of the next event of a kind of any agent, or of the one before."""
+        found = []
+        for name, run in self._runs.items():
+            by = self._ahead[name]
+            if seconds < by and not back and run.step(kind, 1e-9, back=True) == run.first:
+                at = by  # as it began
+            else:
+                at = run.step(kind, seconds - by, back=back) + by
+            if round(1e9 * (seconds - at if back else at - seconds)) > 0:  # it is the same where there is none
+                found.append(at)
+        return (max(found) if back else min(found)) if found else seconds
+
+    def _run_of(self, ensemble: str) -> tuple[RecordedRun, float]:
+        name = self._home[ensemble]
+        return self._runs[name], self._ahead[name]
+
+    async def course(self, ensemble: str, first: float, last: float) -> Course | None:
+        """Return how an ensemble's decisions went; None where there is no such one."""
+        if ensemble not in self._home:
+            return None
+        run, by = self._run_of(ensemble)
+        found = await run.course(ensemble, first - by, last - by)
+        return found and msgspec.structs.replace(found, times=tuple([time + by for time in found.times]))
+
+    async def explain(self, ensemble: str, seconds: float | None = None) -> Why | None:
+        """Return why an ensemble decided as it did; None where there is no such one."""
+        if ensemble not in self._home:
+            return None
+        run, by = self._run_of(ensemble)
+        return await run.explain(ensemble, None if seconds is None else seconds - by)
+
+    async def draw(
+        self, ensemble: str, seconds: float | None = None, opened: Collection[int] = ()
+    ) -> tuple[Picture, ...]:
+        """Return pictures of an ensemble at a time; none where there is no such one."""
+        if ensemble not in self._home:
+            return ()
+        run, by = self._run_of(ensemble)
+        return await run.draw(ensemble, None if seconds is None else seconds - by, opened)
 
 
 class TeamRun:
@@ -272,17 +448,7 @@ class TeamRun:
 
     def scene(self) -> Scene:
         """Return the scenes of all agents as one."""
-        ensembles: list[EnsembleScene] = []
-        predicates: list[PredicateScene] = []
-        floors: list[FloorScene] = []
-        for agent, scene in self._known():
-            before = len(ensembles)
-            ensembles += [
-                each if each.parent < 0 else msgspec.structs.replace(each, parent=each.parent + before)
-                for each in scene.ensembles
-            ]
-            predicates += [msgspec.structs.replace(each, name=agent.shown(each.name)) for each in scene.predicates]
-            floors += [floor for floor in scene.floors if floor not in floors]
+        ensembles, predicates, floors = _together([(agent.name, scene) for agent, scene in self._known()])
         return Scene(
             version=__version__,
             source="live",
@@ -290,9 +456,9 @@ class TeamRun:
             began=self.began,
             first=0.0,
             last=0.0,
-            ensembles=tuple(ensembles),
-            predicates=tuple(predicates),
-            floors=tuple(floors),
+            ensembles=ensembles,
+            predicates=predicates,
+            floors=floors,
             control=self._control,
             room=ROOM,
         )

@@ -204,3 +204,16 @@ def test_bad_input_is_a_sentence(record, tmp_path):
         status, text = told(record, "--port", port, "--no-replay")
         assert status == 1
         assert f"port {port} is in use" in text
+
+
+def test_a_folder_of_records_is_watched_and_shown_together(tmp_path, record):
+    folder = tmp_path / "team"
+    folder.mkdir()
+    for name in ("one", "two"):
+        (folder / f"{name}.mcap").write_bytes(record.read_bytes())
+    done = in_process.mdm("watch", folder, "--once")
+    assert (done.status, done.errors.count("both have an ensemble 'top'")) == (1, 1)
+    (folder / "two.mcap").unlink()
+    done = in_process.mdm("watch", folder, "--once")
+    assert done.status == 0
+    assert "top/walk" in done.output

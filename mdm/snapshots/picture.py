@@ -45,6 +45,7 @@ _LETTER, _LINE, _PAD, _LONGEST = 6.9, 15.0, 14.0, 26
 """The width of a letter, the height of a line, the room around a text, and the letters of the longest one."""
 _SIDE, _BAND, _CELLS, _CELL = 260.0, 44.0, (20, 7), (100.0, 24.0)
 """The side of a triangle, the height of regions on a line; how many cells two factors have, and the size of one."""
+_CODE = "it is code, or searches: only tables, controllers and alpha vectors have a picture"
 _GAP, _SWEEPS, _NAMED, _PART = 18.0, 24, 12, 1 << 15
 """The room between columns, sweeps over them, names that are kept of an edge, entries of a table at a time."""
 
@@ -116,8 +117,7 @@ def picture_of(case: Case, opened: Collection[int] = (), way: Sequence[Any] | No
         told = picture_of(case._replace(policy=policy.policy), opened, way)
         remarks = "drawn without its shield, which may replace actions", *told.remarks
         return msgspec.structs.replace(told, remarks=remarks)
-    remark = "it is code, or searches: only tables, controllers and alpha vectors have a picture"
-    return Picture(getattr(policy, "form", "a policy of another kind"), (remark,))
+    return Picture(getattr(policy, "form", "a policy of another kind"), (_CODE,))
 
 
 def pictures(
@@ -133,7 +133,7 @@ def pictures(
         case: Its last decision; None where its policy is not known.
         scenes: All ensembles.
         path: Its path.
-        running: The actions of each that run, or the last one.
+        running: The live actions of each, or its last one.
         options: As of `picture_of`.
     """
     own = Picture("no picture", ("its policy is not known here",)) if case is None else picture_of(case, **options)
@@ -237,10 +237,10 @@ def _drawn(graph: _Graph, opened: Collection[int] = ()) -> Picture:
             path = _rectangle(x - halves[stop], y[stop] - height / 2, 2 * halves[stop], height)
             shapes.append(msgspec.structs.replace(box, path=path, x=round(x, 1), y=round(y[stop], 1)))
     bottom = max(y[stop] + heights[stop] / 2 for stop in stops) + _PAD
-    remarks = [f"{free.sum():,} of {count:,} nodes are folded: press one to open it"] if count > MOST else []
-    if count <= MOST and free.any():
-        remarks = [f"never reached: {', '.join(graph.node(int(node))[1] for node in np.flatnonzero(free))}"]
-    return Picture(graph.title, tuple(remarks), round(lefts[-2]), round(bottom), tuple(shapes))
+    unmet = [graph.node(int(node))[1] for node in np.flatnonzero(free)[:MOST]]
+    folds = f"{free.sum():,} of {count:,} nodes are folded: press one to open it"
+    remarks = ((folds if count > MOST else f"never reached: {', '.join(unmet)}"),) if unmet else ()
+    return Picture(graph.title, remarks, round(lefts[-2]), round(bottom), tuple(shapes))
 
 
 def _heights(columns: dict[Any, int], ways: list[list[Any]], room: dict[Any, float]) -> dict[Any, float]:
@@ -322,7 +322,7 @@ def _width(text: Sequence[str]) -> float:
     return max([_LETTER * len(line) for line in text if line] + [0.0]) + _PAD
 
 
-# -- Tables ------------------------------------------------------------------------------------------------------------
+# -- Tables, controllers and hierarchies -------------------------------------------------------------------------------
 
 
 @lru_cache(maxsize=8)
@@ -341,7 +341,7 @@ def diagram(policy: Any, states: Space | None) -> tuple[Diagram, Any, list[Facto
         entries = [*found]
     else:
         return None
-    factors = [Factor("state", policy.num_states)] if states is None else [*states.factors]
+    factors = _factors(policy, states)
     if table.ndim == 2 and policy.horizon is not None:
         factors.insert(0, Factor("decision", [str(number) for number in range(1, len(table) + 1)]))
     made = Diagram.of(table.reshape([len(each) for each in factors]).astype(np.int64), len(entries))
@@ -349,6 +349,13 @@ def diagram(policy: Any, states: Space | None) -> tuple[Diagram, Any, list[Facto
     levels = zip(made.firsts, made.levels, strict=True)
     heads = np.concatenate([np.arange(first, first + len(rows)).repeat(rows.shape[1]) for first, rows in levels])
     return made, _links(count, heads, np.concatenate([*map(np.ravel, made.levels)])), factors, entries
+
+
+def _factors(policy: Any, states: Space | None) -> list[Factor]:
+    """Return the factors of a policy's states; one without names where none are known that fit."""
+    if states is None or len(states) != policy.num_states:
+        return [Factor("state", policy.num_states)]
+    return [*states.factors]
 
 
 def _decisions(case: Case, made: Diagram, links: Any, factors: list[Factor], entries: list[Any]) -> _Graph:
@@ -387,9 +394,6 @@ def _decisions(case: Case, made: Diagram, links: Any, factors: list[Factor], ent
     return _Graph(title, links, node, edges, [made.root], lit, lambda number: columns[made.place(number)])
 
 
-# -- Controllers and hierarchies ---------------------------------------------------------------------------------------
-
-
 def _listing(nodes: Sequence[tuple[str, str, str]], after: Sequence[Mapping[int, list[str]]], **options: Any) -> _Graph:
     """Return a graph of nodes that are listed, each with the names of the edges to those after it."""
     heads = [one for one, edges in enumerate(after) for _ in edges]
@@ -423,7 +427,7 @@ def _plan(case: Case) -> _Graph:
                 if other is not None:
                     edges[start + other].append(seen_name(seen))
             after.append(edges)
-    around, lit = now if now and len(nodes) > MOST else firsts, dict.fromkeys(now, list[int]())
+    around, lit = now if now and len(nodes) > MOST else firsts, {each: list[int]() for each in now}
     return _listing(nodes, after, title=f"a controller of {counted(len(nodes), 'node')}", firsts=around, lit=lit)
 
 
@@ -435,13 +439,7 @@ def _own(space: Space | None, agent: int, agents: int) -> Callable[[int], str]:
 
 
 def hierarchy(ensembles: Sequence[EnsembleScene], acting: Mapping[str, Collection[str]], chosen: str) -> Picture | None:
-    """Return the hierarchy of an ensemble as a picture, with those lit that run; None where it stands alone.
-
-    Args:
-        ensembles: Of the scene.
-        acting: The live actions of each, or its last one.
-        chosen: The path of the ensemble.
-    """
+    """Return the hierarchy of an ensemble as a picture, by path, with those lit that act; None where it is alone."""
     first = len(ensembles)
     nodes = [(each.path.rpartition("/")[2], f"ensemble {each.path}", "") for each in ensembles]
     after: list[dict[int, list[str]]] = [{} for _ in ensembles]
@@ -553,7 +551,7 @@ def _certain(policy: AlphaVectors, shape: tuple[int, ...]) -> tuple[Any, list[in
 def _regions(case: Case) -> Picture:
     """Return the actions over the two factors that matter most where the state is known, other factors as they are."""
     policy: Any = case.policy
-    factors = [Factor("state", policy.num_states)] if case.states is None else [*case.states.factors]
+    factors = _factors(policy, case.states)
     factors += [Factor("action", [""])] * (len(factors) == 1)
     shape = tuple(map(len, factors))
     table, order = _certain(policy, shape)

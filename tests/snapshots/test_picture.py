@@ -69,7 +69,7 @@ def test_a_table_without_names_is_drawn_by_numbers():
     assert picture.title == "decides by state"
     assert texts(picture, "box", lit=True) == ["state", "1"]
     assert texts(picture, "edge", lit=True) == ["2, 0"]
-    assert texts(picture_of(case(QTable([[0, 1]] * 3))), "box") == ["1"]
+    assert texts(picture_of(case(QTable([[0, 1]] * 3), None, STATES)), "box") == ["1"]  # of other states
     assert picture_of(case(QTable([[0, 1]] * 3))).title == "decides always the same"
 
 

@@ -588,6 +588,8 @@ def test_the_timeline_tells_of_what_the_pointer_is_on(tmp_path):
             await page.keyboard.press("f")
             await page.wait_for_function("() => mdmPage.frame.time > 0")
             await page.wait_for_function("() => document.querySelector('.timeline .told').innerText.includes('⚠')")
+            await page.get_by_label("Draw a signal").select_option("predicate Low")
+            await page.wait_for_selector("[aria-label='Predicate Low over time'] .u-over")
             canvas = await page.locator(".timeline canvas").bounding_box()
             fault = recorded.step("fault", 0.0)
             across = canvas["x"] + 118 + (canvas["width"] - 118) * fault / recorded.last

@@ -974,7 +974,7 @@ class _Evidence:
             if nats >= _CHANCE and time - since >= _SHORT:
                 what = f"{name} stays {value}" if name else f"observes {self._judge.known.observed(value)} alone"
                 text = f"{what}, {steps} times in a row"
-                found[name] = Found(steps, since, text, f"by the model the chance of that is e^-{nats:.0f}")
+                found[name] = Found(steps, since, text, f"its model gives that one chance in 10^{nats / log(10):.0f}")
         return found, inf
 
 

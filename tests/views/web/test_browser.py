@@ -10,7 +10,7 @@ import browsers
 import msgspec
 import pytest
 import shielded
-from decided import ensemble
+from decided import ensemble, nothing
 from patience import PATIENCE
 from served import TOKEN, shown
 from shown import a_robot
@@ -261,6 +261,33 @@ def test_panels_fill_each_width_without_lying_over_each_other_and_stay_closed(tm
         await page.wait_for_selector("[role=option]")
 
     seen(look_at, mdm.load_system(a_robot(tmp_path)))
+
+
+def test_a_robot_that_fails_says_so_first_and_keeps_nobody_out_in_either_scheme_at_any_width():
+    async def grip():
+        raise RuntimeError("the gripper does not close")
+
+    robot = Ensemble(
+        "robot", policy=DeterministicPolicy([0, 1]), actions={0: grip, 1: mdm.bind(nothing, then="decide")}
+    )
+
+    async def look_at(page, *_):
+        for state in (0, 1) * 4:
+            robot.publish_state(state)
+            await asyncio.sleep(0.05)
+        await page.wait_for_selector(".headline.alarm")
+        told = await text(page, ".headline .line >> nth=0")
+        assert told.startswith("✕ robot: 0 has failed")
+        assert "never succeeded" in told
+        assert "the gripper does not close" in told
+        for scheme in ("light", "dark"):
+            await page.emulate_media(color_scheme=scheme)
+            for width in (390, 1300, 1920):
+                await page.set_viewport_size({"width": width, "height": 900})
+                assert await page.evaluate("document.documentElement.scrollWidth") <= width
+            assert await browsers.barriers(page) == []
+
+    seen(look_at, robot)
 
 
 def test_a_thousand_ensembles_are_drawn_as_far_as_they_are_in_sight():

@@ -27,8 +27,10 @@ export function Panel({ name, label = name, title = label, aside, wide, kind = "
 const columns = new WeakMap();   // In which column each panel stands.
 
 // Each panel stands below the shortest column, and keeps its place for as long as the columns are about as tall as each other.
+// Those that take all of the width stand above or below the columns, so that these have no holes.
 function arrange(grid) {
-  const boxes = [...grid.querySelectorAll(".panel")];
+  const all = [...grid.querySelectorAll(".panel")], isBelow = (box, place) => box.classList.contains("wide") && all.slice(0, place).some((other) => !other.classList.contains("wide"));
+  const boxes = [...all.filter((box, place) => !isBelow(box, place)), ...all.filter(isBelow)];
   const count = Math.max(1, Math.min(COLUMNS, Math.floor(grid.clientWidth / WIDTH)));
   const rows = boxes.map((box) => Math.ceil((box.offsetHeight + GAP) / ROW));
   const placed = (keeps) => {

@@ -2,11 +2,12 @@
 
 export const SIGNS = { deciding: "▶", safe: "■", stopped: "○", waiting: "…", idle: "–" };
 
+const BETWEEN = /^a pause of .* succeeded$/;   // As a binding has it on purpose, for `then = "decide"`.
 const PAUSE = 2;   // Seconds without anything to do that nobody need be told of: a pause between two decisions.
 
 export function standing(frame, now) {
   if (frame.mode === "safe") return "safe";
-  if (frame.mode === "deciding" && frame.waiting && frame.waiting.length) return "waiting";
+  if (frame.mode === "deciding" && (frame.waiting ?? []).some((each) => !BETWEEN.test(each))) return "waiting";
   if (frame.mode === "deciding" && frame.idle != null && now - frame.idle >= PAUSE) return "idle";
   return frame.mode;
 }

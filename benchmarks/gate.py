@@ -33,10 +33,10 @@ ALLOWED = 0.03
 class Side:
     """A process that measures blocks of one case with one tree's ``mdm``."""
 
-    def __init__(self, tree: Path, case: str, processor: int) -> None:
+    def __init__(self, tree: Path, case: str, processor: int, *, quick: bool) -> None:
         """Start it."""
         self._process = subprocess.Popen(
-            [sys.executable, str(HERE / "gate_case.py"), case],
+            [sys.executable, str(HERE / "gate_case.py"), case, *(["--quick"] if quick else [])],
             env={**os.environ, "PYTHONPATH": str(tree)},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -80,11 +80,13 @@ def tree_of(commit: str, folder: Path) -> Path:
     return tree
 
 
-def compare(case: str, pinned: Path, processor: int, rounds: int) -> tuple[list[float], list[float], list[float]]:
+def compare(
+    case: str, pinned: Path, processor: int, rounds: int, *, quick: bool
+) -> tuple[list[float], list[float], list[float]]:
     """Return the costs of the pinned tree, of the same again, and of this one, from blocks in turn."""
     with ExitStack() as sides:
         trees = (pinned, pinned, ROOT)
-        three = [sides.enter_context(Side(tree, case, processor)) for tree in trees]
+        three = [sides.enter_context(Side(tree, case, processor, quick=quick)) for tree in trees]
         costs: list[list[float]] = [[], [], []]
         for turn in range(rounds):
             for place in (turn % 3, (turn + 1) % 3, (turn + 2) % 3):
@@ -108,7 +110,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         trees = {pin["commit"]: tree_of(pin["commit"], Path(folder)) for pin in pins}
         for pin, case in chain.from_iterable([(pin, case) for case in pin["cases"]] for pin in pins):
-            runs = [compare(case, trees[pin["commit"]], processor, rounds) for _ in range(launches)]
+            pinned = trees[pin["commit"]]
+            runs = [compare(case, pinned, processor, rounds, quick=given.quick) for _ in range(launches)]
             spread = statistics.median(abs(ratio(again, first) - 1) for first, again, _ in runs)
             found = statistics.median(ratio(ours, first) for first, _, ours in runs)
             rows.append(

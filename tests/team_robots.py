@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 import mdm
@@ -153,6 +155,7 @@ async def two(runtime, build=None, **options):
     return await started(runtime, tigers(**options), network, build or over_beliefs(problems.dec_tiger()))
 
 
-def three(seed=3):
-    """Three fire fighters, who hear flames where they are."""
+@functools.cache
+def three():
+    """Three fire fighters, who hear flames where they are: one model for all, which nobody changes."""
     return problems.fire_fighting(2, 3, 2)

@@ -383,14 +383,11 @@ def test_a_million_steps_without_a_violation(seed):
     safe = shield(wild, grid, avoid=falls, keep=f"reach {goal}")
     for which, policy in enumerate((wild, safe)):
         weights = np.cumsum(policy.weights().T, axis=1)
-        moves = [np.cumsum(grid.transition_matrix(action), axis=1) for action in range(4)]
+        moves = np.stack([np.cumsum(grid.transition_matrix(action), axis=1) for action in range(4)])
         state = np.full(2_000, grid.state_space.index(grid.state_space.names[0]))
         while steps[which] < 1_000_000:
             action = (random.random((len(state), 1)) > weights[state]).sum(axis=1).clip(0, 3)
-            drawn_ = random.random((len(state), 1))
-            state = np.array(
-                [(drawn_[i] > moves[a][s]).sum() for i, (a, s) in enumerate(zip(action, state, strict=True))]
-            )
+            state = (random.random((len(state), 1)) > moves[action, state]).sum(axis=1)
             fell = np.isin(state, bad)
             violations[which] += fell.sum()
             steps[which] += len(state)

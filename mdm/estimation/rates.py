@@ -128,10 +128,12 @@ def erlang(ended: Vector, cut: Vector) -> tuple[float, int]:
 
 def _best_mean(stages: int, ended: Vector, cut: Vector) -> tuple[float, float]:
     """Return the largest log likelihood of Erlang stays of so many stages, and the mean that has it."""
+    logs, total, count = float(np.log(ended).sum()), float(ended.sum()), len(ended)
+    if not len(cut):
+        told = count * (stages * (math.log(stages * count / total) - 1) - math.lgamma(stages)) + (stages - 1) * logs
+        return told, total / count
     from scipy.optimize import minimize_scalar  # noqa: PLC0415 - slow to import
     from scipy.special import gammaincc, gammaln  # noqa: PLC0415 - slow to import
-
-    logs, total, count = float(np.log(ended).sum()), float(ended.sum()), len(ended)
 
     def cost(log_rate: float) -> float:
         rate = math.exp(log_rate)
@@ -140,8 +142,6 @@ def _best_mean(stages: int, ended: Vector, cut: Vector) -> tuple[float, float]:
             return -(told + float(np.log(gammaincc(stages, rate * cut)).sum()))
 
     shortest, longest = math.log(stages * count / (total + float(cut.sum()) * stages)), math.log(stages * count / total)
-    if not len(cut):
-        return -cost(longest), total / count
     found = minimize_scalar(cost, bounds=(shortest - 3, longest + 1e-9), method="bounded", options={"xatol": 1e-9})
     return -float(found.fun), stages / math.exp(float(found.x))
 

@@ -34,9 +34,12 @@ demo: $(DEMO)
 	@echo 'A robot patrols a floor for 40 seconds (examples/patrol/patrol.py; --help tells more)'
 	@$(BIN)/python examples/patrol/patrol.py $(DEMO_OPTIONS)
 
-# In parallel, on a worker more than there are processors, for some tests wait for other processes. For one file, call
-# pytest itself. Hundreds of tests start a Python of their own: without compiled modules on disk each of them compiles the package.
-WORKERS = -n $$($(PYTHON) -c 'import os; print(min(8, os.cpu_count() + 1))') --dist worksteal
+# In parallel, on a worker more than there are processors, for some tests wait for other processes; those of the outer
+# ring do so for a third of their time: on twice as many. For one file, call pytest itself. Hundreds of tests start a
+# Python of their own: without compiled modules on disk each of them compiles the package.
+PROCESSES = os.cpu_count() + 1
+WORKERS = -n $$($(PYTHON) -c 'import os; print(min(8, $(PROCESSES)))') --dist worksteal
+test-slow: PROCESSES = os.cpu_count() * 2
 test test-slow: export PYTHONDONTWRITEBYTECODE :=
 
 # The default ring: every behaviour, no test of more than two processor seconds. The outer ring: what is long by nature.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
+
 import numpy as np
 
 from mdm import Ensemble, Runtime, World, run
@@ -83,8 +85,8 @@ def ran(path, model, *, world=False, seconds=30, **options):
 def wandering(matrix, count, *, seed=0):
     """Return the states of a Markov chain."""
     random = np.random.default_rng(seed)
-    levels = np.cumsum(matrix, axis=1)
+    levels = np.cumsum(matrix, axis=1).tolist()
     states = [0]
-    for number in random.random(count - 1):
-        states.append(int(np.searchsorted(levels[states[-1]], number, side="right")))
+    for number in random.random(count - 1).tolist():
+        states.append(bisect_right(levels[states[-1]], number))
     return states

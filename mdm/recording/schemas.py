@@ -7,6 +7,7 @@ one, and a field without a plain type is left out: it is in the messages all the
 
 from __future__ import annotations
 
+import functools
 import types
 import typing
 from typing import Any, Literal, Union, get_args, get_origin
@@ -24,10 +25,11 @@ def name(kind: Any) -> str:
     return f"mdm.{get_args(kind)[0].__base__.__name__.lstrip('_')}"
 
 
+@functools.cache
 def schema(kind: Any) -> dict[str, Any]:
     """Return the schema of a struct, or of a union of structs with a tag: one object with the fields of all.
 
-    A field of which two structs of a union have different types is left out.
+    A field of which two structs of a union have different types is left out. All records have the same one.
     """
     properties: dict[str, Any] = {}
     unlike = set()

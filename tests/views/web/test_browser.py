@@ -768,6 +768,13 @@ def test_why_is_told_with_the_decision_that_it_is_of():
         assert "tiger-left 85.0 %" in after
         assert await page.locator(".why .arrow").count() == 2
         assert await page.locator(".why .then").inner_text() == "⟶ open-right"
+        ticks = (
+            "import('./words.js').then((words) => [50.1, 50.15].map((time) => words.clock(time, words.digits(0.05))))"
+        )
+        assert await page.evaluate(ticks) == ["00:50.10", "00:50.15"]  # however far one zooms, each is another one
+        tints = "import('./words.js').then(({ tint }) => %s.map((name) => tint(mdmPage.scene, 'robot', name)))"
+        assert await page.evaluate(tints % "mdmPage.scene.ensembles[0].actions") == ["a0", "a1", "a2"]
+        assert await page.evaluate("import('./words.js').then(({ colour }) => colour('robot') !== colour('bad'))")
         robot.publish_observation("hear-left")
         await page.wait_for_function("() => mdmPage.frame.ensembles[0].epoch === 2")
         await why.filter(has_text="since then it has decided again").wait_for()

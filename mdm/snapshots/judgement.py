@@ -137,8 +137,9 @@ _CHANCE = 16.0
 """Nats: a chance of one in ten million comes true once in a thousand hours of a step a second."""
 _FLOOR = log(1e-3)
 """The least logarithm of a probability that counts: one observation alone never contradicts a model."""
-_SMALL, _LARGE = 100, 1_000
-"""States up to which a belief is predicted, and rows are looked at: to do so costs their number, or its square."""
+_SMALL, _LARGE = 100_000, 1_000
+"""Entries up to which a model that is not flat is made flat, on the robot's machine, and states up to which a belief is
+predicted, and rows are looked at: to do so costs their number, or its square."""
 _CHANGES, _PERIOD = 10, 500_000_000
 """Changes of a predicate that are too many, and the nanoseconds a change: what a robot decides on lasts for longer."""
 _ALIKE = 50
@@ -834,9 +835,9 @@ class _Evidence:
         """The model that it decides by; None where there is none, or it is large."""
         controller = self._judge.known.controller
         model = None if controller is None else controller.model
-        if model is None or len(model.state_space) > (_LARGE if model.is_flattened else _SMALL):
+        if model is None or (states := len(model.state_space)) > _LARGE:
             return None
-        return model
+        return model if model.is_flattened or states * states * len(model.action_space) <= _SMALL else None
 
     def take(self, decision: Decision, count: int) -> None:
         """Take a decision.

@@ -148,6 +148,15 @@ def test_a_summary_that_lacks_something_is_refused_in_a_sentence(tmp_path):
         RecordedRun(record, summary=Summary((), {"": {}}, {}))
 
 
+@pytest.mark.filterwarnings("ignore")
+def test_a_summary_of_another_edition_is_left_and_the_record_is_read(tmp_path):
+    record, found = summarised(tmp_path)
+    other = Summary(found.of, {"": {"other": packed(Track())}}, {})
+    moments = [0.0, 0.1]
+    read = recorded_run(record, replay=False)
+    assert shown(recorded_run(record, replay=False, summary=other), moments) == shown(read, moments)
+
+
 def test_a_track_is_unpacked_where_it_is_looked_at():
     track = Track()
     for time in range(1000):

@@ -9,11 +9,13 @@ import tempfile
 from contextlib import suppress
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mdm.cli.progress import work_shown
+from mdm.cli.usage import UsageError
 from mdm.config.recorded import as_recorded, load_recorded
 from mdm.errors import Error
+from mdm.formats.target import check_place, replacing
 from mdm.recording import Record
 from mdm.recording.reader import records_of
 from mdm.replay import transports_of
@@ -22,6 +24,7 @@ from mdm.snapshots import RecordedRun
 from mdm.snapshots.summary import Summary, decoded, keep, summary_of
 from mdm.views.web import PageServer
 from mdm.views.web.access import encryption
+from mdm.views.web.file import page_file
 from mdm.views.web.listening import LOOPBACK
 from mdm.views.web.server import websockets
 from mdm.views.web.team import RecordedTeam
@@ -34,11 +37,25 @@ if TYPE_CHECKING:
 _LONG = 20_000
 """Messages from which on a record is read for longer than its summary takes."""
 _RESTORES = "predicates are not known yet: a replay restores them"
+_FAILED = "predicates are not known, for the run cannot be replayed: mdm replay says why"
 _NEVER = "predicates are not known: the record does not tell them, and it is not replayed"
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Show the record until Ctrl-C; return the exit status."""
+    """Show the record until Ctrl-C, or write it to a file; return the exit status."""
+    if arguments.output is None and (arguments.first, arguments.last) != (None, None):
+        raise UsageError("--from and --to are for the file that --output names: a page shows all of the record")
+    if arguments.output is not None:
+        check_place(arguments.output, None if Path(arguments.file).is_dir() else arguments.file)
+        with work_shown():
+            runs = {
+                name: recorded_run(path, replay=not arguments.no_replay)
+                for name, path in paths_of(arguments.file).items()
+            }
+        page = page_file(run_of(arguments.file, runs), arguments.first, arguments.last)
+        with replacing(Path(arguments.output)) as file:
+            file.write(page)
+        return 0
     websockets()  # before a long reading, as the rest
     host = LOOPBACK[0] if arguments.host is None else arguments.host
     encryption(host, arguments.access)
@@ -110,9 +127,10 @@ class _Shown:
                 run = before = self._runs[name]
                 try:
                     run = recorded_run(path, replay=False, summary=decoded(told))
-                except Error as error:
-                    before.remark(f"predicates are not known, for the run cannot be replayed: {error}")
+                except Error:
                     before.pending = False
+                if run.restored is None:
+                    run.remark(_FAILED)
                 run.generation = before.generation + 1
                 self._runs[name] = run
                 self.run = run_of(self._path, self._runs)
@@ -176,7 +194,7 @@ def recorded_run(path: str | Path | Record, *, replay: bool = True, summary: Sum
     record = path if isinstance(path, Record) else Record(path)
     summary = summary_of(record) if summary is None else summary
     if "configuration" not in record.head:
-        return _kept(RecordedRun(record, summary=summary), record, summary)
+        return _made(record, summary)
     with tempfile.TemporaryDirectory() as folder:
         transports = {}
         try:
@@ -184,30 +202,34 @@ def recorded_run(path: str | Path | Record, *, replay: bool = True, summary: Sum
                 transports = transports_of(record)
             system = load_recorded(record, folder, transport=next(iter(transports.values()), None))
         except Error as error:
-            run = RecordedRun(record, summary=summary)
+            run = _made(record, summary)
             run.remark(f"the record's configuration cannot be loaded: {error}")
-            return _kept(run, record, summary)
-        run = RecordedRun(
-            *(record, system),
-            ensembles=system.ensembles,
-            predicates=system.predicates,
-            places=system.places,
-            summary=summary,
-        )
+            return run
+        facts = {"ensembles": system.ensembles, "predicates": system.predicates, "places": system.places}
+        run = _made(record, summary, system=system, **facts)
     for sentence in record.cannot:
         run.remark(sentence)
     if replay and run.restored is None:
         try:
             with as_recorded(record, system.ensembles.values()):
                 run.restore(transports)
-            summary = None
+            _keep(run, record)
         except Error as error:
             run.remark(f"predicates are not known, for the run cannot be replayed: {error}")
-    return _kept(run, record, summary)
-
-
-def _kept(run: RecordedRun, record: Record, summary: Summary | None) -> RecordedRun:
-    """Keep the summary of a run that has none, beside its record where that is long and does not grow."""
-    if summary is None and record.counts.total() >= _LONG and not record.grows:
-        keep(run.summary(), record)
     return run
+
+
+def _made(record: Record, summary: Summary | None, **system: Any) -> RecordedRun:
+    """Return a run by its summary, or where that does not fit, by reading its record."""
+    if summary is not None:
+        with suppress(Error):  # of another edition of the same version
+            return RecordedRun(record, summary=summary, **system)
+    run = RecordedRun(record, **system)
+    _keep(run, record)
+    return run
+
+
+def _keep(run: RecordedRun, record: Record) -> None:
+    """Keep the summary of a run beside its record, where that is long and does not grow."""
+    if record.counts.total() >= _LONG and not record.grows:
+        keep(run.summary(), record)

@@ -217,3 +217,13 @@ def test_a_folder_of_records_is_watched_and_shown_together(tmp_path, record):
     done = in_process.mdm("watch", folder, "--once")
     assert done.status == 0
     assert "top/walk" in done.output
+
+
+def test_the_page_is_written_to_one_file(tmp_path, record):
+    out = tmp_path / "out.html"
+    done = in_process.mdm("page", record, "-o", out, "--from", 2, "--to", 5, "--no-replay")
+    assert (done.status, done.errors) == (0, "")
+    assert out.read_bytes().startswith(b"<!doctype html>")
+    assert in_process.mdm("page", record, "-o", record).status == 1
+    done = in_process.mdm("page", record, "--from", 2)
+    assert (done.status, "--output" in done.errors) == (2, True)

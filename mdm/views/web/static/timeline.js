@@ -126,6 +126,7 @@ export function wantedLanes(scene, history, selected, [first, last], wide) {
   const span = last - first, { asked } = history;
   const about = { paths: lanesOf(scene, selected), predicates: shownPredicates(scene, selected) };
   const same = asked && JSON.stringify([asked.paths, asked.predicates, asked.scene]) === JSON.stringify([about.paths, about.predicates, scene.predicates.length]);
+  if (same && asked.whole) return null;
   if (same && asked.first <= first && last <= asked.last && (!history.thinned || asked.last - asked.first < 4 * span)) return null;
   const most = Math.max(100, Math.min(scene.room?.part ?? 1000, Math.round(wide)));
   return { first: Math.max(scene.first, first - span / 2), last: Math.min(scene.last, last + span / 2), ...about, most };

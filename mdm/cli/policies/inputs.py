@@ -113,15 +113,19 @@ def _client(where: str) -> Any:
         distributed = importlib.import_module("distributed")
     except ImportError:
         raise Error("--dask needs Dask, the extra mdm[dask]: pip install distributed") from None
-    given = {"scheduler_file" if Path(where).exists() else "address": where}
+    address = where
     try:
-        client = distributed.Client(**given, timeout=5, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
+        if Path(where).is_file():
+            address = str(msgspec.json.decode(Path(where).read_bytes(), type=dict[str, Any]).get("address"))
+        if not address.rpartition(":")[2].isdecimal():  # or the client would not end
+            raise Error(f"{where} is neither the address of a Dask scheduler, as tcp://scheduler:8786, nor its file")
+        client = distributed.Client(address, timeout=5, set_as_default=False)
+    except (OSError, ValueError, TypeError, msgspec.DecodeError) as error:
         why = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise Error(f"there is no Dask scheduler at {where} ({why}): start one by dask scheduler") from None
     if not client.nthreads():
         client.close()
-        raise Error(f"the Dask scheduler at {where} has no workers: start some by dask worker {where}")
+        raise Error(f"the Dask scheduler at {where} has no workers: start some by dask worker {address}")
     return client
 
 

@@ -87,14 +87,12 @@ def test_what_cannot_be_had_is_refused(mdm, monkeypatch, tmp_path):
 
 
 def test_a_scheduler_that_is_not_there_or_has_no_workers_is_refused(monkeypatch, tmp_path):
-    file = tmp_path / "scheduler.json"
-    file.touch()
-    given = []
+    file, given = tmp_path / "scheduler.json", []
 
     class Client:
-        def __init__(self, **options):
-            given.append(options)
-            if "address" in options:
+        def __init__(self, address, **_):
+            given.append(address)
+            if "there" not in address:
                 raise OSError("Timed out trying to connect")
 
         def nthreads(self):
@@ -104,11 +102,17 @@ def test_a_scheduler_that_is_not_there_or_has_no_workers_is_refused(monkeypatch,
             pass
 
     monkeypatch.setattr(importlib, "import_module", lambda name: SimpleNamespace(Client=Client))
-    with refused(Error), inputs.executor_of(SimpleNamespace(dask="tcp://here:1", workers=0)):
-        pass
-    with pytest.raises(Error, match="has no workers: start some"):
+    for wrong in ("tcp://here:1", "here", str(file)):
+        with refused(Error):
+            inputs._client(wrong)
+    for content in ("x", "[]", "{}"):
+        file.write_text(content)
+        with refused(Error):
+            inputs._client(str(file))
+    file.write_text(json.dumps({"address": "tcp://there:2", "workers": {}}))
+    with pytest.raises(Error, match="has no workers: start some by dask worker tcp://there:2"):
         inputs._client(str(file))
-    assert given[-1]["scheduler_file"] == str(file)
+    assert given == ["tcp://here:1", "tcp://there:2"]
 
 
 @pytest.mark.slow

@@ -13,11 +13,11 @@ const DIVIDER = -1;
 export function Predicates({ scene, frame, path, lost, control, sense }) {
   const [sought, seek] = useState("");
   const [only, show] = useState(false);
-  if (!scene.predicates.length && scene.source === "live") return null;
   const isShown = (place) => scene.predicates[place].name.toLowerCase().includes(sought.toLowerCase()) && (!only || frame.predicates[place] !== false);
   const first = feeding(scene, scene.ensembles.find((each) => each.path === path));
   const feeds = new Set(first);
   const mine = first.filter(isShown), others = scene.predicates.map((_, place) => place).filter((place) => !feeds.has(place) && isShown(place));
+  if (!scene.predicates.length && scene.source === "live") return null;
   const places = mine.length && others.length ? [...mine, DIVIDER, ...others] : [...mine, ...others];
   const row = (index, style) => {
     const place = places[index];

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import msgspec
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order
 
 from mdm.errors import ModelError
 from mdm.explanation.case import Case, belief_of, beliefs, state_of
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
 
     from mdm.actors import Ensemble
     from mdm.models import Space
+    from mdm.policies import FiniteStateController
     from mdm.snapshots.frame import EnsembleScene
 
 MOST = 40
@@ -108,7 +108,7 @@ def picture_of(case: Case, opened: Collection[int] = (), way: Sequence[Any] | No
     """
     policy: Any = case.policy
     if isinstance(policy, Plan):
-        return _drawn(_plan(case), opened)
+        return _drawn(_plan(case, policy.controllers), opened)
     if (found := diagram(policy, case.states)) is not None:
         return _drawn(_decisions(case, *found), opened)
     if isinstance(policy, AlphaVectors):
@@ -192,6 +192,8 @@ def _folded(graph: _Graph, opened: Collection[int]) -> tuple[dict[int, Edges], d
 
 def _drawn(graph: _Graph, opened: Collection[int] = ()) -> Picture:
     """Return a graph as a picture: boxes in the even columns, and the texts of edges in the odd ones between."""
+    from scipy.sparse.csgraph import breadth_first_order  # noqa: PLC0415 - slow to import
+
     (kept, columns), count = _folded(graph, opened), graph.links.shape[0]
     free = np.ones(count, np.bool_)
     free[[*kept]] = False
@@ -406,10 +408,8 @@ def _links(count: int, heads: Any, tails: Any) -> Any:
     return csr_array((np.ones(len(heads), np.bool_), (heads, tails)), (count, count))
 
 
-def _plan(case: Case) -> _Graph:
+def _plan(case: Case, plans: Sequence[FiniteStateController]) -> _Graph:
     """Return the graph of a finite-state controller, or of those of all agents; of a large one around its node."""
-    policy: Any = case.policy
-    plans = policy.controllers
     nodes: list[tuple[str, str, str]] = []
     after: list[dict[int, list[str]]] = []
     firsts, now = [], []

@@ -15,8 +15,10 @@ import numpy as np
 from mdm.beliefs import Support
 from mdm.checks import is_number
 from mdm.errors import Error, FormatError, ModelError
+from mdm.explanation import Case
 from mdm.formats.source import content
 from mdm.simulation.batch import EpisodeRunner
+from mdm.snapshots.picture import Picture, picture_of
 from mdm.solvers import exact_values
 from mdm.views.canvas import pyplot
 from mdm.views.palette import ACTIONS
@@ -27,7 +29,6 @@ if TYPE_CHECKING:
     from mdm.models import MDP, Space
     from mdm.models.matrices import Vector
     from mdm.simulation.batch import EpisodeStep
-    from mdm.snapshots.picture import Picture
 
 _LETTER, _LINE = 4.8, 10.0
 """The width of a letter and the height of a line, in points: names of actions stand in the cells that they fit into."""
@@ -321,13 +322,17 @@ _TIP = """<marker id="tip{0}" class="{0}" viewBox="0 0 8 8" refX="8" refY="4" ma
 markerUnits="userSpaceOnUse" orient="auto"><path d="M0 0L8 4L0 8z"/></marker>"""
 
 
-def vector_image(picture: Picture, actions: Sequence[str] = ()) -> str:
-    """Return a picture of a policy as an SVG file, light or dark as whoever shows it asks.
+def policy_graph(model: MDP, policy: Any) -> Picture:
+    """Return a policy as a page draws it, with the first decision lit where the first state or belief is known."""
+    at = policy.information(model).current
+    if at is None and model.initial_belief.max() == 1:
+        at = int(model.initial_belief.argmax())
+    spaces = model.state_space, model.action_space, model.observation_space
+    return picture_of(Case(policy, model, *spaces, 0, -1, at))
 
-    Args:
-        picture: The picture.
-        actions: All actions by name, in the order of their colours.
-    """
+
+def vector_image(picture: Picture, actions: Sequence[str] = ()) -> str:
+    """Return a picture as an SVG file, light or dark as its viewer is, with actions in the order of their colours."""
     known = [*dict.fromkeys([*actions, *(shape.action for shape in picture.shapes if shape.action)])]
     size = f'viewBox="0 0 {picture.width:g} {picture.height:g}" width="{picture.width:g}" height="{picture.height:g}"'
     lines = [

@@ -9,6 +9,7 @@ from mdm.cli.policies.inputs import load, load_for
 from mdm.cli.usage import UsageError
 from mdm.config.sweep import read_journal
 from mdm.errors import Error
+from mdm.formats.target import check_place, replacing
 
 if TYPE_CHECKING:
     import argparse
@@ -52,10 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _graph(arguments: argparse.Namespace) -> int:
     """Draw the policy as a graph, as a page does, with the first decision lit where the first state is known."""
-    from mdm.explanation import Case  # noqa: PLC0415
-    from mdm.formats.target import check_place, replacing  # noqa: PLC0415
-    from mdm.snapshots.picture import picture_of  # noqa: PLC0415
-    from mdm.views.figures import vector_image  # noqa: PLC0415
+    from mdm.views.figures import policy_graph, vector_image  # noqa: PLC0415
 
     if given := [name for name in ("states", "axes", "columns") if getattr(arguments, name) is not None]:
         raise UsageError(f"--graph and --{given[0]} ask for different pictures")
@@ -63,11 +61,7 @@ def _graph(arguments: argparse.Namespace) -> int:
     if not arguments.output.lower().endswith(".svg"):
         raise Error(f"{arguments.output}: a graph is written as SVG: give its file the suffix .svg")
     policy, model = load_for(load(arguments.model, arguments.discount), arguments.policy, arguments)
-    at = policy.information(model).current
-    if at is None and model.initial_belief.max() == 1:
-        at = int(model.initial_belief.argmax())
-    case = Case(policy, model, model.state_space, model.action_space, model.observation_space, 0, -1, at)
-    picture = picture_of(case)
+    picture = policy_graph(model, policy)
     if not picture.shapes:
         raise Error(f"{arguments.policy}: {picture.title}: {'; '.join(picture.remarks)}")
     with replacing(arguments.output) as file:

@@ -234,7 +234,7 @@ class Recorder(Extension):
     def _hear(self, topic: str, channel: Channel[Any]) -> None:
         """Keep each message of a channel."""
         if topic not in self._topics:
-            kind = channel.type
+            kind: Any = channel.type  # which is hashable
             self._topics[topic] = self._writer.topic(topic, schemas.name(kind), schemas.schema(kind))
         number = self._topics[topic]
         channel.subscribe(self._guard(lambda message: self._put((_SENT, number, message))))

@@ -217,6 +217,8 @@ class LiveRun(Observer):
         self._managers: list[PredicateManager] = []
         self._owners: list[tuple[PredicateManager, str]] = []
         self._values: tuple[Any, ...] = ()
+        self._glanced = self._epoch
+        self._heard: dict[str, int] = {}
         self._changed: list[float] = []
         self._places: list[Places] = []
         self._members: list[Member] = []
@@ -439,7 +441,29 @@ class LiveRun(Observer):
         due.update(changed)
         return sorted(due)
 
+    def glance(self) -> None:
+        """Look at predicates alone, more often than frames are made where nobody looks."""
+        self._look_at_predicates(self._runtime.now())
+
+    def _tell_pulses(self, since: int, now: int) -> None:
+        """Tell of predicates that have changed and come back since the last look: how often is not known."""
+        scene = self._scene
+        for manager in self._managers:
+            published, last = manager.updates.published, manager.updates.last
+            missed = published - self._heard.get(manager.path, published)
+            self._heard[manager.path] = published
+            if missed < 2 or last is None or scene is None:
+                continue
+            names, values = {*last.rising, *last.falling, *last.unknown}, manager.values()
+            for (owner, name), before, shown in zip(self._owners, self._values, scene.predicates, strict=True):
+                if owner is manager and name in names and values[name] is before:
+                    event = predicate_event(self._seconds(since), manager.path, shown.name, before)
+                    self.ring.keep(msgspec.structs.replace(event, status="several", count=missed))
+                    self.ring.keep(predicate_event(self._seconds(now), manager.path, shown.name, before))
+
     def _look_at_predicates(self, now: int) -> None:
+        self._tell_pulses(self._glanced, now)
+        self._glanced = now
         known = {id(manager): manager.values() for manager in self._managers}
         values = tuple([known[id(manager)].get(name) for manager, name in self._owners])
         if values == self._values:

@@ -483,3 +483,30 @@ def test_messages_that_are_lost_on_the_way_are_caught_up_with_at_the_next_look()
         return seen
 
     assert run_virtual(main) == [("deciding", []), ("deciding", ["Go"]), ("stopped", []), ("deciding", ["Go"])]
+
+
+def test_predicates_that_flicker_while_nobody_looks_are_kept_and_pulses_are_told_as_such():
+    manager = mdm.PredicateManager("predicates")
+    flickers, pulses = (manager.sensor(name, initial=False) for name in ("Flickers", "Pulses"))
+
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        await runtime.start(manager)
+        live.frame()
+        for step in range(40):
+            if step % 2 == 0:
+                flickers.set(step % 4 == 0)
+            if step == 20:
+                pulses.set(True)
+                pulses.set(False)
+            await asyncio.sleep(0.05)
+            live.glance()
+        return [each for each in live.ring if each.kind == "predicate"]
+
+    events = run_virtual(main)
+    flickered = [each.status for each in events if each.name == "Flickers"]
+    assert flickered == ["false", *["true", "false"] * 10][: len(flickered)]
+    assert len(flickered) >= 20
+    pulsed = [(each.status, each.count > 1) for each in events if each.name == "Pulses"]
+    assert pulsed[-2:] == [("several", True), ("false", False)]

@@ -304,7 +304,10 @@ class PageServer:
             with suppress(Exception):  # whoever looks sees the error
                 self._source.frame(())
             self._made = loop.time()
-        self._beat = loop.call_later(_HEARTBEAT, self._watch)
+        if isinstance(self._source, LiveRun):
+            with suppress(Exception):
+                self._source.glance()
+        self._beat = loop.call_later(1 / _RATE, self._watch)
 
 
 def check_port(port: Any) -> int:

@@ -62,7 +62,7 @@ def test_benchmark(tmp_path, name):
         pytest.importorskip("pykka")
     if name == "gate" and not has_pinned_commits():
         pytest.skip("the commits that it names are not in this clone")
-    if name == "recording":
+    if name in {"recording", "opening"}:
         pytest.importorskip("mcap")
     if name in {"team_bridge", "team_latency", "team_memory"}:
         pytest.importorskip("zenoh")

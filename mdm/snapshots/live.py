@@ -17,7 +17,7 @@ import msgspec
 from mdm.actors import Ensemble, PredicateManager
 from mdm.errors import Error
 from mdm.maps.places import Places
-from mdm.messages import Action, ActionLife, Decision, Idle, Mode, Observation, Progress, Reward, State
+from mdm.messages import Action, ActionLife, Decision, Idle, Mode, Observation, PredicateUpdate, Progress, Reward, State
 from mdm.runtime.actor import descendants
 from mdm.runtime.observing import Observer
 from mdm.snapshots.events import ROOM, Ring, event_of, predicate_event, spell_event
@@ -382,7 +382,7 @@ class LiveRun(Observer):
                 place_of = len(each.reducer.decisions.times) - 1
                 self.ring.keep(each.reducer.decision_event(place_of))
             self._frames[place] = each.frame(now)
-        self._look_at_predicates(now)
+        self.glance()
         if now - self._counted >= _SECOND:
             self._counted = now
             self._statistics = self._count(close)
@@ -441,10 +441,6 @@ class LiveRun(Observer):
         due.update(changed)
         return sorted(due)
 
-    def glance(self) -> None:
-        """Look at predicates alone, more often than frames are made where nobody looks."""
-        self._look_at_predicates(self._runtime.now())
-
     def _tell_pulses(self, since: int, now: int) -> None:
         """Tell of predicates that have changed and come back since the last look: how often is not known."""
         scene = self._scene
@@ -452,7 +448,7 @@ class LiveRun(Observer):
             published, last = manager.updates.published, manager.updates.last
             missed = published - self._heard.get(manager.path, published)
             self._heard[manager.path] = published
-            if missed < 2 or last is None or scene is None:
+            if missed < 2 or not isinstance(last, PredicateUpdate) or scene is None:
                 continue
             names, values = {*last.rising, *last.falling, *last.unknown}, manager.values()
             for (owner, name), before, shown in zip(self._owners, self._values, scene.predicates, strict=True):
@@ -461,7 +457,9 @@ class LiveRun(Observer):
                     self.ring.keep(msgspec.structs.replace(event, status="several", count=missed))
                     self.ring.keep(predicate_event(self._seconds(now), manager.path, shown.name, before))
 
-    def _look_at_predicates(self, now: int) -> None:
+    def glance(self) -> None:
+        """Look at predicates alone, more often than frames are made where nobody looks."""
+        now = self._runtime.now()
         self._tell_pulses(self._glanced, now)
         self._glanced = now
         known = {id(manager): manager.values() for manager in self._managers}

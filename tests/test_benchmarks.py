@@ -49,6 +49,7 @@ def has_pinned_commits():
                 "maps",
                 "building",
                 "page",
+                "opening",
                 "team_bridge",
                 "team_latency",
                 "team_memory",

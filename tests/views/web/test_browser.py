@@ -810,3 +810,46 @@ def test_it_draws_the_policy_with_the_branch_that_was_taken_lit():
         await page.wait_for_function(f"() => document.querySelectorAll('.policy .box').length > {before}")
 
     seen(look_at, robot, plan)
+
+
+def test_lanes_that_are_too_close_to_draw_are_marked_and_refined_as_one_zooms(tmp_path):
+    def nothing():
+        pass
+
+    async def run(runtime):
+        manager = mdm.PredicateManager("predicates")
+        sensor = manager.sensor("On", initial=False)
+        policy = DeterministicPolicy([0, 1])
+        states, actions = [mdm.StateFactor("on", ["On"])], {0: nothing, 1: nothing}
+        await runtime.start(Ensemble("robot", policy=policy, states=states, actions=actions, predicates=manager))
+        for step in range(3_000):
+            sensor.set(step % 2 == 0)
+            await asyncio.sleep(0.1)
+
+    run_virtual(run, record=tmp_path / "run.mcap")
+    recorded = RecordedRun(Record(tmp_path / "run.mcap"))
+    decided = "mdmPage.history.lane('robot').decisions"
+
+    async def main():
+        async with served(recorded) as address, browsers.browser() as (look, wrong):
+            page = await look(address)
+            await page.wait_for_function("() => mdmPage.history.asked")
+            assert await page.evaluate("mdmPage.history.thinned")
+            counts = await page.evaluate(f"{decided}.map((each) => each.count ?? 1)")
+            assert sum(counts) == len(recorded._ensembles["robot"].decisions.times)
+            assert len(counts) < 2_000
+            assert set(await page.evaluate(f"{decided}.map((each) => each.status ?? '')")) <= {"", "several"}
+            await page.locator("canvas").first.focus()
+            while await page.evaluate("mdmPage.history.thinned"):
+                await page.keyboard.press("+")
+                await asyncio.sleep(0.05)
+            first, last = await page.evaluate("[mdmPage.history.asked.first, mdmPage.history.asked.last]")
+            times = await page.evaluate(f"{decided}.map((each) => each.time)")
+            own = [time / 1e9 for time in recorded._ensembles["robot"].decisions.times]
+            start = recorded._epoch / 1e9
+            assert [time for time in times if first <= time] == pytest.approx(
+                [time - start for time in own if first <= time - start <= last]
+            )
+            assert wrong == []
+
+    browsers.run(main())

@@ -236,6 +236,13 @@ def test_a_goal_ends_in_each_way_that_a_server_has(ros, nav2, tmp_path):
                 what()
                 return await told(since, *ends)
 
+            async def set_to(**options):
+                """Change what the server does, before the next goal comes to it."""
+                said = len(robot.said)
+                robot.tell(options=options)
+                robot.tell(echoed=said)
+                await robot.says("echoed", since=said)
+
             ended = await goal(lambda: robot.tell(finish=4, result={"success": True}))
             assert ended["status"] == "succeeded"
             assert next(event for event in robot.said if "goal" in event)["fields"]["dock_id"] == "home"
@@ -243,18 +250,18 @@ def test_a_goal_ends_in_each_way_that_a_server_has(ros, nav2, tmp_path):
             assert ended["status"] == "failed"
             assert "905" in ended["detail"]
             assert "slipped" in ended["detail"]
-            robot.tell(options={"answer": False})
+            await set_to(answer=False)
             ended = await goal(lambda: None, name="goal")
             assert ended["status"] == "failed"
             assert "reject" in ended["detail"]
-            robot.tell(options={"answer": True})
+            await set_to(answer=True)
             ended = await goal(lambda: want(False))
             assert ended["status"] == "preempted"
             assert robot.last("ended")["status"] == 5
-            robot.tell(options={"brake": "reach"})
+            await set_to(brake="reach")
             ended = await goal(lambda: want(False))  # it is reached while it is being cancelled
             assert ended["status"] == "succeeded"
-            robot.tell(options={"brake": 0.0})
+            await set_to(brake=0.0)
             ended = await goal(lambda: sensor.tell(cancel_all="/dock_robot"))  # by somebody else
             assert ended["status"] == "failed"
             assert "cancel" in ended["detail"]

@@ -177,6 +177,7 @@ def test_commands_of_a_team_are_said_to_concern_all_of_it_and_reach_all_of_it(tm
             page = await look(address)
             await page.wait_for_function(f"() => {modes} === 'deciding,deciding'")
             await page.wait_for_function("() => 'ensemble joint (b)' in mdmPage.frame.team")
+            assert await browsers.barriers(page) == []
             await page.get_by_role("option").filter(has_text="b/joint").click()
             await page.get_by_role("button", name="stop", exact=True).click()
             assert await text(page, ".ask b") == (

@@ -952,6 +952,8 @@ class _Evidence:
         belief = before.belief
         if pomdp is None or pomdp.event_observations or pomdp.waits or not isinstance(belief, np.ndarray):
             return
+        if before.observation is None:  # a running system keeps beliefs of decisions on an observation alone
+            return
         time, symbol = decision.time, decision.observation
         assert isinstance(symbol, int)
         following = belief @ pomdp.transition_matrix(before.action)

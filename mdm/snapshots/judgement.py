@@ -949,10 +949,8 @@ class _Evidence:
     def _see(self, model: Any, before: Decision, decision: Decision) -> None:
         """Take an observation, of which the belief before and its action tell the probabilities."""
         pomdp = model.pomdp
-        belief = before.belief
+        belief = None if before.observation is None else before.belief  # live, none is kept without one
         if pomdp is None or pomdp.event_observations or pomdp.waits or not isinstance(belief, np.ndarray):
-            return
-        if before.observation is None:  # a running system keeps beliefs of decisions on an observation alone
             return
         time, symbol = decision.time, decision.observation
         assert isinstance(symbol, int)

@@ -7,12 +7,14 @@ Sobol sequence (I. Sobol, *USSR Computational Mathematics and Mathematical Physi
 
 from __future__ import annotations
 
+import fcntl
 import inspect
 import math
 import os
 import re
 import socket
 import tomllib
+from contextlib import ExitStack
 from fnmatch import fnmatchcase
 from itertools import product
 from pathlib import Path
@@ -57,6 +59,8 @@ _OUTCOMES = 10_000_000
 """Entries of R(a, s, s', o) up to which rewards follow an entry of T or O."""
 _ENTRIES = {"T": "ACTION.STATE.NEXT", "O": "ACTION.STATE.OBSERVATION", "R": "ACTION.STATE", "durations": "ACTION"}
 _FOUND = ("model", "policy", "solver", "reason", "lower", "upper", "value", "standard_error", "episodes", "failure")
+_BEGINS = b'{"sweep":"'
+"""The first bytes of a journal; no other file is written over."""
 _OF_RUN = ("run.seconds", "run.solve_seconds", "run.host")
 
 
@@ -495,29 +499,36 @@ def read_journal(path: Path) -> tuple[_Head, dict[int, _Point], int]:
     data = content(path)
     whole = data.rfind(b"\n") + 1  # a torn last line is of a point that has not ended
     try:
+        if data[: len(_BEGINS)] != _BEGINS[: len(data)]:
+            raise KeyError
         head, *lines = data[:whole].splitlines() or [b"{}"]
-        rows = {row["point"]: row for row in map(msgspec.json.decode, lines)}
+        rows = {row["point"]: {**row, "failure": row["failure"]} for row in map(msgspec.json.decode, lines)}
         return msgspec.json.decode(head, type=_Head), dict(sorted(rows.items())), whole
     except (msgspec.MsgspecError, KeyError, TypeError):
         raise FormatError("this is no journal of a sweep, or it is damaged", file=path) from None
 
 
 def _begun(path: Path, head: _Head, *, resume: bool) -> tuple[dict[int, _Point], IO[bytes]]:
-    """Return the rows of a journal of points that need no second run, and the journal itself."""
-    before, rows, whole = read_journal(path) if path.exists() else (_Head(), {}, 0)
-    done = {number: row for number, row in rows.items() if row["failure"] is None}
-    if done and not resume:
-        raise FormatError(f"{counted(len(done), 'point')} are here: --resume (resume=True) goes on", file=path)
-    if done and before != head:
-        other = f"mdm {before.version}" if before.version != head.version else "another sweep, or of other files"
-        raise FormatError(f"this journal is of {other}: give another file, or delete it", file=path)
-    try:
-        file = path.open("ab")
+    """Return the rows of a journal of points that need no second run, and the journal itself, which is of one sweep."""
+    with ExitStack() as opened:
+        try:
+            file = opened.enter_context(path.open("ab"))
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise FormatError("another sweep writes this journal: give each a file of its own", file=path) from None
+        except OSError as error:
+            raise FormatError(f"the journal cannot be written: {error.strerror}", file=path) from None
+        before, rows, whole = read_journal(path)
+        done = {number: row for number, row in rows.items() if row["failure"] is None}
+        if done and not resume:
+            raise FormatError(f"{counted(len(done), 'point')} are here: --resume (resume=True) goes on", file=path)
+        if done and before != head:
+            other = f"mdm {before.version}" if before.version != head.version else "another sweep, or of other files"
+            raise FormatError(f"this journal is of {other}: give another file, or delete it", file=path)
         file.truncate(whole if done else 0)
-    except OSError as error:
-        raise FormatError(f"the journal cannot be written: {error.strerror}", file=path) from None
-    if not done:
-        _add(file, head)
+        if not done:
+            _add(file, head)
+        opened.pop_all()
     return done, file
 
 

@@ -59,8 +59,7 @@ _OUTCOMES = 10_000_000
 """Entries of R(a, s, s', o) up to which rewards follow an entry of T or O."""
 _ENTRIES = {"T": "ACTION.STATE.NEXT", "O": "ACTION.STATE.OBSERVATION", "R": "ACTION.STATE", "durations": "ACTION"}
 _FOUND = ("model", "policy", "solver", "reason", "lower", "upper", "value", "standard_error", "episodes", "failure")
-_BEGINS = b'{"sweep":"'
-"""The first bytes of a journal; no other file is written over."""
+_BEGINS = b'{"sweep":"'  # as a journal does: no other file is written over
 _OF_RUN = ("run.seconds", "run.solve_seconds", "run.host")
 
 
@@ -163,20 +162,14 @@ def _between(ends: Any, share: float) -> Any:
 
 
 def _range(ends: Any) -> list[Any]:
-    """Return the values of a range.
-
-    Raises:
-        ConfigError: If it has neither a step nor a count, or too many values.
-    """
+    """Return the values of a range; raise a ConfigError if it has neither a step nor a count, or too many values."""
     first, last = getattr(ends, "from"), ends.to
     if ends.count is not None:
         if ends.step is not None or not 2 <= ends.count <= _MOST:
             raise ConfigError(f"give a count from 2 to {_MOST:,}, or a step")
         width = (last - first) / (ends.count - 1)
         return [first + place * (int(width) if width.is_integer() else width) for place in range(ends.count)]
-    step = ends.step
-    if step is None and is_whole(first) and is_whole(last):
-        step = 1
+    step = 1 if ends.step is None and is_whole(first) and is_whole(last) else ends.step
     if step is None or not 0 < step < math.inf:
         raise ConfigError("between numbers that are not whole give a step above 0, or a count")
     if (last - first) / step >= _MOST:
@@ -344,12 +337,7 @@ class Plan(msgspec.Struct, kw_only=True):
         return {"point": number, **point, "seed": self.seed, **dict.fromkeys((*_FOUND, *self.metrics, *_OF_RUN))}
 
     def _found(self, point: _Point, stops: Callable[..., bool]) -> _Point:
-        """Return the columns of a point that its solution, evaluation and metrics give.
-
-        Args:
-            point: Its parameters.
-            stops: Asked now and then whether to end; where it returns True, the columns are of no use.
-        """
+        """Return the columns that a point's solution, evaluation and metrics give; of no use where `stops` is True."""
         world, durations, options = self._made(point)
         solution = solve(world, durations=durations, progress=stops, **options)
         policy, asked = solution.policy, self.evaluation

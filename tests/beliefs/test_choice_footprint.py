@@ -107,7 +107,7 @@ def test_a_model_that_is_too_large_is_refused_with_figures_and_what_helps():
     ids=["flat", "false negatives", "speed"],
 )
 def test_what_helps_depends_on_the_model(model, limit, helps, monkeypatch):
-    monkeypatch.setattr(choice, "_free", lambda: 1e6)
+    monkeypatch.setattr(choice, "free_memory", lambda: 1e6)
     with pytest.raises(ConfigError, match=helps) as refused:
         Controller(constant(model), model, memory=limit)
     assert refused.value.key == "memory"

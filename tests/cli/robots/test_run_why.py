@@ -69,7 +69,7 @@ def test_names_are_those_of_the_wiring_and_other_decisions_have_no_line():
     note(decided("another", 0, 1))
     ((event, facts),) = kept.lines
     assert (event, facts["ensemble"], facts["epoch"]) == ("why", "robot", 0)
-    assert facts["otherwise"] == "warm not Warm instead of Warm, then '0'"
+    assert facts["otherwise"] == "warm not Warm instead of Warm, then 'Rest'"
     case = ensemble.named(ensemble.controller.case())
     assert case.state_name(1) == "Warm"
     assert ensemble.named(case) is case

@@ -310,11 +310,11 @@ def test_models_and_beliefs_that_are_refused(tiger):
 
 def test_a_model_s_size_is_told_before_anything_of_it_is_built(monkeypatch):
     large = mdm.problems.rock_sample(15, 15)
-    monkeypatch.setattr(choice, "_free", lambda: 8e9)
+    monkeypatch.setattr(choice, "free_memory", lambda: 8e9)
     with refused(mdm.ConfigError):
         TreeSearch(large, seconds=1.0)
     assert not large.is_flattened
-    monkeypatch.setattr(choice, "_free", lambda: 64e9)
+    monkeypatch.setattr(choice, "free_memory", lambda: 64e9)
     monkeypatch.setattr(tree_search, "search_tables", lambda *_, **__: pytest.fail("built"))
     with (
         pytest.warns(mdm.ModelWarning, match=r"7405568 states.* T 2\.4 GB.* 16\.7 GB are needed"),

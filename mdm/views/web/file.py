@@ -1,7 +1,7 @@
 """A record as one file that a browser opens without a server: the page, its pictures, and what they are drawn from.
 
 The file has the frames at which something happened, and one a second; of a long record each stands for some time, so
-that an hour takes five megabytes at most. Explanations and pictures of policies need the record, and are left out.
+that an hour takes five megabytes at most. Of many decisions some are explained, with their policies drawn.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ _FRAMES = 6_000
 """Frames of an hour, at most."""
 _EVENTS = 20_000
 """Events of a kind of an ensemble or predicate; of more some stand together."""
+_LOOKS = 200
+"""Decisions of all ensembles that are explained, and at which policies are drawn."""
 _CLOSE = 16
 _STATIC = Path(__file__).parent / "static"
 _IMPORT = re.compile(r'from "\./([\w/-]+\.js)"')
@@ -70,11 +72,21 @@ def _told(run: RecordedRun | RecordedTeam, first: float, last: float, most: int)
     step = -(-len(times) // most)
     frames = [run.frame(time, paths[:_CLOSE]) for time in sorted(times)[::step]]
 
-    async def courses() -> dict[str, Any]:
-        return {path: await run.course(path, first, last) for path in paths[:_CLOSE]}
+    each_has = -(-min(_LOOKS, most) // max(1, len(paths[:_CLOSE])))
 
-    why = Why("This file has no explanations: ask the record, by mdm page or mdm explain.")
-    return {"scene": scene, "events": events, "frames": frames, "courses": asyncio.run(courses()), "why": why}
+    async def close(path: str) -> dict[str, Any]:
+        decided = [each.time for each in events if (each.kind, each.source) == ("decision", path) and each.time > first]
+        looks = [
+            {"time": time, "why": await run.explain(path, time), "pictures": await run.draw(path, time)}
+            for time in (first, *decided[:: -(-len(decided) // each_has) or 1])
+        ]
+        return {"course": await run.course(path, first, last), "looks": looks}
+
+    async def closely() -> dict[str, Any]:
+        return {path: await close(path) for path in paths[:_CLOSE]}
+
+    why = Why("This file explains other decisions: ask the record, by mdm page or mdm explain.")
+    return {"scene": scene, "events": events, "frames": frames, "close": asyncio.run(closely()), "why": why}
 
 
 def _page() -> bytes:

@@ -29,7 +29,8 @@ def run(tmp_path_factory):
         await asyncio.sleep(20)
 
     run_virtual(main, record=folder / "run.mcap")
-    return RecordedRun(Record(folder / "run.mcap"))
+    system = mdm.load_system(folder / "robot.toml")
+    return RecordedRun(Record(folder / "run.mcap"), ensembles=system.ensembles)
 
 
 def told(page):
@@ -64,6 +65,20 @@ def test_it_is_no_larger_than_it_may_be(run, monkeypatch):
     assert len(page_file(run)) < whole
 
 
+def test_it_explains_and_draws_some_of_many_decisions(run, monkeypatch):
+    monkeypatch.setattr(file, "_LOOKS", 8)
+    looks = told(page_file(run))["close"]["top"]["looks"]
+    decided = run.lanes(0.0, 20.0, ["top"], [], 1000)
+    assert 3 <= len(looks) <= 5
+    assert {each["time"] for each in looks[1:]} <= {each.time for each in decided}
+    for look in looks:
+        drawn = asyncio.run(run.draw("top", look["time"]))
+        assert [each["title"] for each in look["pictures"]] == [each.title for each in drawn]
+        lit = [shape.get("lit", False) for shape in look["pictures"][0]["shapes"]]
+        assert lit == [each.lit for each in drawn[0].shapes]
+        assert look["why"]["text"] == asyncio.run(run.explain("top", look["time"])).text
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_a_browser_opens_it_without_a_server_and_steps_through_it(run, tmp_path):
@@ -84,6 +99,7 @@ def test_a_browser_opens_it_without_a_server_and_steps_through_it(run, tmp_path)
             after = run.step("decision", 0.0)
             assert times[0] == pytest.approx(after)
             assert times[1] == pytest.approx(run.step("change", after))
+            await page.get_by_label("Policy of top").locator("svg g.lit").first.wait_for()
             assert await page.evaluate("mdmPage.link") == "open"
             assert wrong == []
 

@@ -15,6 +15,20 @@ function by(list, time) {
   return list[Math.max(0, low - 1)];
 }
 
+// What is known of an ensemble's last decision by a time, or of one before.
+function looked(ensemble, time) {
+  const last = by(record.close[ensemble]?.looks ?? [], time), place = record.scene.ensembles.findIndex((each) => each.path === ensemble);
+  if (!last) return { why: record.why, pictures: [] };
+  const decisions = (at) => by(record.frames, at).ensembles[place].decisions, isOld = decisions(last.time) !== decisions(time);
+  const remark = `This is the decision at ${last.time.toFixed(2)} s: this file draws some of many.`;
+  return {
+    why: isOld ? record.why : last.why,
+    pictures: (last.pictures ?? []).map((each) => ({
+      ...each, remarks: [...(each.remarks ?? []), ...(isOld ? [remark] : [])], shapes: each.shapes?.map((shape) => ({ ...shape, opens: null })),
+    })),
+  };
+}
+
 function steps(kind) {
   const last = new Map(), found = [];
   for (const each of record.events) {
@@ -42,9 +56,9 @@ export class Connection {
     } else if (say === "lanes") {
       const { first, last } = record.scene, wanted = new Set([...message.paths, ...message.predicates]);
       this.tell({ lanes: record.events.filter((each) => wanted.has(each.kind === "predicate" ? each.name : each.source) && ["mode", "life", "decision", "predicate"].includes(each.kind)), asked: { ...message, first, last, whole: true } });
-    } else if (say === "course") this.tell({ course: record.courses[ensemble] ?? null, ensemble, first: message.first, last: message.last });
-    else if (say === "why") this.tell({ why: record.why, ensemble });
-    else if (say === "draw") this.tell({ pictures: [], ensemble });
+    } else if (say === "course") this.tell({ course: record.close[ensemble]?.course ?? null, ensemble, first: message.first, last: message.last });
+    else if (say === "why") this.tell({ why: looked(ensemble, time).why, ensemble });
+    else if (say === "draw") this.tell({ pictures: looked(ensemble, time).pictures, ensemble });
   }
 
   frame(time) {

@@ -48,6 +48,8 @@ _UNKNOWN = 64
 """Parts at a time, for executors that do not say how many workers they have."""
 _KILLED = 3
 """How often a unit that runs alone may lose its worker and is run again."""
+_PROCESSES = 1_000
+"""Processes on one machine: of more somebody has mistyped the number."""
 _HOPELESS = 10
 """Units that fail, before any part has ended, after which there are no more."""
 _VERSION = "mdm.version:__version__"
@@ -138,6 +140,9 @@ def run_part(part: Part, sent: Mapping[str, bytes]) -> Answer:
         return Answer(worker, result, time.perf_counter() - began)
     except Error as error:
         return Answer(worker, failure=str(error))
+    except ModuleNotFoundError as error:
+        failure = f"{worker.host} has no module {error.name!r}: put it where the workers import modules from"
+        return Answer(worker, failure=failure)
     except Exception as error:
         return Answer(worker, failure=f"{type(error).__name__}: {error}\n{traceback.format_exc().rstrip()}")
 
@@ -431,7 +436,7 @@ class Processes(ProcessPoolExecutor):
         workers: How many; by default as many as there are processors.
 
     Raises:
-        ConfigError: If that is no whole number of 1 or more.
+        ConfigError: If that is no whole number from 1 to 1,000.
 
     Example::
 
@@ -441,8 +446,9 @@ class Processes(ProcessPoolExecutor):
     """
 
     def __init__(self, workers: int | None = None) -> None:
-        if workers is not None and not (is_whole(workers) and workers >= 1):
-            raise ConfigError(f"a number of processes is a whole number from 1 on, not {workers!r}", key="workers")
+        if workers is not None and not (is_whole(workers) and 1 <= workers <= _PROCESSES):
+            wrong = f"a number of processes is a whole number from 1 to {_PROCESSES:,}, not {workers!r}"
+            raise ConfigError(wrong, key="workers")
         here = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count()
         self.workers = workers or here or 1
         spawn = multiprocessing.get_context("spawn")  # a fork would have the locks of this process' threads

@@ -13,7 +13,9 @@ import math
 import os
 import re
 import socket
+import sys
 import tomllib
+import warnings
 from contextlib import ExitStack
 from fnmatch import fnmatchcase
 from itertools import product
@@ -125,7 +127,8 @@ def points_of(vary: Mapping[str, Any], found: Problems) -> list[_Point]:
                 kind = _Draws if "sobol" in given else _Range
                 if (made := found.convert(given, kind, f"vary.{name}")) is None:
                     continue
-                if not (_is_plain([getattr(made, "from"), made.to]) and getattr(made, "from") <= made.to):
+                first, last = getattr(made, "from"), made.to
+                if not (_is_plain([first, last]) and first <= last and math.isfinite(last - first)):
                     raise ConfigError("a range is from a number to a greater one, both of them finite")
                 if kind is _Range:
                     axes[name] = [{name: value} for value in _range(made)]
@@ -133,17 +136,17 @@ def points_of(vary: Mapping[str, Any], found: Problems) -> list[_Point]:
                     raise ConfigError(f"sobol is a power of 2, such as 16, not {made.sobol}")
                 else:
                     drawn.setdefault(made.sobol, {})[name] = made
-                    axes[made.sobol] = []
+                    axes[made.sobol] = [{}] * made.sobol
             elif given == [] or not _is_plain(given):
                 raise ConfigError(f"give a value, a list of values, or a range, not {given!r}")
             else:
                 axes[name] = [{name: value} for value in (given if isinstance(given, list) else [given])]
+        if (total := math.prod(map(len, axes.values()))) > _MOST:
+            found.add(f"these are {total:,} points or more, and a sweep has at most {_MOST:,}", "vary")
+            return []
     for count, ranges in drawn.items():
         rows = scipy.stats.qmc.Sobol(len(ranges), scramble=False).random(count).tolist()  # loaded here: it takes long
         axes[count] = [dict(zip(ranges, map(_between, ranges.values(), row), strict=True)) for row in rows]
-    if (total := math.prod(map(len, axes.values()))) > _MOST:
-        found.add(f"these are {total:,} points, and a sweep has at most {_MOST:,}", "vary")
-        return []
     return [{name: value for part in parts for name, value in part.items()} for parts in product(*axes.values())]
 
 
@@ -286,6 +289,7 @@ class Plan(msgspec.Struct, kw_only=True):
         evaluation: How points are evaluated.
         metrics: Functions of users, by their names.
         digest: Of all that the points depend on, but for code.
+        code: The digest of the modules of users' functions.
     """
 
     points: list[tuple[int, _Point]]
@@ -299,6 +303,7 @@ class Plan(msgspec.Struct, kw_only=True):
     evaluation: EvaluationTable
     metrics: dict[str, Any]
     digest: str
+    code: str
     policy: Any = None
     noun: str = "point"
 
@@ -337,7 +342,7 @@ class Plan(msgspec.Struct, kw_only=True):
         return {"point": number, **point, "seed": self.seed, **dict.fromkeys((*_FOUND, *self.metrics, *_OF_RUN))}
 
     def _found(self, point: _Point, stops: Callable[..., bool]) -> _Point:
-        """Return the columns that a point's solution, evaluation and metrics give; of no use where `stops` is True."""
+        """Return a point's columns of solution, evaluation and metrics; they do not count once `stops` was True."""
         world, durations, options = self._made(point)
         solution = solve(world, durations=durations, progress=stops, **options)
         policy, asked = solution.policy, self.evaluation
@@ -411,6 +416,9 @@ def planned(given: str | os.PathLike[str] | Mapping[str, Any]) -> Plan:
     parts = [repr([table, points]).encode(), *map(content, files)]
     made: Any = {"model": model, "make": make, "own": own, "durations": durations, "options": table.solve}
     made |= {"evaluation": evaluation, "metrics": metrics, "digest": of_parts(map(of_bytes, parts))}
+    modules = {sys.modules.get(each.__module__) for each in (make, *metrics.values()) if each is not None}
+    code = sorted(file for module in modules if (file := getattr(module, "__file__", None)) is not None)
+    made["code"] = of_parts(of_bytes(content(Path(file))) for file in code)
     return Plan(points=list(enumerate(points)), seed=evaluation.seed, units=len(points), **made)
 
 
@@ -472,9 +480,10 @@ def _check_options(fixed: Mapping[str, Any], points: Sequence[_Point], wrong: Pr
 
 
 class _Head(msgspec.Struct, frozen=True):
-    """The first line of a journal: which sweep it is of, by digest, and which version of mdm."""
+    """The first line of a journal: which sweep it is of, by digest, and which version of mdm and code of users."""
 
     sweep: str = ""
+    code: str = ""
     version: str = __version__
 
 
@@ -510,7 +519,10 @@ def _begun(path: Path, head: _Head, *, resume: bool) -> tuple[dict[int, _Point],
         done = {number: row for number, row in rows.items() if row["failure"] is None}
         if done and not resume:
             raise FormatError(f"{counted(len(done), 'point')} are here: --resume (resume=True) goes on", file=path)
-        if done and before != head:
+        if done and before.code != head.code:  # it may have been mended for points that failed
+            text = f"{path}: the code of metrics or of the model has changed since {counted(len(done), 'point')} ended"
+            warnings.warn(f"{text}: they keep what the old one gave", stacklevel=3)
+        if done and (before.sweep, before.version) != (head.sweep, head.version):
             other = f"mdm {before.version}" if before.version != head.version else "another sweep, or of other files"
             raise FormatError(f"this journal is of {other}: give another file, or delete it", file=path)
         file.truncate(whole if done else 0)
@@ -566,7 +578,7 @@ def sweep(
         [row["lower"] for row in rows]  # the better it hears, the more it earns
     """
     plan = plan if isinstance(plan, Plan) else planned(plan)
-    done, file = ({}, None) if journal is None else _begun(Path(journal), _Head(plan.digest), resume=resume)
+    done, file = ({}, None) if journal is None else _begun(Path(journal), _Head(plan.digest, plan.code), resume=resume)
     todo = [each for each in plan.points if each[0] not in done]
     work = msgspec.structs.replace(plan, points=todo, units=len(todo))
 

@@ -315,12 +315,27 @@ def test_a_journal_is_of_one_sweep_at_a_time(tmp_path):
     assert sweep(plan, journal, resume=True) == rows
 
 
+def test_other_code_of_users_is_told_of_points_that_keep_what_the_old_one_gave(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    code = tmp_path / "measures_of_sweeps.py"
+    code.write_text("def one(model, policy):\n    return 1\n")
+    (tmp_path / "s.toml").write_text(
+        'model = "swept:walk"\nvary.slip = [0.1, 0.2]\nevaluate.metrics = ["measures_of_sweeps:one"]\n'
+    )
+    rows = sweep(tmp_path / "s.toml", tmp_path / "j")
+    assert sweep(tmp_path / "s.toml", tmp_path / "j", resume=True) == rows
+    code.write_text("def one(model, policy):\n    return 2\n")
+    with pytest.warns(UserWarning, match="has changed since 2 points ended"):
+        assert sweep(tmp_path / "s.toml", tmp_path / "j", resume=True) == rows
+
+
 def test_what_failed_is_tried_once_more(tmp_path, monkeypatch):
     plan = {"model": "swept:walk", "vary": {"slip": [0.3, 0.5]}, "evaluate": {"metrics": ["swept:wrong"]}}
     journal = tmp_path / "j"
     assert [row["failure"] is None for row in sweep(plan, journal)] == [True, False]
     monkeypatch.setattr("swept.wrong", lambda model, policy: 1)
-    assert [row["failure"] for row in sweep(plan, journal, resume=True)] == [None, None]
+    with pytest.warns(UserWarning, match="has changed since 1 point ended"):
+        assert [row["failure"] for row in sweep(plan, journal, resume=True)] == [None, None]
     assert [row["point"] for row in map(json.loads, journal.read_text().splitlines()[1:])] == [0, 1, 1]
     assert read_journal(journal)[1][1]["swept:wrong"] == 1
 

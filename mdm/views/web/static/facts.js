@@ -88,8 +88,9 @@ function Links({ agents, links }) {
   const at = (name) => { const turn = (2 * Math.PI * names.indexOf(name)) / names.length - (names.length < 3 ? Math.PI : Math.PI / 2); return [wide / 2 + 125 * Math.cos(turn), tall / 2 + (tall / 2 - 34) * Math.sin(turn)]; };
   return html`<svg class="links" viewBox=${`0 0 ${wide} ${tall}`} role="img" aria-label=${links.map(({ ends, lost, text }) => `${ends.join(" and ")}: ${[lost ? "lost" : "live", ...text].join(", ")}`).join("; ")}>
     ${links.map(({ ends, lost, text, texts }) => { const [[x, y], [to, down]] = ends.map(at); const words = [lost ? "✕ lost" : "", ...text].filter(Boolean);
+      const share = names.length === 4 && ends.every((end) => names.indexOf(end) % 2 === 0) ? 0.36 : 0.5;   // Of two links that cross, one is named beside the other.
       return html`<g key=${ends.join()} class=${lost ? "cut" : ""}><title>${texts.join("\n")}</title><line x1=${x} y1=${y} x2=${to} y2=${down} />
-        ${links.length <= LABELLED && words.map((word, place) => html`<text class="link" x=${(x + to) / 2} y=${(y + down) / 2 + 12 * (place - (words.length - 1) / 2) + 3}>${word}</text>`)}</g>`; })}
+        ${links.length <= LABELLED && words.map((word, place) => html`<text class="link" x=${x + share * (to - x)} y=${y + share * (down - y) + 12 * (place - (words.length - 1) / 2) + 3}>${word}</text>`)}</g>`; })}
     ${names.map((name) => { const [x, y] = at(name), { leads, gone } = agents.get(name);
       return html`<g key=${name} class=${gone ? "gone" : ""}><title>${`${name}${gone ? ` ${gone}` : ""}`}</title><circle cx=${x} cy=${y} r="9" />${leads && html`<circle class="leads" cx=${x} cy=${y} r="13" />`}<text x=${x} y=${y < tall / 2 - 1 ? y - 18 : y + 27}>${gone ? "✕ " : ""}${name}${leads ? ", leads" : ""}</text></g>`; })}
   </svg>`;

@@ -123,15 +123,21 @@ def test_every_block_runs(page, tmp_path, monkeypatch):
     run(page, tmp_path, most=20)
 
 
-@pytest.mark.parametrize("first", [True, False])
-def test_every_answer_runs(first, tmp_path, monkeypatch):
-    """The first answers, which make projects of their own, and the others."""
+@pytest.mark.parametrize("part", ["first", "sweeps", "others"])
+def test_every_answer_runs(part, tmp_path, monkeypatch):
+    """The first answers, which make projects of their own, sweeps, which take the longest, and the others."""
     page = "docs/how-to.md"
     lines = (ROOT / page).read_text(encoding="utf-8").splitlines()
+    questions = ("… use my own particle filter?", "… vary the parameters of a model?", "… choose a team mode?")
+    others, sweeps, after = [1 + lines.index(f"## {question}") for question in questions]
     imported = {"asyncio": asyncio, "run_virtual": run_virtual, "capture_decisions": capture_decisions}
-    others = 1 + lines.index("## … use my own particle filter?")
+
+    def wanted(block):
+        found = "first" if block.line < others else "sweeps" if sweeps < block.line < after else "others"
+        return found == part
+
     monkeypatch.chdir(tmp_path)
-    run(page, tmp_path, wanted=lambda block: (block.line < others) is first, most=20, known={} if first else imported)
+    run(page, tmp_path, wanted=wanted, most=20, known={} if part == "first" else imported)
 
 
 OF_RECORDS = {"episodes": EPISODES, "pictures": re.compile("mdm plot"), "replays": re.compile(r"\Amdm replay")}

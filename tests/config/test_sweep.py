@@ -383,7 +383,7 @@ def test_a_point_that_no_worker_ends_is_a_row_and_is_tried_once_more(whole, tmp_
 
     with (
         Shuffled(1, changed=changed) as executor,
-        pytest.warns(mdm.WorkerWarning, match="1 point of seed 0 are missing"),
+        pytest.warns(mdm.WorkerWarning, match="1 point of seed 0 is missing"),
     ):
         found = sweep(WALK, tmp_path / "j", executor=executor)
     assert [row["point"] for row in found if row["failure"]] == [5]

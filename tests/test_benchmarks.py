@@ -179,5 +179,8 @@ def test_benchmark(tmp_path, name):
     elif name == "page":
         assert [row["case"] for row in results["latency"]] == ["no page", "a page, nobody looks", "one client, 20 Hz"]
         assert all(row["median_us"] > 0 for row in (*results["latency"], *results["frames"]))
+    elif name == "opening":
+        assert [row["case"] for row in results["opening"]] == ["all read", "by its summary"]
+        assert all(row["first_ms"] > 0 and row["any_ms"] >= 0 for row in results["opening"])
     else:
         assert all(row["median_ms"] > 0 for row in results["startup"])

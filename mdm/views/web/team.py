@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping
 
     from mdm.snapshots import RecordedRun
-    from mdm.snapshots.frame import EnsembleScene, FloorScene, PredicateScene
+    from mdm.snapshots.frame import EnsembleScene, FloorScene, Judgement, PredicateScene
     from mdm.snapshots.recorded import Course
 
 _GONE = EnsembleFrame("stopped", 0.0)
@@ -257,6 +257,19 @@ def _together(
     return tuple(ensembles), tuple(predicates), tuple(floors)
 
 
+def _judged(frames: Iterable[Frame]) -> tuple[tuple[Judgement, ...], str]:
+    """Return the judgements of agents' frames as those of one, each once, and the worst in words."""
+    found: list[Judgement] = []
+    is_named, known = False, set[tuple[object, ...]]()
+    for frame in frames:
+        keys = [(each.rule, each.of, each.subject, each.until is None) for each in frame.judgements]
+        found += [each for key, each in zip(keys, frame.judgements, strict=True) if key not in known]
+        known.update(keys)
+        is_named |= bool(frame.headline)
+    found.sort(key=lambda each: (each.until is not None, each.severity != "wrong"))
+    return tuple(found), str(found[0]) if is_named else ""
+
+
 class RecordedTeam:
     """The records of a team's agents, for those who look at them together; each began by its own wall clock.
 
@@ -314,11 +327,7 @@ class RecordedTeam:
             else:
                 values += found.predicates
             frames.append(found)
-        judgements = sorted(
-            [each for frame in frames for each in frame.judgements],
-            key=lambda each: (each.until is not None, each.severity != "wrong"),
-        )
-        is_named = any(frame.headline for frame in frames)
+        judgements, headline = _judged(frames)
         return Frame(
             time,
             tuple([each for frame in frames for each in frame.ensembles]),
@@ -326,8 +335,8 @@ class RecordedTeam:
             tuple([each for frame in frames for each in frame.changed]),
             details={path: each for frame in frames for path, each in frame.details.items()},
             robots=tuple([each for frame in frames for each in frame.robots]),
-            judgements=tuple(judgements),
-            headline=str(judgements[0]) if judgements and is_named else "",
+            judgements=judgements,
+            headline=headline,
         )
 
     def lanes(
@@ -467,6 +476,7 @@ class TeamRun:
         """Return how all agents are; of one that does not run, as stopped."""
         self.close = tuple(close)
         frames: list[Any] = []
+        told: list[Frame] = []
         facts: dict[str, Any] = {"details": {}, "robots": (), "team": {}, "missing": ()}
         values: list[bool | None] = []
         changed: list[float] = []
@@ -485,16 +495,18 @@ class TeamRun:
                 facts["team"][f"agent {agent.name}"] = {"link": "lost", "process": "does not answer"}
                 continue
             shifted = _shifted(frame, agent.ahead)
+            told.append(shifted)
             frames += shifted.ensembles
             values += shifted.predicates
             changed += shifted.changed
             facts["details"] |= shifted.details
             facts["robots"] += shifted.robots
-            facts["team"] |= {f"{key} ({agent.name})": told for key, told in shifted.team.items()}
+            facts["team"] |= {f"{key} ({agent.name})": words for key, words in shifted.team.items()}
             if frame.statistics is not None:
                 counted.counts.update({f"{key} ({agent.name})": n for key, n in frame.statistics.counts.items()})
                 counted.latencies.update(frame.statistics.latencies)
                 counted.ended.update(frame.statistics.ended)
+        facts["judgements"], facts["headline"] = _judged(told)
         return Frame(self.now, tuple(frames), tuple(values), tuple(changed), **facts)
 
     def encoded(self, close: Collection[str] = ()) -> bytes:

@@ -18,7 +18,8 @@ from shown import a_robot
 import mdm
 from mdm import Ensemble, Error, Runtime
 from mdm.problems import tiger
-from mdm.snapshots import Event
+from mdm.snapshots import Event, Frame
+from mdm.snapshots.frame import Judgement
 from mdm.views.web import Page, PageServer
 from mdm.views.web.client import opened
 from mdm.views.web.team import TeamRun
@@ -121,6 +122,22 @@ def test_an_agent_that_has_not_come_yet_is_named():
             await team.stop()
 
     asyncio.run(program())
+
+
+def test_what_agents_judge_stands_on_the_page_of_the_team_and_once():
+    team = TeamRun(dict.fromkeys(["ada", "bob", "cyd"], "http://127.0.0.1:1/?token=" + TOKEN))
+    assert (team.frame().judgements, team.frame().headline) == ((), "")
+    lost = Judgement("apart", "bob", "", "wrong", 1, 4.0, "is lost: the team is apart")
+    over = Judgement("late", "ada", "", "look", 5, 1.0, "missed 5 ticks", until=3.0)
+    idle = Judgement("idle", "cyd", "", "look", 1, 2.0, "has nothing to do")
+    for each, own in zip(team._agents, [(over,), (idle, over), (lost, idle)], strict=True):
+        each.scene = msgspec.structs.replace(team.scene(), began=team.began + 2 * 10**9)
+        each.frame = Frame(6.0, (), (), (), judgements=own, headline=str(own[0]) if own[0] is not over else "")
+    frame = team.frame()
+    assert [each.rule for each in frame.judgements] == ["apart", "idle", "late"]
+    assert frame.headline == "bob: is lost: the team is apart, since 00:06.0"
+    team._agents[2].frame = team._agents[1].frame = None  # who does not answer judges nothing any more
+    assert ([each.until for each in team.frame().judgements], team.frame().headline) == ([5.0], "")
 
 
 def commanded(program, *robots, control=True):

@@ -12,6 +12,7 @@ import re
 from bisect import bisect_right
 from collections import Counter, defaultdict, deque
 from functools import partial
+from heapq import nsmallest
 from math import ceil, exp, inf, log, sqrt
 from operator import itemgetter
 from statistics import median
@@ -174,9 +175,7 @@ def judged(
     *,
     stopped: bool,
 ) -> tuple[tuple[Judgement, ...], str]:
-    """Return the judgements of a run by a time, and the worst in words, which is empty where nothing is named.
-
-    The worst come first: those that last, those that are wrong, by the order of `RULES`, then by count.
+    """Return the judgements of a run by a time, and the worst in words, as `worst_first` does.
 
     Args:
         ensembles: The judge of each ensemble, by its path.
@@ -192,15 +191,29 @@ def judged(
             since, until = seconds(each.since), None if end is None else seconds(end)
             told = each.times, since, each.text, each.evidence, each.remedy or remedy, until
             found.append(Judgement(rule, path or of, of if path else "", severity, *told))
+    return worst_first(found, stopped=stopped)
+
+
+def worst_first(found: Iterable[Judgement], *, stopped: bool) -> tuple[tuple[Judgement, ...], str]:
+    """Return the worst judgements, 100 at most, and the first in words, which is empty where nothing is named.
+
+    First come those that last, then those that are wrong, by the order of `RULES`, then by count.
+
+    Args:
+        found: The judgements, of all agents.
+        stopped: Whether all ensembles are stopped, so that the worst may be over.
+    """
     ranks = {rule: place for place, rule in enumerate(RULES)}
-    found.sort(
+    worst = nsmallest(
+        _MOST,
+        found,
         key=lambda each: (
             *(each.until is not None, each.severity != "wrong", ranks[each.rule]),
             *(-each.count, each.since, each.of, each.subject),
-        )
+        ),
     )
-    is_named = bool(found) and (found[0].until is None or stopped)
-    return tuple(found[:_MOST]), str(found[0]) if is_named else ""
+    is_named = bool(worst) and (worst[0].until is None or stopped)
+    return tuple(worst), str(worst[0]) if is_named else ""
 
 
 class Found(NamedTuple):

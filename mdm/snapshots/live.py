@@ -325,10 +325,11 @@ class LiveRun(Observer):
         found = [known.get(owner, (_UNSEEN, self.now)) for owner in self._owners]
         self._values = tuple([value for value, _ in found])
         self._changed = [changed for _, changed in found]
-        self._run.held_for = {
-            name: held for manager in self._managers for name, held in manager.declared.held_for.items()
-        }
         scene = self._made_scene()
+        self._run.held_for = {
+            shown.name: manager.declared.held_for.get(name, 0)
+            for shown, (manager, name) in zip(scene.predicates, self._owners, strict=True)
+        }
         if scene != self._scene:
             self._scene = scene
             self.generation += 1

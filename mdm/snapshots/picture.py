@@ -10,6 +10,7 @@ regions of their actions; over more states, vectors are asked where they are sur
 from __future__ import annotations
 
 from collections import defaultdict, deque
+from collections.abc import Hashable
 from contextlib import suppress
 from functools import lru_cache
 from itertools import accumulate, pairwise
@@ -109,7 +110,8 @@ def picture_of(case: Case, opened: Collection[int] = (), way: Sequence[Any] | No
     policy: Any = case.policy
     if isinstance(policy, Plan):
         return _drawn(_plan(case, policy.controllers), opened)
-    if (found := diagram(policy, case.states)) is not None:
+    kept = diagram if isinstance(policy, Hashable) else diagram.__wrapped__  # policies of users may have no hash
+    if (found := kept(policy, case.states)) is not None:
         return _drawn(_decisions(case, *found), opened)
     if isinstance(policy, AlphaVectors):
         return _simplex(case, way) if policy.num_states in {2, 3} else _regions(case)

@@ -510,3 +510,25 @@ def test_predicates_that_flicker_while_nobody_looks_are_kept_and_pulses_are_told
     assert len(flickered) >= 20
     pulsed = [(each.status, each.count > 1) for each in events if each.name == "Pulses"]
     assert pulsed[-2:] == [("several", True), ("false", False)]
+
+
+def test_a_predicate_flickers_by_the_time_for_which_it_is_held_whichever_of_several_managers_has_it():
+    one, two = mdm.PredicateManager("one"), mdm.PredicateManager("two")
+    one.sensor("Near", initial=False)
+    near = two.sensor("Near", initial=False)
+    two.define("Close", "Near", held_for=2.0)
+
+    async def main(runtime):
+        live = LiveRun(runtime)
+        live.open()
+        await runtime.start(one)
+        await runtime.start(two)
+        live.frame()
+        for step in range(14):
+            near.set(step % 2 == 0)
+            await asyncio.sleep(2.1 if step % 2 == 0 else 0.1)
+            live.glance()
+        return live.frame().judgements
+
+    (judgement,) = run_virtual(main)
+    assert (judgement.rule, judgement.of) == ("flickers", "two/Close")

@@ -6,6 +6,7 @@ import asyncio
 import itertools
 import re
 from collections import Counter
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -276,6 +277,14 @@ def test_over_more_states_two_factors_are_drawn_where_the_state_is_known():
     alone = picture_of(case(AlphaVectors(values, [0, 1, 2, 0, 1, 2], 3)))
     assert alone.title == "actions by state"
     assert alone.remarks[0] == "drawn for beliefs that are sure of the state"
+
+
+def test_a_policy_of_the_user_s_that_has_no_hash_has_no_picture_and_says_so():
+    @dataclass
+    class Careful:
+        num_actions: int = 2
+
+    assert picture_of(case(Careful())).remarks[0].startswith("it is code")
 
 
 # -- Of runs -----------------------------------------------------------------------------------------------------------

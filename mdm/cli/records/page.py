@@ -46,12 +46,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.output is None and (arguments.first, arguments.last) != (None, None):
         raise UsageError("--from and --to are for the file that --output names: a page shows all of the record")
     if arguments.output is not None:
-        check_place(arguments.output, None if Path(arguments.file).is_dir() else arguments.file)
+        paths = paths_of(arguments.file)
+        check_place(arguments.output, *paths.values())
         with work_shown():
-            runs = {
-                name: recorded_run(path, replay=not arguments.no_replay)
-                for name, path in paths_of(arguments.file).items()
-            }
+            runs = {name: recorded_run(path, replay=not arguments.no_replay) for name, path in paths.items()}
         page = page_file(run_of(arguments.file, runs), arguments.first, arguments.last)
         with replacing(Path(arguments.output)) as file:
             file.write(page)
@@ -162,7 +160,11 @@ def paths_of(path: str | Path) -> dict[str, Path]:
     """
     if not Path(path).is_dir():
         return {"": Path(path)}
-    return {record.head.get("agent", record.path.stem): record.path for record in records_of(path).values()}
+    found: dict[str, Path] = {}
+    for record in records_of(path).values():
+        name, stem = record.head.get("agent", record.path.stem), record.path.stem
+        found[stem if name in found else name] = record.path  # of two runs of an agent none is left out
+    return found
 
 
 def run_of(path: str | Path, runs: Mapping[str, RecordedRun]) -> RecordedRun | RecordedTeam:

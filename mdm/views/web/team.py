@@ -16,7 +16,8 @@ import msgspec
 from mdm.errors import Error
 from mdm.snapshots import EnsembleFrame, Event, Frame, Ring, Scene
 from mdm.snapshots.events import ROOM, predicate_event
-from mdm.snapshots.frame import StatisticsFrame
+from mdm.snapshots.frame import Judgement, StatisticsFrame
+from mdm.snapshots.judgement import RULES, worst_first
 from mdm.snapshots.picture import Picture
 from mdm.snapshots.why import Why
 from mdm.version import __version__
@@ -27,14 +28,14 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping
 
     from mdm.snapshots import RecordedRun
-    from mdm.snapshots.frame import EnsembleScene, FloorScene, Judgement, PredicateScene
+    from mdm.snapshots.frame import EnsembleScene, FloorScene, PredicateScene
     from mdm.snapshots.recorded import Course
 
 _GONE = EnsembleFrame("stopped", 0.0)
 _AGAIN = 0.5
 _WAITS = 5.0
 _SILENT = 5.0
-"""Seconds without a frame after which an agent counts as lost, though its process may be there."""
+"""Seconds without a frame, or without a first one, after which an agent counts as lost: its process may be there."""
 _VALID = 2.5
 """Seconds after which an agent carries out a command no more: fewer than its answer is waited for."""
 
@@ -70,7 +71,8 @@ class _Agent:
         # When the process began whose events were heard, and the number of the last: each who comes hears all of them
         # again. And whether the events say that the agent has gone.
         self._heard = (0, 0)
-        self._is_gone = False
+        self.is_gone = False
+        self.since = 0.0  # when it went, or the page began
         self._socket: Socket | None = None
         self._whys: deque[asyncio.Future[_Told]] = deque()
         self._commands: deque[asyncio.Future[_Told]] = deque()
@@ -107,7 +109,7 @@ class _Agent:
             elif told.frame is not None:
                 self.frame = told.frame
                 self._hear(told)
-                if self._is_gone:
+                if self.is_gone:
                     self._tell(told.frame)
             else:  # each kind is answered in the order in which it was asked
                 asked = self._commands if told.done or told.refused else self._whys
@@ -120,8 +122,9 @@ class _Agent:
     def _tell(self, frame: Frame | None) -> None:
         """Tell by events how the agent is that was gone; None where it goes, so that nothing is known from now on."""
         assert self.scene is not None
-        self._is_gone = frame is None
-        now, ring, scene = self._team.now, self._team.ring, self.scene
+        self.is_gone = frame is None
+        self.since = now = self._team.now
+        ring, scene = self._team.ring, self.scene
         gone = "" if frame else f"agent {self.name!r} does not answer"
         modes = [each.mode for each in frame.ensembles] if frame else ["stopped"] * len(scene.ensembles)
         for ensemble, mode in zip(scene.ensembles, modes, strict=True):
@@ -257,17 +260,11 @@ def _together(
     return tuple(ensembles), tuple(predicates), tuple(floors)
 
 
-def _judged(frames: Iterable[Frame]) -> tuple[tuple[Judgement, ...], str]:
-    """Return the judgements of agents' frames as those of one, each once, and the worst in words."""
-    found: list[Judgement] = []
-    is_named, known = False, set[tuple[object, ...]]()
-    for frame in frames:
-        keys = [(each.rule, each.of, each.subject, each.until is None) for each in frame.judgements]
-        found += [each for key, each in zip(keys, frame.judgements, strict=True) if key not in known]
-        known.update(keys)
-        is_named |= bool(frame.headline)
-    found.sort(key=lambda each: (each.until is not None, each.severity != "wrong"))
-    return tuple(found), str(found[0]) if is_named else ""
+def _judged(found: Iterable[Judgement], ensembles: Collection[EnsembleFrame]) -> tuple[tuple[Judgement, ...], str]:
+    """Return the judgements of agents as those of one, each once as it comes last, and the worst in words."""
+    once = {(each.rule, each.of, each.subject, each.until is None): each for each in found}
+    stopped = bool(ensembles) and all(each.mode == "stopped" for each in ensembles)
+    return worst_first(once.values(), stopped=stopped)
 
 
 class RecordedTeam:
@@ -327,10 +324,11 @@ class RecordedTeam:
             else:
                 values += found.predicates
             frames.append(found)
-        judgements, headline = _judged(frames)
+        ensembles = tuple([each for frame in frames for each in frame.ensembles])
+        judgements, headline = _judged([each for frame in frames for each in frame.judgements], ensembles)
         return Frame(
             time,
-            tuple([each for frame in frames for each in frame.ensembles]),
+            ensembles,
             tuple(values),
             tuple([each for frame in frames for each in frame.changed]),
             details={path: each for frame in frames for path, each in frame.details.items()},
@@ -476,13 +474,17 @@ class TeamRun:
         """Return how all agents are; of one that does not run, as stopped."""
         self.close = tuple(close)
         frames: list[Any] = []
-        told: list[Frame] = []
         facts: dict[str, Any] = {"details": {}, "robots": (), "team": {}, "missing": ()}
         values: list[bool | None] = []
         changed: list[float] = []
         counted = facts["statistics"] = StatisticsFrame({}, {}, {})
+        judgements: list[Judgement] = []
+        severity, _, remedy = RULES["apart"]
         for agent in self._agents:
             scene, frame = agent.scene, agent.frame
+            if agent.is_gone or (scene is None and self.now >= _SILENT):
+                told = "does not answer" if scene is not None else "has not answered yet"
+                judgements.insert(0, Judgement("apart", agent.name, "", severity, 1, agent.since, told, "", remedy))
             if scene is None:
                 facts["missing"] += (agent.name,)
                 facts["team"][f"agent {agent.name}"] = {"link": "none yet", "process": "has not answered yet"}
@@ -495,7 +497,7 @@ class TeamRun:
                 facts["team"][f"agent {agent.name}"] = {"link": "lost", "process": "does not answer"}
                 continue
             shifted = _shifted(frame, agent.ahead)
-            told.append(shifted)
+            judgements += shifted.judgements
             frames += shifted.ensembles
             values += shifted.predicates
             changed += shifted.changed
@@ -506,7 +508,7 @@ class TeamRun:
                 counted.counts.update({f"{key} ({agent.name})": n for key, n in frame.statistics.counts.items()})
                 counted.latencies.update(frame.statistics.latencies)
                 counted.ended.update(frame.statistics.ended)
-        facts["judgements"], facts["headline"] = _judged(told)
+        facts["judgements"], facts["headline"] = _judged(judgements, frames)
         return Frame(self.now, tuple(frames), tuple(values), tuple(changed), **facts)
 
     def encoded(self, close: Collection[str] = ()) -> bytes:

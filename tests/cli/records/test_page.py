@@ -13,6 +13,7 @@ import socket
 import subprocess
 import sys
 from contextlib import closing, contextmanager
+from types import SimpleNamespace
 
 import blocks
 import in_process
@@ -22,6 +23,7 @@ from shown import a_robot
 
 import mdm
 from mdm.cli import make_parser
+from mdm.cli.records.page import paths_of
 from mdm.team.transport.certificates import make_certificates
 from mdm.testing import run_virtual
 from mdm.views.web.client import opened
@@ -219,11 +221,18 @@ def test_a_folder_of_records_is_watched_and_shown_together(tmp_path, record):
     assert "top/walk" in done.output
 
 
+def test_of_two_runs_of_an_agent_in_a_folder_none_is_left_out(tmp_path, monkeypatch):
+    named = [SimpleNamespace(head={"agent": "ada"}, path=tmp_path / name) for name in ("ada.mcap", "ada.2.mcap")]
+    monkeypatch.setattr("mdm.cli.records.page.records_of", lambda _: {each.path.name: each for each in named})
+    assert list(paths_of(tmp_path).values()) == [each.path for each in named]
+
+
 def test_the_page_is_written_to_one_file(tmp_path, record):
     out = tmp_path / "out.html"
     done = in_process.mdm("page", record, "-o", out, "--from", 2, "--to", 5, "--no-replay")
     assert (done.status, done.errors) == (0, "")
     assert out.read_bytes().startswith(b"<!doctype html>")
     assert in_process.mdm("page", record, "-o", record).status == 1
+    assert in_process.mdm("page", record.parent, "-o", record).status == 1
     done = in_process.mdm("page", record, "--from", 2)
     assert (done.status, "--output" in done.errors) == (2, True)

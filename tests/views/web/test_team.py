@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import time
 from contextlib import AsyncExitStack, asynccontextmanager
 
@@ -79,6 +80,7 @@ def test_all_agents_are_laid_beside_each_other_and_one_that_ends_says_so():
             await until(lambda: "agent bob" in team.frame().team)
             gone = team.frame()
             assert gone.missing == ("bob",)
+            assert gone.headline.startswith("bob: does not answer, since 00:0")
             last = {(event.kind, event.source): event for event in team.ring}
             assert (last["mode", "bob"].name, last["mode", "bob"].detail) == ("stopped", "agent 'bob' does not answer")
             assert last["mode", "ada"].name == "deciding"
@@ -87,6 +89,26 @@ def test_all_agents_are_laid_beside_each_other_and_one_that_ends_says_so():
             await team.stop()
 
     asyncio.run(program())
+
+
+def test_the_worst_of_all_agents_is_the_headline_with_its_time_by_the_page_s_own_clock():
+    async def fail():
+        raise RuntimeError("the gripper is jammed")
+
+    ada, bob = agent("ada"), Ensemble("bob", policy=VECTORS, model=tiger(), actions=dict.fromkeys(range(3), fail))
+
+    async def program(team):
+        assert team.frame().headline == ""
+        for number in range(4):
+            bob.publish_observation(("hear-left", "hear-right")[number % 2])
+            await until(lambda number=number: bob.action.num_ended >= number + 1)
+        await until(lambda: team.frame().headline)
+        frame = team.frame()
+        assert re.fullmatch(r"bob: listen has failed \d times, never succeeded, since 00:0\d\.\d", frame.headline)
+        assert (frame.judgements[0].of, frame.judgements[0].subject) == ("bob", "listen")
+        assert 0 <= frame.judgements[0].since <= frame.time
+
+    commanded(program, ada, bob)
 
 
 def test_an_agent_that_is_lost_for_a_moment_tells_nothing_twice():

@@ -18,6 +18,7 @@ from operator import itemgetter
 from statistics import median
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple
 
+import msgspec
 import numpy as np
 
 from mdm.errors import ModelError
@@ -94,13 +95,13 @@ the fault says.
 RULES: Final = {name: Rule(*row) for name, *row in (line.split(" | ") for line in _TABLE.splitlines())}
 """The rules by name, the worst first."""
 
-WINDOW = 5.0
-"""Seconds in which decisions that repeat are counted."""
+_WINDOW = 5 * 10**9
+"""Nanoseconds in which decisions that repeat are counted."""
 KEPT = 200
 """Ended lives of an ensemble's actions by which it is judged how long one usually takes."""
-SEEN = 40
+_SEEN = 40
 """Observations by which it is judged whether a belief moves."""
-OFTEN = 10
+_OFTEN = 10
 """Decisions in the window, each made only because the action of the one before had ended."""
 _FACTOR, _LATE = 5.0, 4.0
 """Times the usual duration of an action from which on it lasts long, and times that of all its lives but one: ways of a
@@ -109,11 +110,11 @@ SHORT, _LONG = 10.0, 30.0
 """Seconds below which no action lasts long: one whose usual duration is known, and one that has hardly ever ended."""
 _OWN, _OTHERS = 3, 2
 """Ended lives that it takes to know how long an action usually takes: its own, or those of the others."""
-FEW, _RARE, _STILL = 20, 3, 10.0
+_FEW, _RARE, _STILL = 20, 3, 10.0
 """Observations, those of a second kind among them, and the seconds over which a belief should have moved."""
 _SURE = 0.9
 """The probability of the likeliest state from which on a belief may well stand still under noise."""
-MOVED = 1e-3
+_MOVED = 1e-3
 """By how much the probability of the likeliest state changes at least where a belief moves."""
 _NEVER, _ROW, _MANY, _LAST = 3, 8, 15, 20
 """Failures of an action that never succeeded; in a row; and of so many last ends.
@@ -153,7 +154,6 @@ _MINUTE = 60 * 10**9
 """Nanoseconds within which faults, failures and pre-emptions count together."""
 _MOST = 100
 """Judgements that are told."""
-_WINDOW = round(WINDOW * 1e9)
 _SHORT = round(SHORT * 1e9)
 SAFE_ACTION = "safe action"
 
@@ -283,15 +283,15 @@ def unmoved(seen: Sequence[Seen], observation: Callable[[object], str], state: C
     Where all observations are the same, a belief that stands still may well be right; so may one that is all but sure.
 
     Args:
-        seen: The last observations, `SEEN` at most.
+        seen: The last observations, `_SEEN` at most.
         observation: Names an observation.
         state: Names a state.
     """
-    if len(seen) < FEW or seen[-1].time - seen[0].time < _STILL or len({each.state for each in seen}) > 1:
+    if len(seen) < _FEW or seen[-1].time - seen[0].time < _STILL or len({each.state for each in seen}) > 1:
         return ""
     chances = [each.chance for each in seen]
     tally = Counter(each.observation for each in seen).most_common(3)
-    if max(chances) >= _SURE or max(chances) - min(chances) >= MOVED or len(tally) < 2 or tally[1][1] < _RARE:
+    if max(chances) >= _SURE or max(chances) - min(chances) >= _MOVED or len(tally) < 2 or tally[1][1] < _RARE:
         return ""
     came = ", ".join(f"{observation(symbol)} {count} times" for symbol, count in tally)
     return f"observations differ ({came}); it stays at {100 * seen[-1].chance:.4g} % for {state(seen[-1].state)}"
@@ -328,25 +328,18 @@ class Told(NamedTuple):
     text: str
 
 
-class KeptSpell(NamedTuple):
-    """A spell as a summary keeps it: its rule, what it is of, and all of it."""
+class Spell(msgspec.Struct, array_like=True):
+    """Some time over which a rule names something.
 
-    rule: str
-    of: str
+    Attributes:
+        number: Counted from 1 on.
+        edges: From when on it names that, until when, from when on again.
+        found: Its findings by their times.
+    """
+
     number: int
     edges: list[int]
     found: list[tuple[int, Found]]
-
-
-class Spell:
-    """Some time over which a rule names something: its findings by their times, and from when to when."""
-
-    __slots__ = ("edges", "found", "number")
-
-    def __init__(self, number: int, time: int, found: Found) -> None:
-        self.number = number
-        self.edges = [time]
-        self.found = [(time, found)]
 
     def update(self, time: int, found: Found, *, whole: bool) -> None:
         """Take a later finding; of large counts each hundredth part is kept."""
@@ -363,25 +356,28 @@ class Spell:
 
 
 class Spells:
-    """Keeps the spells of all rules that its class names: each is a method of its name, asked about a time.
+    """Keeps the spells of all rules that its class names.
+
+    Each rule is a method of its name, which returns what it names at a time, as `RULES` says.
 
     Args:
         tell: Told of each beginning and end.
-        gap: A break of so many nanoseconds at most ends no spell.
         whole: Keep all spells; else the last of each rule and subject.
 
     Attributes:
         named: All spells, by rule and subject.
+        gap: A break of so many nanoseconds at most ends no spell.
     """
 
     RULES: ClassVar[tuple[str, ...]]
 
-    def __init__(self, tell: Callable[[Told], object], gap: int = _WINDOW, *, whole: bool = True) -> None:
+    def __init__(self, tell: Callable[[Told], object], *, whole: bool = True) -> None:
         self.named: dict[tuple[str, str], list[Spell]] = {}
         self._open: dict[tuple[str, str], Spell] = {}
         self._breaks: dict[tuple[str, str], tuple[Spell, int]] = {}
         self._rules = {rule: getattr(self, f"_{rule.replace('-', '_')}") for rule in self.RULES}
-        self._tell, self._gap, self._whole = tell, gap, whole
+        self.gap = _WINDOW
+        self._tell, self._whole = tell, whole
         self._due: dict[str, float] = dict.fromkeys(self.RULES, inf)
         self._next = inf
         self._judged = -inf
@@ -407,21 +403,9 @@ class Spells:
                     self._judge(rule, int(time))
             self._next = min(self._due.values())
         for (rule, of), (spell, end) in list(self._breaks.items()):
-            if until - end > self._gap:
+            if until - end > self.gap:
                 del self._breaks[rule, of]
                 self._tell(Told(end, "over", spell.number, rule, of, ""))
-
-    def kept(self) -> list[KeptSpell]:
-        """Return all spells, as a summary keeps them."""
-        pairs = ((key, spell) for key, spells in self.named.items() for spell in spells)
-        return [KeptSpell(*key, spell.number, spell.edges, spell.found) for key, spell in pairs]
-
-    def restore(self, kept: Iterable[KeptSpell]) -> None:
-        """Take spells from a summary, to tell of them alone."""
-        for rule, of, number, edges, found in kept:
-            spell = Spell(number, *found[0])
-            spell.edges, spell.found = edges, found
-            self.named.setdefault((rule, of), []).append(spell)
 
     def finish(self, time: int) -> None:
         """Judge all until a time, which nothing follows: a judgement that lasts then stays so."""
@@ -446,12 +430,12 @@ class Spells:
         for of, each in found.items():
             key = rule, of
             kept, end = (self._open[key], time) if key in self._open else self._breaks.pop(key, (None, 0))
-            if kept is not None and time - end > self._gap:
+            if kept is not None and time - end > self.gap:
                 self._tell(Told(end, "over", kept.number, rule, of, ""))
                 kept = None
             if kept is None:
                 self._number += 1
-                kept = Spell(self._number, time, each)
+                kept = Spell(self._number, [time], [(time, each)])
                 self.named.setdefault(key, []).append(kept)
                 del self.named[key][: 0 if self._whole else -1]
                 self._tell(Told(time, "begins", kept.number, rule, of, each.text))
@@ -516,14 +500,8 @@ class _Series:
 class Judge(Spells):
     """Judges an ensemble by its messages, which come in the order of their times.
 
-    Args:
-        known: Its names, and the model that it decides by.
-        tell: Told of each beginning and end of a judgement.
-        gap: A break of so many nanoseconds at most ends no spell.
-        whole: Keep all spells.
-
     Attributes:
-        known: See above.
+        known: Its names, and the model that it decides by.
         living: The lives that have begun and not ended, by their numbers.
         cut: When actions were pre-empted last.
     """
@@ -533,7 +511,7 @@ class Judge(Spells):
         *("stuck", "unmoved", "same", "idle", "shielded", "late"),
     )
 
-    def __init__(self, known: Known, tell: Callable[[Told], object], gap: int = _WINDOW, *, whole: bool = True) -> None:
+    def __init__(self, known: Known, tell: Callable[[Told], object], *, whole: bool = True) -> None:
         self.known = known
         self.living: dict[int, ActionLife] = {}
         self.cut: deque[int] = deque(maxlen=_CUT)
@@ -543,7 +521,7 @@ class Judge(Spells):
         self._again: dict[str, tuple[int, int, deque[tuple[int, int]]]] = {}
         self._last: Decision | None = None
         self._alike: tuple[Any, int, int] = (None, 0, 0)
-        self._seen: deque[Seen] = deque(maxlen=SEEN)
+        self._seen: deque[Seen] = deque(maxlen=_SEEN)
         self._still = 0  # how many of the last ones may have stood still, which is told cheaply
         self._want: Fault | None = None
         self._rest: Idle | None = None
@@ -551,7 +529,7 @@ class Judge(Spells):
         self._replaced: deque[bool] = deque(maxlen=_STEPS)
         self._evidence = evidence = _Evidence(self)
         self._impossible, self._contradicts, self._stuck = evidence.impossible, evidence.contradicts, evidence.stuck
-        super().__init__(tell, gap, whole=whole)
+        super().__init__(tell, whole=whole)
 
     # -- Messages ------------------------------------------------------------------------------------------------
 
@@ -571,12 +549,7 @@ class Judge(Spells):
         self.ask(fault.time, "waits")
 
     def missed(self, time: int, count: int) -> None:
-        """Take that ticks were missed.
-
-        Args:
-            time: When that was seen, in nanoseconds.
-            count: How many.
-        """
+        """Take how many ticks were missed, as was seen at a time."""
         self._missed.append((time, count))
         self.ask(time, "late")
 
@@ -623,10 +596,10 @@ class Judge(Spells):
         if found is None:
             return
         before = self._seen[-1] if self._seen else None
-        moved = before is not None and (found[0] != before.state or abs(found[1] - before.chance) >= MOVED)
+        moved = before is not None and (found[0] != before.state or abs(found[1] - before.chance) >= _MOVED)
         self._still = 1 if moved else self._still + 1
         self._seen.append(Seen(decision.time / 1e9, decision.observation, *found))
-        if self._still >= len(self._seen) >= FEW or self.has("unmoved"):
+        if self._still >= len(self._seen) >= _FEW or self.has("unmoved"):
             self.ask(decision.time, "unmoved")
 
     def live(self, life: ActionLife) -> None:
@@ -682,7 +655,6 @@ class Judge(Spells):
         return self._mode is not None and self._mode.mode == "deciding"
 
     def _safe(self, _: int) -> Judged:
-        """Name a safe mode, with its causes."""
         mode = self._mode
         if mode is None or mode.mode != "safe" or all(cause.kind == "end" for cause in mode.causes):
             return NOTHING
@@ -692,7 +664,6 @@ class Judge(Spells):
         return {"": Found(1, mode.since, f"is safe{f' ({kind})' * bool(kind)}", causes, remedy)}, inf
 
     def _fails(self, time: int) -> Judged:
-        """Name actions that fail again and again, and those that never succeed."""
         found, due = {}, inf
         for action, ends in self._ends.items():
             if not ends.failed:
@@ -713,7 +684,6 @@ class Judge(Spells):
         return found, due
 
     def _pre_empted(self, time: int) -> Judged:
-        """Name actions that others end before they could come to their end."""
         if not any(ends.succeeded for ends in self._ends.values()):
             return NOTHING  # in an ensemble in which others end all actions, that is their end
         found, due = {}, inf
@@ -728,24 +698,22 @@ class Judge(Spells):
         return found, due
 
     def _repeats(self, time: int) -> Judged:
-        """Name the action that is decided over and over, only because it had ended."""
         name = "" if self._last is None else self._last.action_name
         if name not in self._again or not self._decides:
             return NOTHING
         since, total, times = self._again[name]
         while times and times[0][0] <= time - _WINDOW:
             times.popleft()
-        if sum(count for _, count in times) < OFTEN:
+        if sum(count for _, count in times) < _OFTEN:
             return NOTHING
         text = f"decided {name} {total} times, each time because it had just ended"
         place, count = 0, sum(count for _, count in times)  # the earliest entry without which there are too few
-        while count - times[place][1] >= OFTEN:
+        while count - times[place][1] >= _OFTEN:
             count -= times[place][1]
             place += 1
         return {name: Found(total, since, text)}, times[place][0] + _WINDOW
 
     def _hangs(self, time: int) -> Judged:
-        """Name live actions that outlast their own history."""
         if not self._decides:
             return NOTHING
         found: dict[str, Found] = {}
@@ -767,17 +735,15 @@ class Judge(Spells):
         return found, due
 
     def _unmoved(self, time: int) -> Judged:
-        """Name a belief that stands still though observations differ."""
         seen = self._seen
         end = round(seen[-1].time * 1e9) + _WINDOW if seen else 0
-        if len(seen) < FEW or time >= end or not self._decides:
+        if len(seen) < _FEW or time >= end or not self._decides:
             return NOTHING
         told = unmoved([*seen], self.known.observed, self.known.state)
         since = round(seen[0].time * 1e9)
         return ({"": Found(len(seen), since, "the belief does not move", told)}, end) if told else NOTHING
 
     def _same(self, time: int) -> Judged:
-        """Name the action that is decided for ever in one state, where no model says whether that may be."""
         key, count, since = self._alike
         if self._evidence.model is not None or count < _ALIKE or time - since < _MINUTE:
             return NOTHING
@@ -785,7 +751,6 @@ class Judge(Spells):
         return {key[0]: Found(count, since, text, "each time because it had ended")}, inf
 
     def _waits(self, time: int) -> Judged:
-        """Name the input for which no decision comes."""
         fault = self._want
         if fault is None or not self._decides:
             return NOTHING
@@ -794,7 +759,6 @@ class Judge(Spells):
         return {"": Found(1, fault.time, "cannot decide", fault.detail)}, inf
 
     def _idle(self, time: int) -> Judged:
-        """Name idleness that no binding intends."""
         idle = self._rest
         if idle is None:
             return NOTHING
@@ -807,7 +771,6 @@ class Judge(Spells):
         return {"": Found(1, idle.since, "has nothing to do", why if idle.action else "", remedy)}, inf
 
     def _shielded(self, time: int) -> Judged:
-        """Name a shield that often decides in place of the policy."""
         count = sum(self._replaced)
         if count < 10:
             return NOTHING
@@ -815,7 +778,6 @@ class Judge(Spells):
         return {"": Found(count, time, text, f"in {count} of the last {len(self._replaced)} decisions")}, inf
 
     def _late(self, time: int) -> Judged:
-        """Name ticks that were missed."""
         missed = self._missed
         while missed and missed[0][0] <= time - _TICKS:
             missed.popleft()
@@ -944,7 +906,6 @@ class _Evidence:
         return {factor.name: (factor.names[one], factor.names[two]) for factor, one, two in values}
 
     def impossible(self, _: int) -> Judged:
-        """Name changes of the state that the model excludes."""
         wrong = [each for each in self._steps if each is not None]
         if len(wrong) < max(_IMPOSSIBLE, _FIFTH * len(self._steps)):
             return NOTHING
@@ -977,12 +938,10 @@ class _Evidence:
         self._judge.ask(time, "contradicts", "stuck")
 
     def contradicts(self, _: int) -> Judged:
-        """Name that outcomes are less likely than the model expects."""
         found = self._series.found()
         return NOTHING if found is None else ({"": found}, inf)
 
     def stuck(self, time: int) -> Judged:
-        """Name factors, or the observation, that stay the same against all odds."""
         found = {}
         for name, (since, steps, nats, value) in self._kept.items():
             if nats >= _CHANCE and time - since >= _SHORT:
@@ -998,24 +957,19 @@ _NAMED = re.compile("'([^']+)'")
 class RunJudge(Spells):
     """Judges faults, predicates, and the agents of a team.
 
-    Args:
-        tell: Told, with the subject, of each beginning and end of a judgement.
-        gap: A break of so many nanoseconds at most ends no spell.
-        whole: Keep all spells.
-
     Attributes:
         held_for: Nanoseconds for which formulas of predicates must have been true, by name.
     """
 
     RULES = ("apart", "flickers", "disagrees", "late", "faults")
 
-    def __init__(self, tell: Callable[[Told], object], gap: int = _WINDOW, *, whole: bool = True) -> None:
+    def __init__(self, tell: Callable[[Told], object], *, whole: bool = True) -> None:
         self._told: dict[tuple[str, str], tuple[int, int, deque[Fault]]] = {}
         self._gone: dict[str, tuple[int, str]] = {}
         self._changes: dict[str, tuple[bool | None, int, int, deque[int]]] = {}
         self.held_for: Mapping[str, int] = {}
         self._disagrees, self._late, self._faults = (partial(self._by_faults, each) for each in self.RULES[2:])
-        super().__init__(tell, gap, whole=whole)
+        super().__init__(tell, whole=whole)
 
     def fault(self, fault: Fault) -> None:
         """Take a fault."""
@@ -1035,13 +989,7 @@ class RunJudge(Spells):
         self.ask(fault.time, rule)
 
     def seen(self, time: int, agent: str, live: Collection[str]) -> None:
-        """Take that agents of the team are live.
-
-        Args:
-            time: In nanoseconds.
-            agent: The agent that sees them.
-            live: Their names, with its own.
-        """
+        """Take which agents of the team are live, as one of them sees it at a time, itself among them."""
         self.settle(time)
         back = [each for each in self._gone if each in live and each != agent]
         for each in back:
@@ -1050,13 +998,7 @@ class RunJudge(Spells):
             self.ask(time, "apart")
 
     def change(self, time: int, predicate: str, value: bool | None) -> None:
-        """Take the value of a predicate.
-
-        Args:
-            time: In nanoseconds.
-            predicate: Its name.
-            value: True, false or None, changed or not.
-        """
+        """Take the value of a predicate at a time, changed or not."""
         self.settle(time)
         known = self._changes.get(predicate)
         if known is None:
@@ -1077,7 +1019,6 @@ class RunJudge(Spells):
         return _CHANGES * max(_PERIOD, self.held_for.get(predicate, 0))
 
     def _flickers(self, time: int) -> Judged:
-        """Name predicates that change too often."""
         found, due = {}, inf
         for predicate, (_, count, since, times) in self._changes.items():
             period = self._period(predicate)
@@ -1090,14 +1031,12 @@ class RunJudge(Spells):
         return found, due
 
     def _apart(self, _: int) -> Judged:
-        """Name agents that the others do not hear."""
         return {
             agent: Found(1, since, f"{how}: the team is apart", f"agent {agent!r} {how}")
             for agent, (since, how) in self._gone.items()
         }, inf
 
     def _by_faults(self, rule: str, time: int) -> Judged:
-        """Name kinds of faults that came often enough lately, by actor."""
         found, due = {}, inf
         for (source, kind), (since, count, last) in self._told.items():
             is_of = _FAULTS.get(kind, ("faults", 5))[0] == rule and len(last) == last.maxlen

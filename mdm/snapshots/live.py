@@ -80,7 +80,7 @@ class _Ensemble:
         self._waiting: tuple[str, ...] | None = None
         self._key: tuple[Any, ...] = ()
         self._frame: EnsembleFrame | None = None
-        reducer.known = known_of(ensemble, controller=controller)
+        reducer.judge.known = known_of(ensemble, controller=controller)
 
     def decision(self) -> bool:
         """Take the last decision, if it is a new one; return whether it is."""
@@ -142,9 +142,10 @@ class _Ensemble:
             found.append(Idle(time, self.path, since is not None, since or now, "", intended=False))
         lives = ensemble.action.lives
         living = {life.number: life for life in lives.living if life not in lives.replaced}
-        for number in reducer.living - living.keys():
+        told = reducer.judge.living.keys()
+        for number in told - living.keys():
             reducer.lose(number, now)
-        for number in living.keys() - reducer.living:
+        for number in living.keys() - told:
             life = living[number]
             time = life.action.time if reducer.heard is None else now
             found.append(ActionLife(time, self.path, number, life.name, "running"))
@@ -312,7 +313,7 @@ class LiveRun(Observer):
         if [each.ensemble for each in self._ensembles] != ensembles:
             now = runtime.now()
             met = {id(each.ensemble): each for each in self._ensembles}
-            self._ensembles = [met.get(id(ensemble)) or self._met(ensemble) for ensemble in ensembles]
+            self._ensembles = [met.get(id(each)) or _Ensemble(each, self._reducer(each.path)) for each in ensembles]
             self._by_path = {each.path: each for each in self._ensembles}
             self._place_of = {each.path: place for place, each in enumerate(self._ensembles)}
             self._catch_up([each for each in self._ensembles if id(each.ensemble) not in met], now, lost=False)
@@ -334,9 +335,6 @@ class LiveRun(Observer):
             self._scene = scene
             self.generation += 1
             self._counted = -_SECOND  # who has just come, such as a team, is counted with the next frame
-
-    def _met(self, ensemble: Ensemble) -> _Ensemble:
-        return _Ensemble(ensemble, self._reducer(ensemble.path))
 
     def _made_scene(self) -> Scene:
         several = len(self._managers) > 1
@@ -537,12 +535,12 @@ class LiveRun(Observer):
         Raises:
             Error: If there is no such ensemble or command.
         """
-        found = next((each.ensemble for each in self._ensembles if each.path == ensemble), None)
+        found = self._by_path.get(ensemble)
         if found is None:
             raise Error(f"there is no ensemble {ensemble!r}")
         if command not in {"start", "stop", "reset", "release"}:
             raise Error(f"there is no command {command!r}; there are start, stop, reset, release")
-        getattr(found, command)()
+        getattr(found.ensemble, command)()
 
     def sense(self, predicate: str, value: bool | None) -> None:
         """Set a predicate that no sensor tells, by its name in the scene.
@@ -558,11 +556,11 @@ class LiveRun(Observer):
 
     async def explain(self, ensemble: str, _: float | None = None) -> Why | None:
         """Return why an ensemble has decided as it did last, computed on a thread; None where there is no such one."""
-        found = next((each.ensemble for each in self._ensembles if each.path == ensemble), None)
+        found = self._by_path.get(ensemble)
         if found is None:
             return None
         try:
-            case = found.case()
+            case = found.ensemble.case()
         except Error as error:
             return Why(f"Nothing tells why: {error}.")
         return await asyncio.to_thread(why, case)

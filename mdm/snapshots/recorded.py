@@ -28,7 +28,7 @@ from mdm.replay.retraced import retraced
 from mdm.snapshots.beliefs import chances_of, entropy, marginals
 from mdm.snapshots.events import event_of, predicate_event, spell_event
 from mdm.snapshots.frame import Detail, Frame, PredicateScene, Scene, StatisticsFrame
-from mdm.snapshots.judgement import KeptSpell, RunJudge, Told, judged
+from mdm.snapshots.judgement import RunJudge, Spell, Told, judged
 from mdm.snapshots.picture import Picture, case_of, pictures
 from mdm.snapshots.reducer import PARTS, EnsembleReducer, Known, Track, expected_return, known_of, parts_of
 from mdm.snapshots.scenes import ensembles_of, floors_of, robot_at
@@ -75,8 +75,8 @@ _FACTS: dict[str, Any] = {
     "believes": set[str],
     "restored": str | None,
     "told": list[tuple[str, Told]],
-    "spells": dict[str, list[KeptSpell]],
-    "run": list[list[KeptSpell]],
+    "spells": dict[str, dict[tuple[str, str], list[Spell]]],
+    "run": list[dict[tuple[str, str], list[Spell]]],
 }
 """The facts that a summary holds beside its tracks, and their types."""
 
@@ -198,7 +198,7 @@ class RecordedRun:
                 self._reducer(name.removeprefix("ensemble "))
         self._ensembles = dict(sorted(self._ensembles.items()))
         for ensemble in self._ensembles.values():
-            ensemble.finish(self._end)
+            ensemble.judge.finish(self._end)
         for judge in self._judges:
             judge.finish(self._end)
         self._spells.sort(key=lambda pair: pair[1].time)
@@ -222,8 +222,8 @@ class RecordedRun:
             "believes": [path for path, each in self._ensembles.items() if each.believes],
             "restored": self.restored,
             "told": self._spells,
-            "spells": {path: each.judge.kept() for path, each in self._ensembles.items()},
-            "run": [judge.kept() for judge in self._judges],
+            "spells": {path: each.judge.named for path, each in self._ensembles.items()},
+            "run": [judge.named for judge in self._judges],
         }
         encoded = {name: msgspec.Raw(msgspec.msgpack.encode(fact)) for name, fact in facts.items()}
         return Summary(() if within else self._record.checksums, {"": own, **columns}, encoded)
@@ -245,11 +245,11 @@ class RecordedRun:
                 msgspec.msgpack.decode(summary.facts[name], type=kind) for name, kind in _FACTS.items()
             ]
             for judge, kept in zip(self._judges, run, strict=True):
-                judge.restore(kept)
+                judge.named = kept
             for path, columns in summary.columns.items():
                 each = self._reducer(path)
                 each.believes = path in believes
-                each.judge.restore(spells[path])
+                each.judge.named = spells[path]
                 for name, column in columns.items():
                     unpack(column, *each.track(name))
         except (KeyError, AttributeError, ValueError, zlib.error, msgspec.MsgspecError) as error:
@@ -296,9 +296,9 @@ class RecordedRun:
     def _reducer(self, path: str) -> EnsembleReducer:
         found = self._ensembles.get(path)
         if found is None:
-            tell = self._spells.append
-            known = self._known(path)
-            found = self._ensembles[path] = EnsembleReducer(path, lambda *told: tell(told), known, epoch=self._epoch)
+            found = self._ensembles[path] = EnsembleReducer(
+                path, lambda *told: self._spells.append(told), self._known(path), epoch=self._epoch
+            )
         return found
 
     def _known(self, path: str) -> Known:
@@ -400,7 +400,7 @@ class RecordedRun:
         head = self._record.head
         wall = int(head["wall"]) + self._epoch - int(head["epoch"]) if "wall" in head and "epoch" in head else 0
         declared = None if self._manager is None else self._manager.declared
-        spaces = {path: each.known.space for path, each in self._ensembles.items()}
+        spaces = {path: each.judge.known.space for path, each in self._ensembles.items()}
         actions = {path: self._names[path].actions for path in self._ensembles if path in self._names}
         return Scene(
             version=__version__,
@@ -495,7 +495,7 @@ class RecordedRun:
 
     def _course(self, path: str, first: int, last: int) -> Course:
         each = self._ensembles[path]
-        known = each.known
+        known = each.judge.known
 
         def value(decision: Decision, current: Any) -> float | None:
             return expected_return(known.controller, current if decision.state is None else decision.state)

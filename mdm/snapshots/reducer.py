@@ -32,7 +32,7 @@ from mdm.snapshots.words import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence, Set as AbstractSet
+    from collections.abc import Callable, Iterator, Sequence
 
     from mdm.actors import Ensemble
     from mdm.models import Space
@@ -51,7 +51,6 @@ _AHEAD = 100
 _BAD = ("abandoned", "timed_out", "failed")
 _VALUED = 10_000
 """States up to which a policy is asked for its value."""
-_WINDOW = 5_000_000_000
 
 
 class Track:
@@ -183,7 +182,6 @@ class EnsembleReducer:
         known: Its names and wiring.
         whole: Keep all, for a picture of any time; else the newest.
         epoch: The time of the run's second 0.
-        gap: A break of so many nanoseconds at most ends no spell.
 
     Attributes:
         modes: Its modes.
@@ -208,7 +206,6 @@ class EnsembleReducer:
         *,
         whole: bool = True,
         epoch: int = 0,
-        gap: int = _WINDOW,
     ) -> None:
         def track(newest: int = _NEWEST) -> Track:
             return Track(None if whole else newest)
@@ -224,16 +221,7 @@ class EnsembleReducer:
         self._whole = whole
         self._epoch = epoch
         self._tally: defaultdict[Any, Track] = defaultdict(lambda: track(1))
-        self.judge = Judge(known, lambda told: tell(path, told), gap, whole=whole)
-
-    @property
-    def known(self) -> Known:
-        """Its names, wiring and model."""
-        return self.judge.known
-
-    @known.setter
-    def known(self, known: Known) -> None:
-        self.judge.known = known
+        self.judge = Judge(known, lambda told: tell(path, told), whole=whole)
 
     # -- Messages ------------------------------------------------------------------------------------------------
 
@@ -289,20 +277,11 @@ class EnsembleReducer:
         self.judge.live(life)
         self.lives.add(time, tuple(self.judge.living.values()))
 
-    @property
-    def living(self) -> AbstractSet[int]:
-        """The numbers of the lives that have begun and not ended, as far as was told."""
-        return self.judge.living.keys()
-
     def lose(self, life: int, time: int) -> None:
         """End a life whose end was not heard."""
         del self.judge.living[life]
         self.lives.add(time, tuple(self.judge.living.values()))
         self.version += 1
-
-    def finish(self, time: int) -> None:
-        """End all spells: no message follows a time."""
-        self.judge.finish(time)
 
     # -- Its summary ---------------------------------------------------------------------------------------------
 
@@ -360,7 +339,7 @@ class EnsembleReducer:
             current: The belief that was decided on last; None where there is none.
             more: Facts that no message tells.
         """
-        known, seconds = self.known, self.seconds
+        known, seconds = self.judge.known, self.seconds
         place = self.decisions.place(time)
         decision: Decision | None = self.decisions.entries[place].message if place >= 0 else None
         at: Any = current if decision is None or decision.state is None else decision.state
@@ -399,8 +378,8 @@ class EnsembleReducer:
                 ended = Ended(before.action_name, 0.0, "succeeded") if plain else None
         words = cause_in_words(
             message.cause,
-            observed=self.known.observed(message.observation),
-            changed=changes(self.known.wiring, None if before is None else before.state, message.state),
+            observed=self.judge.known.observed(message.observation),
+            changed=changes(self.judge.known.wiring, None if before is None else before.state, message.state),
             ended=ended,
         )
         return words if message.wanted is None else f"{words}; the shield took it in place of {message.wanted_name!r}"
@@ -451,9 +430,9 @@ class EnsembleReducer:
         message, of, _ = self.decisions.entries[place]
         at = ""
         if message.cause != "observation" and message.state is not None:
-            at = at_state(self.known.space, message.state)
+            at = at_state(self.judge.known.space, message.state)
         elif message.cause != "observation":
-            at = on_observing(self.known.observed(message.observation))
+            at = on_observing(self.judge.known.observed(message.observation))
         time, count = self.seconds(message.time), of if count is None else count
         mixed = "several" if of > 1 else ""  # of which the last is known
         about = {"detail": self.cause(place), "life": message.epoch, "count": count, "at": at, "status": mixed}

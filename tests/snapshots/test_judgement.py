@@ -85,7 +85,7 @@ def decision(time, action="go", *, cause="again", wanted=None, state=1):
 
 
 def judge():
-    return Judge(Known(None, str), lambda _: None, 0)
+    return Judge(Known(None, str), lambda _: None)
 
 
 def test_a_shield_that_decides_often_is_named_until_it_does_so_less():
@@ -128,18 +128,18 @@ def test_a_safe_mode_is_named_with_its_cause_and_remedy_but_not_the_end():
 
 
 def test_faults_of_a_kind_are_named_where_many_come_within_a_minute():
-    run = RunJudge(lambda _: None, 0)
+    run = RunJudge(lambda _: None)
     for time in (0, 70, 80, 90, 100, 110, 300):
         run.fault(Fault(time * SECOND, "robot", "violation", "both"))
     assert judged(run, 400, "faults") == ([110.0, 130.0], "5 faults of the kind violation")
-    late = RunJudge(lambda _: None, 0)
+    late = RunJudge(lambda _: None)
     for time in (1, 2, 3):
         late.fault(Fault(time * SECOND, "robot", "deadline", "no answer"))
     assert judged(late, 400, "late") == ([3.0, 61.0], "3 faults of the kind deadline")
 
 
 def test_a_predicate_may_change_as_often_as_its_time_allows():
-    run = RunJudge(lambda _: None, 0)
+    run = RunJudge(lambda _: None)
     run.held_for = {"Slow": 2 * SECOND}
     for step in range(40):
         for name in ("Slow", "Plain"):
@@ -159,7 +159,7 @@ def test_a_plain_function_is_named_by_its_failures_within_a_minute():
 
 
 def test_the_worst_comes_first_and_those_that_are_over_come_last():
-    run = RunJudge(lambda _: None, 0)
+    run = RunJudge(lambda _: None)
     run.fault(Fault(SECOND, "right", "refused", "other model"))
     run.finish(100 * SECOND)
     robot, look = judge(), judge()

@@ -312,7 +312,8 @@ def test_a_fault_of_a_team_is_named_soon(fault, tmp_path):
 
 def test_a_team_that_meets_again_is_not_apart():
     told = []
-    judge = RunJudge(told.append, gap=0)
+    judge = RunJudge(told.append)
+    judge.gap = 0
     lost = "agent 'right' of team 'tigers' is lost; there are left"
     judge.fault(Fault(10, "left", "lost_teammate", lost))
     judge.seen(20, "right", {"left": 1, "right": 1})  # which sees itself alone

@@ -101,10 +101,11 @@ def spells(messages, end, gap=0):
     """Return the spells over which one of these rules names something."""
     told = []
     known = Known(None, str, composed=frozenset({"d"}))
-    reducer = EnsembleReducer("robot", lambda _, each: told.append(each), known, gap=gap)
+    reducer = EnsembleReducer("robot", lambda _, each: told.append(each), known)
+    reducer.judge.gap = gap
     for each in messages:
         reducer.add(each)
-    reducer.finish(end)
+    reducer.judge.finish(end)
     begins = {each.number: each for each in told if each.status == "begins"}
     over = {each.number: each.time for each in told if each.status == "over"}
     assert list(begins) == list(range(1, len(begins) + 1))

@@ -67,7 +67,7 @@ def test_a_plain_function_has_a_life_of_no_time_which_says_nothing_of_how_long_a
     lives = [each for each in reducer.lane(0, 10**12, 100) if each.kind == "life"]
     assert [(each.name, each.status) for each in lives] == [("Go", "running")]
     assert {status: len(track.times) for status, track in reducer.outcomes.items()} == {"succeeded": 8}
-    reducer.finish(60_000_000_000)
+    reducer.judge.finish(60_000_000_000)
     assert reducer.judge.named == {}
 
 

@@ -382,21 +382,17 @@ class RecordedTeam:
         return (max(found) if back else min(found)) if found else seconds
 
     def _run_of(self, ensemble: str) -> tuple[RecordedRun, float]:
-        name = self._home[ensemble]
+        name = self._home.get(ensemble) or next(iter(self._runs))  # which says that there is no such one
         return self._runs[name], self._ahead[name]
 
     async def course(self, ensemble: str, first: float, last: float) -> Course | None:
         """Return how an ensemble's decisions went; None where there is no such one."""
-        if ensemble not in self._home:
-            return None
         run, by = self._run_of(ensemble)
         found = await run.course(ensemble, first - by, last - by)
         return found and msgspec.structs.replace(found, times=tuple([time + by for time in found.times]))
 
     async def explain(self, ensemble: str, seconds: float | None = None) -> Why | None:
         """Return why an ensemble decided as it did; None where there is no such one."""
-        if ensemble not in self._home:
-            return None
         run, by = self._run_of(ensemble)
         return await run.explain(ensemble, None if seconds is None else seconds - by)
 
@@ -404,8 +400,6 @@ class RecordedTeam:
         self, ensemble: str, seconds: float | None = None, opened: Collection[int] = ()
     ) -> tuple[Picture, ...]:
         """Return pictures of an ensemble at a time; none where there is no such one."""
-        if ensemble not in self._home:
-            return ()
         run, by = self._run_of(ensemble)
         return await run.draw(ensemble, None if seconds is None else seconds - by, opened)
 

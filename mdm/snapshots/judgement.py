@@ -868,11 +868,13 @@ class _Evidence:
             self._steps.append(None if possible else (state, action, after))
             if not possible or self._judge.has("impossible"):
                 ask(time, "impossible")
-        for name, (before, here) in self._factors(model, state, after).items():
+        space = model.state_space
+        for factor, before, value in zip(space.factors, space.unravel(state), space.unravel(after), strict=True):
+            name, here = factor.name, factor.names[value]
             since, steps, nats, _ = self._kept.get(name, (time, 0, 0.0, here))
-            if before != here:
+            if before != value:
                 self._kept[name] = time, 0, 0.0, here
-            if before != here or time in self._judge.cut:  # of an action that was pre-empted it is too early to say
+            if before != value or time in self._judge.cut:  # of an action that was pre-empted it is too early to say
                 continue
             chance = factors[name]
             if moved:  # given that something has changed
@@ -897,13 +899,6 @@ class _Evidence:
                 self._rows.clear()
             row = self._rows[state, action] = states, float(whole[state]), factors
         return row
-
-    @staticmethod
-    def _factors(model: Any, state: int, after: int) -> dict[str, tuple[str, str]]:
-        """Return the values of each factor before and after."""
-        space = model.state_space
-        values = zip(space.factors, space.unravel(state), space.unravel(after), strict=True)
-        return {factor.name: (factor.names[one], factor.names[two]) for factor, one, two in values}
 
     def impossible(self, _: int) -> Judged:
         wrong = [each for each in self._steps if each is not None]

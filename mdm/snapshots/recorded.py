@@ -370,22 +370,22 @@ class RecordedRun:
             return
         told, changes = replay_predicates(self._record, self._system, manager, transports or {})
         found = {name: Track() for name in manager.values()}
+        self._spells = [(of, told) for of, told in self._spells if told.rule != "flickers"]
+        self._judges[1] = judge = self._judge()
         for time, values in changes:
-            _add(found, time, values)
+            for name, value in values.items():
+                if not found[name].times or found[name].entries[-1] is not value:
+                    found[name].add(time, value)
+                judge.change(time, name, value)
+        judge.finish(self._end)
+        self._spells.sort(key=lambda pair: pair[1].time)
+        self._predicates = {name: track for name, track in found.items() if track.times}
         self.restored = ""
         if not told.same:
             at = told.differences[0].recorded or told.differences[0].replayed
             until = "" if at is None else f" up to second {self._seconds(at.time):g}"
             self.restored = f"predicates are restored by a replay, which is the same as the run{until} alone"
             self.remark(self.restored)
-        self._predicates = {name: track for name, track in found.items() if track.times}
-        self._spells = [(of, told) for of, told in self._spells if told.rule != "flickers"]
-        self._judges[1] = self._judge()
-        for time, values in changes:
-            for name, value in values.items():
-                self._judges[1].change(time, name, value)
-        self._judges[1].finish(self._end)
-        self._spells.sort(key=lambda pair: pair[1].time)
         self._events.clear()
 
     def remark(self, text: str) -> None:
@@ -584,12 +584,6 @@ class RecordedRun:
 def _ended(each: EnsembleReducer, time: int) -> dict[str, int]:
     ended = {status: track.place(time) + 1 for status, track in each.outcomes.items()}
     return {status: count for status, count in ended.items() if count}
-
-
-def _add(tracks: Mapping[str, Track], time: int, values: Mapping[str, bool | None]) -> None:
-    for name, value in values.items():
-        if not tracks[name].times or tracks[name].entries[-1] is not value:
-            tracks[name].add(time, value)
 
 
 def sampled(times: Sequence[int], first: int, last: int, most: int = POINTS) -> tuple[list[int], int]:

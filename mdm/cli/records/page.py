@@ -198,10 +198,8 @@ def recorded_run(path: str | Path | Record, *, replay: bool = True, summary: Sum
     if "configuration" not in record.head:
         return _made(record, summary)
     with tempfile.TemporaryDirectory() as folder:
-        transports = {}
         try:
-            if "agent" in record.head:
-                transports = transports_of(record)
+            transports = transports_of(record) if "agent" in record.head else {}
             system = load_recorded(record, folder, transport=next(iter(transports.values()), None))
         except Error as error:
             run = _made(record, summary)

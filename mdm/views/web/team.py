@@ -131,7 +131,7 @@ class _Agent:
             ring.add(now, "mode", ensemble.path, mode, detail=gone)
         values = frame.predicates if frame else [None] * len(scene.predicates)
         for predicate, value in zip(scene.predicates, values, strict=True):
-            ring.keep(predicate_event(now, self.name, self.shown(predicate.name), value))
+            ring.keep(predicate_event(now, self.name, _shown(self.name, predicate.name), value))
 
     def _hear(self, told: _Told) -> None:
         assert self.scene is not None
@@ -139,13 +139,9 @@ class _Agent:
             if self.scene.began == self._heard[0] and event.number <= self._heard[1]:
                 continue
             self._heard = (self.scene.began, event.number)
-            name = self.shown(event.name) if event.kind == "predicate" else event.name
+            name = _shown(self.name, event.name) if event.kind == "predicate" else event.name
             self._team.ring.keep(msgspec.structs.replace(event, time=event.time + self.ahead, name=name))
         self._cursor = told.cursor
-
-    def shown(self, predicate: str) -> str:
-        """Return the name by which the team's page has a predicate of the agent."""
-        return _shown(self.name, predicate)
 
     @property
     def paths(self) -> frozenset[str]:
@@ -531,7 +527,7 @@ class TeamRun:
         """
         for agent, scene in self._known():
             for each in scene.predicates:
-                if agent.shown(each.name) == predicate:
+                if _shown(agent.name, each.name) == predicate:
                     await agent.command({"say": "sense", "predicate": each.name, "value": value})
                     return
         raise Error(f"there is no predicate {predicate!r}")

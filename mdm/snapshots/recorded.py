@@ -124,6 +124,7 @@ class RecordedRun:
         restorable: Whether a replay can restore predicates.
         pending: Whether another reading of it comes soon, which knows more.
         generation: Of how many readings of the record it is.
+        breaks: Whether the record ends before its run did, and grows no more.
     """
 
     def __init__(
@@ -147,6 +148,7 @@ class RecordedRun:
         self._places = places
         self._epoch, self._end = record.span
         self.first, self.last = 0.0, self._seconds(self._end)
+        self.breaks = not record.grows and (record.torn is not None or record.closed is False)
         self._names = names_of(record)
         self._ensembles: dict[str, EnsembleReducer] = {}
         self._faults, self._poses, self._journeys = Track(), Track(), Track()

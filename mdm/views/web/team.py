@@ -9,6 +9,7 @@ import asyncio
 import time as times
 from collections import deque
 from contextlib import suppress
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -308,7 +309,7 @@ class RecordedTeam:
         return msgspec.structs.replace(one, **about, **facts, remarks=remarks, pending=pending)
 
     def frame(self, seconds: float, close: Collection[str] = ()) -> Frame:
-        """Return how all agents were at a time; one that had not begun yet as stopped."""
+        """Return how all agents were at a time; one that had not begun yet, or whose record breaks off, as stopped."""
         time = min(max(seconds, self.first), self.last)
         frames: list[Any] = []
         values: list[bool | None] = []
@@ -316,6 +317,10 @@ class RecordedTeam:
             found = _shifted(run.frame(time - self._ahead[name], close), self._ahead[name])
             if time < self._ahead[name]:
                 found = msgspec.structs.replace(found, ensembles=(_GONE,) * len(found.ensembles), judgements=())
+                values += [None] * len(found.predicates)
+            elif (end := self._breaks(name)) < time:
+                gone = EnsembleFrame("stopped", end)
+                found = msgspec.structs.replace(found, ensembles=(gone,) * len(found.ensembles))
                 values += [None] * len(found.predicates)
             else:
                 values += found.predicates
@@ -343,7 +348,17 @@ class RecordedTeam:
             own = [each.removeprefix(begin) for each in predicates if each.startswith(begin)]
             if last >= by:
                 found += self._moved(name, run.lanes(first - by, last - by, tuple(paths), own, most))
+            if (end := self._breaks(name)) < min(last, self.last):
+                ended = f"the record of {name!r} ends here, before its run did"
+                home = [path for path in paths if self._home.get(path) == name]
+                found += [Event(0, end, "mode", path, "stopped", ended) for path in home]
+                found += [predicate_event(end, name, _shown(name, each), None) for each in own]
         return found
+
+    def _breaks(self, name: str) -> float:
+        """Return when an agent's record ends, where that is before its run did; infinity of any other."""
+        run = self._runs[name]
+        return run.last + self._ahead[name] if run.breaks else inf
 
     def _moved(self, name: str, events: Iterable[Event]) -> list[Event]:
         by = self._ahead[name]

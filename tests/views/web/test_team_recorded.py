@@ -86,6 +86,27 @@ def test_lanes_events_and_steps_have_the_times_of_the_team(team):
     assert together.step("decision", time, back=True) == pytest.approx(decisions[-2])
 
 
+def test_an_agent_whose_record_breaks_off_is_stopped_from_there_on(team):
+    together, runs = team
+    end, paths = 4.2, ["ada", "bob"]
+    before = together.lanes(0.0, together.last, paths, [], 2000)
+    runs["ada"].breaks, runs["ada"].last = True, end
+    assert together.frame(end).ensembles[0].mode == "deciding"
+    after = together.frame(end + 1)
+    assert (after.ensembles[0].mode, after.ensembles[0].since, after.ensembles[1].mode) == ("stopped", end, "deciding")
+    added = [each for each in together.lanes(0.0, together.last, paths, [], 2000) if each not in before]
+    assert [(each.time, each.kind, each.source, each.name) for each in added] == [(end, "mode", "ada", "stopped")]
+    (unknown,) = [each for each in together.lanes(0.0, together.last, [], ["ada: On"], 9) if each.time == end]
+    assert (unknown.name, unknown.status) == ("ada: On", "unknown")
+    assert not [each for each in together.lanes(0.0, end - 0.1, paths, [], 2000) if each.name == "stopped"]
+
+
+def test_a_record_that_was_not_closed_breaks_off(tmp_path):
+    run = recorded(tmp_path, "ada", 1)
+    (tmp_path / "torn.mcap").write_bytes((tmp_path / "ada.mcap").read_bytes()[:-200])
+    assert (run.breaks, RecordedRun(Record(tmp_path / "torn.mcap")).breaks) == (False, True)
+
+
 def test_the_course_of_an_ensemble_and_why_are_told_by_its_own_record(team):
     together, runs = team
 

@@ -316,7 +316,12 @@ class _Run:
         """Send as many parts as there is room for; return whether any are under way."""
         named: dict[str, Any] = {}
         if self._dask is not None:
-            for other in self._others():
+            try:
+                others = self._others()
+            except OSError as error:  # the scheduler's end, after which no part comes back
+                self._end(error)
+                return False
+            for other in others:
                 warnings.warn(f"{other}, but here it is {__version__}: it gets no parts", WorkerWarning, stacklevel=4)
             good = [name for name, version in self._versions.items() if version == __version__]
             few = {} if len(good) == len(self._versions) else {"workers": good, "allow_other_workers": True}

@@ -329,6 +329,21 @@ def test_workers_of_another_version_are_refused_also_those_that_come_late():
     assert (cluster.named[0], set(cluster.named[-1])) == (None, {"a", "good"})
 
 
+def test_a_scheduler_that_ends_leaves_what_has_ended():
+    cluster = Cluster(a=mdm.__version__)
+
+    def lost():
+        raise OSError("the connection is closed")
+
+    def progress(ended, _):
+        if ended > 5:
+            cluster.nthreads = lost
+
+    with patch.object(parts, "_LONG", 0.0), cluster, pytest.warns(WorkerWarning, match="the executor has ended: the c"):
+        result = evaluated(Cautious(), cluster, progress=progress)
+    assert 5 < result.episodes == 45 - result.missing < 45
+
+
 def test_threads_are_workers_too():
     with ThreadPoolExecutor(2) as executor:
         assert kept(simulated(Cautious(), executor)) == kept(simulated(Cautious()))

@@ -68,7 +68,10 @@ class Work(Protocol):
     units: int
 
     def size(self, first: int, last: int) -> int:
-        """Return how many episodes are in these units; if the work has a ``noun``, how many of these."""
+        """Return how many episodes are in these units; if the work has a ``noun``, how many of these.
+
+        Units with a noun, such as points of a sweep, are not joined: some may take hours.
+        """
         ...
 
     def prepare(self) -> None:
@@ -380,7 +383,8 @@ class _Run:
             self._results[units] = answer.result
             self._keep(answer.result)
             self.done += self._work.size(*units)
-            self._joined = max(1, int((units[1] - units[0]) * _LONG / max(answer.seconds, 1e-6)))
+            if not hasattr(self._work, "noun"):
+                self._joined = max(1, int((units[1] - units[0]) * _LONG / max(answer.seconds, 1e-6)))
             its = self._workers.get((its.host, its.process), its)
             more = msgspec.structs.replace(its, parts=its.parts + 1, seconds=its.seconds + answer.seconds)
             self._workers[its.host, its.process] = more

@@ -17,6 +17,7 @@ import sys
 import tomllib
 import warnings
 from contextlib import ExitStack
+from copy import copy
 from fnmatch import fnmatchcase
 from itertools import product
 from pathlib import Path
@@ -34,13 +35,15 @@ from mdm.config.functions import find_function
 from mdm.config.tables import Problems
 from mdm.controller import Controller
 from mdm.errors import ConfigError, Error, FormatError, ModelError
+from mdm.estimation.reestimation import replaced
 from mdm.formats import load_durations, load_model
 from mdm.formats.source import content
 from mdm.loading import revealed
 from mdm.logic import similar
-from mdm.models import MDP, POMDP, Durations
+from mdm.models import MDP, Durations
+from mdm.models.availability import standing_in
 from mdm.models.digest import digest, of_bytes, of_parts
-from mdm.models.matrices import csr
+from mdm.models.matrices import csr, read_only
 from mdm.options import Options
 from mdm.simulation import evaluate
 from mdm.simulation.parts import run_parts
@@ -57,8 +60,6 @@ if TYPE_CHECKING:
 _Point = dict[str, Any]
 _MOST = 1_000_000
 """Points, and values of a range."""
-_OUTCOMES = 10_000_000
-"""Entries of R(a, s, s', o) up to which rewards follow an entry of T or O."""
 _ENTRIES = {"T": "ACTION.STATE.NEXT", "O": "ACTION.STATE.OBSERVATION", "R": "ACTION.STATE", "durations": "ACTION"}
 _FOUND = ("model", "policy", "solver", "reason", "lower", "upper", "value", "standard_error", "episodes", "failure")
 _BEGINS = b'{"sweep":"'  # as a journal does: no other file is written over
@@ -101,10 +102,13 @@ class SweepTable(Options, frozen=True):
 
 # -- Points ------------------------------------------------------------------------------------------------------------
 
-_ENDS = [("from", int | float), ("to", int | float)]
-_Draws = msgspec.defstruct("_Draws", [("sobol", int), *_ENDS], forbid_unknown_fields=True)
 _Range = msgspec.defstruct(
-    "_Range", [*_ENDS, ("step", float | int | None, None), ("count", int | None, None)], forbid_unknown_fields=True
+    "_Range",
+    [
+        *(("from", int | float), ("to", int | float), ("step", int | float | None, None)),
+        *(("count", int | None, None), ("sobol", int | None, None)),
+    ],
+    forbid_unknown_fields=True,
 )
 
 
@@ -124,19 +128,14 @@ def points_of(vary: Mapping[str, Any], found: Problems) -> list[_Point]:
     for name, given in vary.items():
         with found.collecting(f"vary.{name}"):
             if isinstance(given, dict):
-                kind = _Draws if "sobol" in given else _Range
-                if (made := found.convert(given, kind, f"vary.{name}")) is None:
+                if (ends := found.convert(given, _Range, f"vary.{name}")) is None:
                     continue
-                first, last = getattr(made, "from"), made.to
-                if not (_is_plain([first, last]) and first <= last and math.isfinite(last - first)):
-                    raise ConfigError("a range is from a number to a greater one, both of them finite")
-                if kind is _Range:
-                    axes[name] = [{name: value} for value in _range(made)]
-                elif made.sobol < 1 or made.sobol & (made.sobol - 1) or made.sobol > _MOST:
-                    raise ConfigError(f"sobol is a power of 2, such as 16, not {made.sobol}")
+                values = _range(ends)
+                if ends.sobol is None:
+                    axes[name] = [{name: value} for value in values]
                 else:
-                    drawn.setdefault(made.sobol, {})[name] = made
-                    axes[made.sobol] = [{}] * made.sobol
+                    drawn.setdefault(ends.sobol, {})[name] = ends
+                    axes[ends.sobol] = [{}] * ends.sobol
             elif given == [] or not _is_plain(given):
                 raise ConfigError(f"give a value, a list of values, or a range, not {given!r}")
             else:
@@ -165,13 +164,19 @@ def _between(ends: Any, share: float) -> Any:
 
 
 def _range(ends: Any) -> list[Any]:
-    """Return the values of a range; raise a ConfigError if it has neither a step nor a count, or too many values."""
-    first, last = getattr(ends, "from"), ends.to
-    if ends.count is not None:
-        if ends.step is not None or not 2 <= ends.count <= _MOST:
-            raise ConfigError(f"give a count from 2 to {_MOST:,}, or a step")
-        width = (last - first) / (ends.count - 1)
-        return [first + place * (int(width) if width.is_integer() else width) for place in range(ends.count)]
+    """Return the values of a range, none for draws; raise a ConfigError if it is no range, or has too many values."""
+    first, last, count, draws = getattr(ends, "from"), ends.to, ends.count, ends.sobol
+    if not (_is_plain([first, last]) and first <= last and math.isfinite(last - first)):
+        raise ConfigError("a range is from a number to a greater one, both of them finite")
+    if [ends.step, count, draws].count(None) < 2 or not (count is None or 2 <= count <= _MOST):
+        raise ConfigError(f"give a step, a count from 2 to {_MOST:,}, or sobol: one of the three")
+    if draws is not None:
+        if not 1 <= draws <= _MOST or draws & (draws - 1):
+            raise ConfigError(f"sobol is a power of 2, such as 16, not {draws}")
+        return []
+    if count is not None:
+        width = (last - first) / (count - 1)
+        return [first + place * (int(width) if width.is_integer() else width) for place in range(count)]
     step = 1 if ends.step is None and is_whole(first) and is_whole(last) else ends.step
     if step is None or not 0 < step < math.inf:
         raise ConfigError("between numbers that are not whole give a step above 0, or a count")
@@ -200,31 +205,25 @@ def with_entry(model: MDP, key: str, value: float) -> MDP:
     if model.event_observations or model.observed or (model.network and any(model.network.fully_observed)):
         raise ModelError(f"{key}: with observed factors, or observations of events, no entry can be named")
     kind, flat = key[0], model.flatten()
-    seen = flat.pomdp
     actions, states, *nexts = _chosen(key, flat)
+    if kind == "R":
+        rewards, made = flat.rewards.copy(), copy(flat)
+        rewards[np.ix_(states, actions)] = value
+        if flat.available is not None:
+            rewards = standing_in(rewards, flat.available)
+        vars(made).update(_rewards=read_only(rewards), outcome_rewards=None, stacked={})
+        return made
     every = range(len(flat.action_space))
     matrices = {"T": [flat.transition_matrix(action) for action in every]}
-    matrices |= {} if seen is None else {"O": [seen.observation_matrix(action) for action in every]}
-    rewards: Any = flat.rewards.copy()
-    if kind == "R":
-        rewards[np.ix_(states, actions)] = value
-    else:
-        changed = [_changed(matrices[kind][action], states, nexts[0], value) for action in actions]
-        if not any(count for _, count in changed):
-            raise ModelError(f"{key}: no such entry is between 0 and 1")
-        if not all(count >= 0 for _, count in changed):
-            raise ModelError(f"{key}: with {value!r} a row of probabilities does not add up to 1")
-        for action, (matrix, _) in zip(actions, changed, strict=True):
-            matrices[kind][action] = matrix
-        if flat.outcome_rewards is not None and (rewards := flat.outcome_rewards.array(_OUTCOMES)) is None:
-            raise ModelError(f"{key}: rewards are of more than {_OUTCOMES:,} outcomes")
-    given: Any = {"discount": flat.discount, "states": flat.state_space, "actions": flat.action_space}
-    given |= {"initial_belief": flat.initial_belief, "available": flat.available}
-    if seen is None:
-        made = MDP(matrices["T"], rewards, **given)
-    else:
-        made = POMDP(matrices["T"], matrices["O"], rewards, observation_names=seen.observation_space, **given)
-    return made.with_discount(flat.discount, of=flat.discount_of).with_false_negatives(flat.false_negative)
+    if flat.pomdp is not None:
+        matrices["O"] = [flat.pomdp.observation_matrix(action) for action in every]
+    found = 0
+    for action in actions:
+        matrices[kind][action], count = _changed(key, matrices[kind][action], states, nexts[0], value)
+        found += count
+    if not found:
+        raise ModelError(f"{key}: no such entry is between 0 and 1")
+    return replaced(flat, matrices["T"], matrices.get("O"))
 
 
 def _chosen(key: str, model: MDP) -> list[list[int]]:
@@ -248,15 +247,15 @@ def _chosen(key: str, model: MDP) -> list[list[int]]:
     return found
 
 
-def _changed(matrix: Any, rows: list[int], columns: list[int], value: float) -> tuple[Any, int]:
-    """Return a matrix with other probabilities, and how many these are; -1 if a row does not add up to 1."""
+def _changed(key: str, matrix: Any, rows: list[int], columns: list[int], value: float) -> tuple[Any, int]:
+    """Return a matrix with other probabilities, and how many these are."""
     made = csr(matrix)
     row = np.repeat(np.arange(matrix.shape[0]), np.diff(made.indptr))
     hit = np.isin(row, rows) & np.isin(made.indices, columns) & (made.data > 0) & (made.data < 1)
     new = np.bincount(row[hit], minlength=matrix.shape[0]) * value
     rest = np.bincount(row[~hit], made.data[~hit], matrix.shape[0])
     if not 0 <= value <= 1 or (new > 1 + 1e-9).any() or ((rest == 0) & (abs(new - 1) > 1e-9)).any():
-        return made, -1
+        raise ModelError(f"{key}: with {value!r} a row of probabilities does not add up to 1")
     touched = np.isin(np.arange(len(new)), row[hit])
     scale = np.where(touched, np.maximum(1 - new, 0) / np.where(rest > 0, rest, 1), 1.0)
     made.data = np.where(hit, value, made.data * scale[row])
@@ -317,21 +316,19 @@ class Plan(msgspec.Struct, kw_only=True):
     def run(self, first: int, last: int, tell: Callable[[int], bool] = lambda _: False) -> list[_Point]:
         """Return the rows of some points; of those that have ended if `tell` returns True."""
         rows: list[_Point] = []
+        asked = False
+
+        def stops(*_: object) -> bool:
+            nonlocal asked
+            asked = asked or tell(len(rows))
+            return asked
+
         for number, point in self.points[first:last]:
-            asked: list[bool] = []
-
-            def stops(*_: object, asked: list[bool] = asked) -> bool:
-                if not asked and tell(len(rows)):
-                    asked.append(True)
-                return bool(asked)
-
             began, row = perf_counter(), self.row(number, point)
             try:
                 row |= self._found(point, stops)
-            except Error as error:
-                row["failure"] = str(error)
             except (Exception, SystemExit) as error:  # of a user's function, or of too large a model
-                row["failure"] = f"{type(error).__name__}: {error}"
+                row["failure"] = str(error) if isinstance(error, Error) else f"{type(error).__name__}: {error}"
             if asked or row["reason"] == "interrupted":
                 break
             rows.append(row | {"run.seconds": perf_counter() - began, "run.host": socket.gethostname()})

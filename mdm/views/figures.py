@@ -424,11 +424,12 @@ def sweep_figure(rows: Sequence[Mapping[str, Any]], x: str, y: str = "value", by
         if not any(name in row for row in rows):
             raise Error(f"the result has no column {name!r}; it has {', '.join(rows[0] if rows else ()) or 'no rows'}")
     found: defaultdict[Any, list[Any]] = defaultdict(list)
+    rows = [row for row in rows if is_number(row[y]) and row[x] is not None]
+    numbers = all(is_number(row[x]) for row in rows)
     for row in rows:
-        if is_number(row[y]) and row[x] is not None:
-            within = _CONFIDENCE * row["standard_error"] if y == "value" else 0.0
-            place = row[x] if is_number(row[x]) else str(row[x])
-            found["" if by is None else f"{by} {row[by]}"].append((place, row[y], within))
+        within = _CONFIDENCE * row["standard_error"] if y == "value" else 0.0
+        place = row[x] if numbers else str(row[x])
+        found["" if by is None else f"{by} {row[by]}"].append((place, row[y], within))
     if not found:
         raise Error(f"there is nothing to draw: no row has both {x!r} and a number for {y!r}")
     figure, axes = pyplot().subplots(figsize=(8, 5))

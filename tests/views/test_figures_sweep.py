@@ -38,6 +38,8 @@ def test_each_value_of_another_column_has_a_line():
     assert dict(lines(axes)) == {"rocks 1": [[4, 5], [7, 8]], "rocks 2": [[4, 6], [7, 9]]}
     assert axes.get_xlabel() == "size"
     assert sweep_figure(ROWS, "solver", "rocks").axes[0].get_ylabel() == "rocks"
+    mixed = [{**row, "goal": goal} for row, goal in zip(ROWS[:3], (2, True, "far"), strict=True)]
+    assert [text.get_text() for text in sweep_figure(mixed, "goal").axes[0].get_xticklabels()] == ["2", "True", "far"]
     pyplot().close("all")
 
 

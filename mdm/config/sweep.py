@@ -515,7 +515,8 @@ def _begun(path: Path, head: _Head, *, resume: bool) -> tuple[dict[int, _Point],
         before, rows, whole = read_journal(path)
         done = {number: row for number, row in rows.items() if row["failure"] is None}
         if done and not resume:
-            raise FormatError(f"{counted(len(done), 'point')} are here: --resume (resume=True) goes on", file=path)
+            ended = counted(len(done), "point")
+            raise FormatError(f"{ended} ended in an earlier run: --resume (resume=True) goes on", file=path)
         if done and before.code != head.code:  # it may have been mended for points that failed
             text = f"{path}: the code of metrics or of the model has changed since {counted(len(done), 'point')} ended"
             warnings.warn(f"{text}: they keep what the old one gave", stacklevel=3)

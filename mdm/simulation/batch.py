@@ -245,15 +245,15 @@ def compare(
         given: Other arguments of `evaluate`, such as ``episodes`` and ``executor``.
 
     Raises:
-        ConfigError: If there is no policy, or as of `evaluate`.
+        ConfigError: If there is no list of policies, or as of `evaluate`.
 
     Example::
 
         result = mdm.compare("tiger.pomdp", ["tiger.vf", "tiger.vf"], episodes=1000, seed=1)
         result.difference(1)  # (0.0, 0.0)
     """
-    if not policies:
-        raise ConfigError("a comparison needs a policy", key="policies")
+    if isinstance(policies, str) or not policies:
+        raise ConfigError("a comparison needs a list of policies, one or more", key="policies")
     model = model_of(model)
     seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
     found: list[Evaluation] = []

@@ -417,7 +417,7 @@ class _Run:
         missing = sum(self._work.size(*units) for units in self._failed)
         if missing:
             told = f"{counted(missing, getattr(self._work, 'noun', 'episode'))} of seed {self._work.seed}"
-            told += f" {'is' if missing == 1 else 'are'} missing, from spawn key ({min(self._failed)[0]},) on: "
+            told += f" {'is' if missing == 1 else 'are'} missing, the first at spawn key ({min(self._failed)[0]},): "
             told += "; ".join(dict.fromkeys(self._failed[units] for units in sorted(self._failed)))
             if not self._results:
                 raise Error(f"no part has ended, {told}")

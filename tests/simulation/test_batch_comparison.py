@@ -37,5 +37,6 @@ def test_who_is_told_of_progress_ends_it():
 
 
 def test_there_is_a_policy():
-    with refused(ConfigError):
-        mdm.compare(tiger(), [])
+    for wrong in ([], "tiger.vf"):
+        with refused(ConfigError):
+            mdm.compare(tiger(), wrong)

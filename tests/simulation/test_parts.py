@@ -131,7 +131,7 @@ def test_what_fails_twice_is_missing_and_told():
     assert f"and {result.missing} are missing" in repr(result)
     (text,) = [str(each.message) for each in told]
     assert text.startswith(
-        f"{result.missing} episodes of seed 3 are missing, from spawn key ({ended.index(None)},) on: "
+        f"{result.missing} episodes of seed 3 are missing, the first at spawn key ({ended.index(None)},): "
     )
     assert "too sure" in text
     pair = mdm.simulation.Comparison((evaluated(Cautious(), steps=4), result))

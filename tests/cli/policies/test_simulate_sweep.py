@@ -86,7 +86,7 @@ def test_a_result_that_is_there_is_kept(mdm, file, tmp_path):
         assert "this file is here already" in errors
     assert mdm("sweep", file, "-o", "s.csv")[0] == 0
     (tmp_path / "s.csv").unlink()
-    assert "4 points are here: --resume" in mdm("sweep", file, "-o", "s.csv")[2]
+    assert "4 points ended in an earlier run: --resume" in mdm("sweep", file, "-o", "s.csv")[2]
     assert mdm("sweep", file, "-o", "s.csv", "--resume") == (0, ["s.csv: 4 points written"], "")
     file.write_text(SWEEP.replace("0.3", "0.4"))
     assert "another sweep" in mdm("sweep", file, "-o", "s.csv", "--resume")[2]

@@ -68,19 +68,13 @@ class Work(Protocol):
     units: int
 
     def size(self, first: int, last: int) -> int:
-        """Return how many episodes are in these units; if the work has a ``noun``, how many of these.
-
-        Units with a noun, such as points of a sweep, are not joined: some may take hours.
-        """
-        ...
+        """Return how many episodes these units are; with a ``noun``, each is one such and a part of its own."""
 
     def prepare(self) -> None:
         """Make all that its units share, once in each worker."""
-        ...
 
     def run(self, first: int, last: int, tell: Callable[[int], bool] = lambda _: False) -> Any:
         """Run these units; told how many episodes have ended, `tell` returns True to have the result of those alone."""
-        ...
 
 
 class Part(NamedTuple):
@@ -122,8 +116,8 @@ def run_part(part: Part, sent: Mapping[str, bytes]) -> Answer:
     """Run a part here, with the content sent with it or before; its seconds are those of its units alone."""
     worker, held, (model, work) = _here(), _held.__dict__, part.needs
     if part.version != __version__:
-        wrong = f"{worker.host} has mdm {__version__}, and the part is of {part.version}: install the same"
-        return Answer(worker, failure=wrong)
+        failure = f"{worker.host} has mdm {__version__}, and the part is of {part.version}: install the same"
+        return Answer(worker, failure=failure)
     if lacks := tuple(digest for digest in part.needs if digest not in held and digest not in sent):
         return Answer(worker, lacks=lacks)
     try:
@@ -142,12 +136,12 @@ def run_part(part: Part, sent: Mapping[str, bytes]) -> Answer:
         result = held[work].run(part.first, part.last)
         return Answer(worker, result, time.perf_counter() - began)
     except Error as error:
-        return Answer(worker, failure=str(error))
+        failure = str(error)
     except ModuleNotFoundError as error:
         failure = f"{worker.host} has no module {error.name!r}: put it where the workers import modules from"
-        return Answer(worker, failure=failure)
     except Exception as error:
-        return Answer(worker, failure=f"{type(error).__name__}: {error}\n{traceback.format_exc().rstrip()}")
+        failure = f"{type(error).__name__}: {error}\n{traceback.format_exc().rstrip()}"
+    return Answer(worker, failure=failure)
 
 
 @cache
@@ -249,8 +243,7 @@ class _Run:
     def __init__(self, work: Work, executor: Executor, keep: Callable[[Any], object]) -> None:
         self._work, self._executor, self._keep = work, executor, keep
         self._dask: Any = getattr(executor, "_client", None)
-        self._versions: dict[str, Any] = {}
-        """Those of Dask's workers."""
+        self._versions: dict[str, Any] = {}  # of Dask's workers
         self._count: int = getattr(executor, "workers", 0) or getattr(executor, "_max_workers", 0)
         self._check()
         self._warn_of_search()
@@ -300,8 +293,7 @@ class _Run:
         if isinstance(self._executor, Processes) and free is not None and most > free:
             text += f", but the machine has {free / 1e6:.0f} MB free: give fewer workers, or the search less memory"
             raise ConfigError(text, key="executor")
-        text += "; it finds less where workers share a processor and its time"
-        warnings.warn(text, WorkerWarning, stacklevel=4)
+        warnings.warn(f"{text}; it finds less where workers share a processor", WorkerWarning, stacklevel=4)
 
     def _others(self) -> list[str]:
         """Ask Dask's workers, of which some may be new, for their version; name new ones that have another."""
@@ -456,8 +448,7 @@ class Processes(ProcessPoolExecutor):
 
     def __init__(self, workers: int | None = None) -> None:
         if workers is not None and not (is_whole(workers) and 1 <= workers <= _PROCESSES):
-            wrong = f"a number of processes is a whole number from 1 to {_PROCESSES:,}, not {workers!r}"
-            raise ConfigError(wrong, key="workers")
+            raise ConfigError(f"give 1 to {_PROCESSES:,} processes, a whole number, not {workers!r}", key="workers")
         here = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count()
         self.workers = workers or here or 1
         spawn = multiprocessing.get_context("spawn")  # a fork would have the locks of this process' threads

@@ -441,8 +441,7 @@ def sweep_figure(rows: Sequence[Mapping[str, Any]], x: str, y: str = "value", by
         axes.errorbar(*zip(*points, strict=True), fmt="o", ms=4, color=f"C{number}", capsize=2, lw=0.8)
     if by is not None:
         axes.legend(frameon=False)
-    axes.set_xlabel(x)
-    axes.set_ylabel("value of the initial belief" if y == "value" else y)
+    axes.set(xlabel=x, ylabel="value of the initial belief" if y == "value" else y)
     axes.grid(alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)
     return figure

@@ -327,8 +327,7 @@ def joined_evaluation(
     began = time.perf_counter()
     results, missing, workers = run_parts(work, executor, progress)
     returns, moves = _in_order(results)
-    returns.setflags(write=False)
-    return Evaluation.of(returns, steps, work.seed, moves, time.perf_counter() - began, missing, workers)
+    return Evaluation.of(read_only(returns), steps, work.seed, moves, time.perf_counter() - began, missing, workers)
 
 
 def _in_order(parts: list[tuple[Vector, int]]) -> tuple[Vector, int]:

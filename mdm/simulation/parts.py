@@ -20,7 +20,7 @@ import threading
 import time
 import traceback
 import warnings
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, wait
 from functools import cache
 from pkgutil import resolve_name
@@ -254,7 +254,8 @@ class _Run:
         self._next = self.done = 0
         self._joined, self._alone, self._stopped = 1, False, ""
         self.open: dict[Future[Answer], _Units] = {}
-        self._again: deque[tuple[_Units, tuple[str, ...]]] = deque()
+        self._again: deque[_Units] = deque()
+        self._lacked: defaultdict[_Units, set[str]] = defaultdict(set)  # by all workers that these have come to
         self._tries: Counter[_Units] = Counter()
         self._results: dict[_Units, Any] = {}
         self._failed: dict[_Units, str] = {}
@@ -324,20 +325,19 @@ class _Run:
         self._alone = self._alone and bool(self._again or self.open)
         many = 2 * self._count or _UNKNOWN if self._results else self._count or 1  # at first each lacks all
         while len(self.open) < (1 if self._alone else many) and not self._stopped:
-            lacks: tuple[str, ...] = ()
             if self._again:
-                units, lacks = self._again.popleft()
+                units = self._again.popleft()
             elif self._next < self._work.units:
                 share = math.ceil((self._work.units - self._next) / (self._count or 1))
                 units = self._next, self._next + min(self._joined, share)
                 self._next = units[1]
             else:
                 break
-            sent = {digest: self._content[digest] for digest in lacks}
+            sent = {digest: self._content[digest] for digest in self._lacked.get(units, ())}
             try:
                 self.open[self._executor.submit(run_part, Part(*units, self._needs), sent, **named)] = units
             except RuntimeError as error:  # it is broken, or shut down
-                self._again.append((units, lacks))
+                self._again.append(units)
                 if self.open:  # which tell the same
                     break
                 self._end(error)
@@ -356,7 +356,7 @@ class _Run:
                 if alone:
                     self._retry(units, f"its worker was killed {_KILLED + 1} times", _KILLED)
                 else:
-                    self._again.appendleft((units, ()))
+                    self._again.appendleft(units)
             except Exception as error:  # the executor's own, such as of a worker that Dask has given up
                 self._retry(units, f"{type(error).__name__}: {error}")
             else:
@@ -368,7 +368,8 @@ class _Run:
     def _take(self, units: _Units, answer: Answer) -> None:
         its = answer.worker
         if answer.lacks or (self._dask is not None and its.environment["mdm"] != __version__):  # which came late
-            self._again.append((units, answer.lacks))
+            self._lacked[units].update(answer.lacks)
+            self._again.append(units)
         elif answer.failure:
             self._retry(units, answer.failure)
         else:
@@ -386,10 +387,10 @@ class _Run:
         first, last = units
         if last - first > 1:
             middle = (first + last) // 2
-            self._again.extend([((first, middle), ()), ((middle, last), ())])
+            self._again.extend([(first, middle), (middle, last)])
         elif self._tries[units] < most:
             self._tries[units] += 1
-            self._again.append((units, ()))
+            self._again.append(units)
         else:
             self._failed[units] = reason
             if not self._results and len(self._failed) == _HOPELESS:
@@ -404,7 +405,7 @@ class _Run:
     def joined(self) -> tuple[list[Any], int, tuple[Worker, ...]]:
         """Return the results in order, and tell missing parts and hosts that differ."""
         if self._stopped:
-            left = [*self.open.values(), *(units for units, _ in self._again), (self._next, self._work.units)]
+            left = [*self.open.values(), *self._again, (self._next, self._work.units)]
             self._failed = {units: self._stopped for units in left if units[0] < units[1]} | self._failed
         missing = sum(self._work.size(*units) for units in self._failed)
         if missing:

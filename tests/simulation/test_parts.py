@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import warnings
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -107,6 +108,25 @@ def test_a_model_travels_once_to_each_worker_and_with_it_what_decides():
     assert all(digests.count(digest) <= 20 for digest in digests)  # what is sent may meet a worker that has it
     with Shuffled() as executor:
         assert all(result.parts for result in evaluated(VECTORS, executor).workers)
+
+
+def test_what_workers_lack_reaches_them_though_parts_change_between_them():
+    turns = itertools.count()
+
+    class Turns(Executor):
+        """Each part, and each part that is sent again, goes to the other of two workers."""
+
+        _max_workers = 1
+
+        def submit(self, function, /, *arguments):
+            turn = next(turns)
+            assert turn < 20
+            return pools[turn % 2].submit(function, *arguments)
+
+    with ThreadPoolExecutor(1) as one, ThreadPoolExecutor(1) as two:
+        pools = two, one
+        evaluated(VECTORS, one)  # it has the model, and the other worker nothing
+        assert kept(evaluated(Cautious(), Turns())) == kept(evaluated(Cautious()))
 
 
 def test_a_part_that_fails_is_tried_once_more(tmp_path):

@@ -275,7 +275,7 @@ class Part:
                     self._places += struct.unpack_from("<Q", content, _PLACES[kind])
                 if kind == _ATTACHMENT_INDEX:
                     self._attached[self._places[-1]], _ = _string(content, 40)
-                elif kind in {_CHUNK_INDEX, _STATISTICS}:
+                elif crc and kind in {_CHUNK_INDEX, _STATISTICS}:
                     self._indices.append((kind, content))
                 position += _RECORD.size + length
         self._places.append(begin - _RECORD.size - 4)
@@ -288,7 +288,7 @@ class Part:
         out, and the index says the rest.
         """
         places = self._places_by_summary(file)
-        if not places:
+        if not self._indices:
             return False
         end = places.pop()
         file.seek(0)
@@ -302,7 +302,7 @@ class Part:
             _, length = _RECORD.unpack_from(start, len(MAGIC))
             self._take(_HEADER, start[len(MAGIC) + _RECORD.size :][:length])
             total = self._take_indices(file)
-        except (_Damaged, FormatError, struct.error, IndexError, KeyError, UnicodeDecodeError):
+        except (_Damaged, FormatError, struct.error, LookupError, ValueError, OverflowError, MemoryError):
             return self._forget()
         if not self.library.startswith("mdm/") or self.first is None or self.last is None:
             return self._forget()

@@ -384,10 +384,10 @@ class RecordWriter:
             self._process.wait(max(0.0, deadline - times.monotonic()))
         self._hear()
         try:
-            self._process.wait(_SUMMARY if self._summarises else 0.0)
+            self._process.wait(more := _SUMMARY if self._summarises else 0.0)
         except subprocess.TimeoutExpired:
-            if self.failure is None:
-                self.failure = f"{self.path}: the record was not complete after {seconds:g} s; it is still written"
+            told = f"{self.path}: the record was not complete after {seconds + more:g} s; it is still written"
+            self.failure = self.failure or told
         self._hear()
         self._leave()
 

@@ -445,27 +445,18 @@ class Spells:
             self._open[key] = kept
 
 
-class _Ends:
-    """How the lives of an action have ended.
+class _Ends(msgspec.Struct):
+    """How the lives of an action have ended."""
 
-    Attributes:
-        failed, succeeded: How often; of plain functions nobody hears that they succeed.
-        first: When it failed first.
-        last: Whether each of the last ends was a failure.
-        row, since: How often it failed in a row, and since when.
-        cut: When it was pre-empted soon, in a row.
-        plain: When a plain function failed.
-        detail: The last failure in words.
-    """
-
-    __slots__ = ("cut", "detail", "failed", "first", "last", "plain", "row", "since", "succeeded")
-
-    def __init__(self) -> None:
-        self.failed = self.succeeded = self.first = self.row = self.since = 0
-        self.last: deque[bool] = deque(maxlen=_LAST)
-        self.cut: deque[int] = deque(maxlen=_CUT)
-        self.plain: deque[int] = deque(maxlen=_PLAIN)
-        self.detail = ""
+    failed: int = 0
+    succeeded: int = 0  # of plain functions nobody hears that they succeed
+    first: int = 0  # when it failed first
+    row: int = 0  # how often it failed in a row
+    since: int = 0  # since when
+    last: deque[bool] = msgspec.field(default_factory=partial(deque, maxlen=_LAST))  # whether each end was a failure
+    cut: deque[int] = msgspec.field(default_factory=partial(deque, maxlen=_CUT))  # when it was pre-empted, in a row
+    plain: deque[int] = msgspec.field(default_factory=partial(deque, maxlen=_PLAIN))  # when a plain function failed
+    detail: str = ""  # the last failure
 
 
 class _Series:

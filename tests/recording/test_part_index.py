@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import struct
 
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -78,6 +79,21 @@ def test_no_damage_is_taken_for_a_whole_file(tmp_path_factory, place, bit, cut):
     except Exception as error:
         found = type(error), str(error)
     assert found == expected
+
+
+@pytest.mark.parametrize("kind", [8, 13])
+@pytest.mark.parametrize("place", [2**64 - 1, 2**62, 5])
+def test_an_index_without_a_checksum_that_leads_astray_is_not_followed(tmp_path, scanned, kind, place):
+    path = tmp_path / "run.mcap"
+    written(path, 2)
+    data = bytearray(path.read_bytes())
+    data[-12:-8] = bytes(4)  # MCAP's sign of no checksum
+    (at,) = struct.unpack_from("<Q", data, len(data) - 28)
+    while data[at] != kind:
+        at += 9 + struct.unpack_from("<Q", data, at + 1)[0]
+    struct.pack_into("<Q", data, at + 9 + (16 if kind == 8 else 0), place)
+    path.write_bytes(data)
+    assert facts(Part(path)) == facts(scanned(path))
 
 
 def test_messages_of_a_time_are_read_without_the_rest(tmp_path, monkeypatch):

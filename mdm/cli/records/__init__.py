@@ -173,7 +173,7 @@ VERBS = {
         "mdm page run.mcap",
         (
             Argument("file FILE", "the record, or a folder with those of a team's agents"),
-            Argument("--port PORT", "where the page is (8765)", port, default=8765),
+            Argument("--port PORT", "where the page is (8765)", port),
             *page_hosts(prefix="--"),
             Argument("--no-replay", "begin at once, without the values of predicates"),
             Argument("-o --output OUT.html", "write the page to one file, which a browser opens without a server"),

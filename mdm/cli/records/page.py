@@ -26,7 +26,7 @@ from mdm.views.web import PageServer
 from mdm.views.web.access import encryption
 from mdm.views.web.file import page_file
 from mdm.views.web.listening import LOOPBACK
-from mdm.views.web.server import websockets
+from mdm.views.web.server import PORT, websockets
 from mdm.views.web.team import RecordedTeam
 
 if TYPE_CHECKING:
@@ -45,12 +45,19 @@ def run(arguments: argparse.Namespace) -> int:
     """Show the record until Ctrl-C, or write it to a file; return the exit status."""
     if arguments.output is None and (arguments.first, arguments.last) != (None, None):
         raise UsageError("--from and --to are for the file that --output names: a page shows all of the record")
+    if None not in (arguments.first, arguments.last) and arguments.first > arguments.last:
+        raise UsageError(f"--from {arguments.first:g} is after --to {arguments.last:g}")
     if arguments.output is not None:
+        if (arguments.port, arguments.host, arguments.access) != (None, None, None):
+            raise UsageError("--port, --host and --access are for a page that is served: --output writes a file")
         paths = paths_of(arguments.file)
         check_place(arguments.output, *paths.values())
         with work_shown():
             runs = {name: recorded_run(path, replay=not arguments.no_replay) for name, path in paths.items()}
-        page = page_file(run_of(arguments.file, runs), arguments.first, arguments.last)
+        written = run_of(arguments.file, runs)
+        if arguments.first is not None and arguments.first > written.last:
+            raise Error(f"{arguments.file}: it ends at second {written.last:g}, before --from {arguments.first:g}")
+        page = page_file(written, arguments.first, arguments.last)
         with replacing(Path(arguments.output)) as file:
             file.write(page)
         return 0
@@ -61,7 +68,12 @@ def run(arguments: argparse.Namespace) -> int:
 
     async def main() -> None:
         server = PageServer(
-            shown.run, port=arguments.port, host=host, access=arguments.access, live=False, renew=shown.newest
+            shown.run,
+            port=PORT if arguments.port is None else arguments.port,
+            host=host,
+            access=arguments.access,
+            live=False,
+            renew=shown.newest,
         )
         await server.open()
         print(f"page: {server.address}", file=sys.stderr, flush=True)
@@ -161,15 +173,23 @@ def paths_of(path: str | Path) -> dict[str, Path]:
     if not Path(path).is_dir():
         return {"": Path(path)}
     found: dict[str, Path] = {}
-    for record in records_of(path).values():
-        name, stem = record.head.get("agent", record.path.stem), record.path.stem
-        found[stem if name in found else name] = record.path  # of two runs of an agent none is left out
+    named = [(record.head.get("agent", record.path.stem), record.path) for record in records_of(path).values()]
+    for name, each in sorted(named, key=lambda pair: (pair[0], len(pair[1].stem))):  # bob.mcap before bob.2.mcap
+        found[each.stem if name in found else name] = each  # of two runs of an agent none is left out
     return found
 
 
 def run_of(path: str | Path, runs: Mapping[str, RecordedRun]) -> RecordedRun | RecordedTeam:
-    """Return the run of `paths_of` a path, or those of a team together."""
-    return RecordedTeam(runs, title=Path(path).resolve().name) if Path(path).is_dir() else runs[""]
+    """Return the run of `paths_of` a path, or those of a team together: of each agent its first, with a remark."""
+    if not Path(path).is_dir():
+        return runs[""]
+    shown = dict(runs)
+    for name in runs:
+        first, _, number = name.rpartition(".")
+        if first in runs and number.isdigit():
+            del shown[name]
+            shown[first].remark(f"a later start is in {name}.mcap, which is shown alone")
+    return RecordedTeam(shown, title=Path(path).resolve().name)
 
 
 def summarise() -> None:

@@ -227,6 +227,30 @@ def test_of_two_runs_of_an_agent_in_a_folder_none_is_left_out(tmp_path, monkeypa
     assert list(paths_of(tmp_path).values()) == [each.path for each in named]
 
 
+def test_a_later_start_of_an_agent_is_named_beside_its_first(tmp_path, record):
+    folder = tmp_path / "team"
+    folder.mkdir()
+    for name in ("ada", "ada.2"):
+        (folder / f"{name}.mcap").write_bytes(record.read_bytes())
+    assert [*paths_of(folder)] == ["ada", "ada.2"]  # though the other file comes first in the folder
+    done = in_process.mdm("watch", folder, "--once")
+    assert (done.status, "ada: a later start is in ada.2.mcap, which is shown alone" in done.output) == (0, True)
+
+
+@pytest.mark.parametrize(
+    ("options", "status", "told"),
+    [
+        (("--port", 8800), 2, "--output writes a file"),
+        (("--access", "certificates/robot"), 2, "--output writes a file"),
+        (("--from", 5, "--to", 2), 2, "--from 5 is after --to 2"),
+        (("--from", 5000, "--no-replay"), 1, "before --from 5000"),
+    ],
+)
+def test_what_a_file_of_a_page_cannot_be_is_refused(tmp_path, record, options, status, told):
+    done = in_process.mdm("page", record, "-o", tmp_path / "out.html", *options)
+    assert (done.status, told in done.errors, (tmp_path / "out.html").exists()) == (status, True, False)
+
+
 def test_the_page_is_written_to_one_file(tmp_path, record):
     out = tmp_path / "out.html"
     done = in_process.mdm("page", record, "-o", out, "--from", 2, "--to", 5, "--no-replay")

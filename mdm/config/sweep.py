@@ -275,6 +275,14 @@ def _lasting(model: MDP, durations: Durations | None, key: str, value: float) ->
 # -- The work ----------------------------------------------------------------------------------------------------------
 
 
+class _Head(msgspec.Struct, frozen=True):
+    """The first line of a journal: digests of all that points depend on and of users' code, and the version of mdm."""
+
+    sweep: str = ""
+    code: str = ""
+    version: str = __version__
+
+
 class Plan(msgspec.Struct, kw_only=True):
     """A sweep's file, read and checked: a work with a unit for each point, see `mdm.simulation.parts`.
 
@@ -287,8 +295,7 @@ class Plan(msgspec.Struct, kw_only=True):
         options: The solver's.
         evaluation: How points are evaluated.
         metrics: Functions of users, by their names.
-        digest: Of all that the points depend on, but for code.
-        code: The digest of the modules of users' functions.
+        head: The first line of its journal.
     """
 
     points: list[tuple[int, _Point]]
@@ -301,8 +308,7 @@ class Plan(msgspec.Struct, kw_only=True):
     options: dict[str, Any]
     evaluation: EvaluationTable
     metrics: dict[str, Any]
-    digest: str
-    code: str
+    head: _Head
     policy: Any = None
     noun: str = "point"
 
@@ -412,11 +418,11 @@ def planned(given: str | os.PathLike[str] | Mapping[str, Any]) -> Plan:
     wrong.raise_all()
     parts = [repr([table, points]).encode(), *map(content, files)]
     made: Any = {"model": model, "make": make, "own": own, "durations": durations, "options": table.solve}
-    made |= {"evaluation": evaluation, "metrics": metrics, "digest": of_parts(map(of_bytes, parts))}
+    made |= {"evaluation": evaluation, "metrics": metrics}
     modules = {sys.modules.get(each.__module__) for each in (make, *metrics.values()) if each is not None}
     code = sorted(file for module in modules if (file := getattr(module, "__file__", None)) is not None)
-    made["code"] = of_parts(of_bytes(content(Path(file))) for file in code)
-    return Plan(points=list(enumerate(points)), seed=evaluation.seed, units=len(points), **made)
+    head = _Head(of_parts(map(of_bytes, parts)), of_parts(of_bytes(content(Path(file))) for file in code))
+    return Plan(points=list(enumerate(points)), seed=evaluation.seed, units=len(points), head=head, **made)
 
 
 def _table(given: str | os.PathLike[str] | Mapping[str, Any]) -> tuple[SweepTable, Path | None]:
@@ -474,14 +480,6 @@ def _check_options(fixed: Mapping[str, Any], points: Sequence[_Point], wrong: Pr
 
 
 # -- The journal -------------------------------------------------------------------------------------------------------
-
-
-class _Head(msgspec.Struct, frozen=True):
-    """The first line of a journal: which sweep it is of, by digest, and which version of mdm and code of users."""
-
-    sweep: str = ""
-    code: str = ""
-    version: str = __version__
 
 
 def read_journal(path: Path) -> tuple[_Head, dict[int, _Point], int]:
@@ -576,7 +574,7 @@ def sweep(
         [row["lower"] for row in rows]  # the better it hears, the more it earns
     """
     plan = plan if isinstance(plan, Plan) else planned(plan)
-    done, file = ({}, None) if journal is None else _begun(Path(journal), _Head(plan.digest, plan.code), resume=resume)
+    done, file = ({}, None) if journal is None else _begun(Path(journal), plan.head, resume=resume)
     todo = [each for each in plan.points if each[0] not in done]
     work = msgspec.structs.replace(plan, points=todo, units=len(todo))
 

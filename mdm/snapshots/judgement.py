@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from bisect import bisect_right
 from collections import Counter, defaultdict, deque
+from contextlib import suppress
 from functools import partial
 from heapq import nsmallest
 from math import ceil, exp, inf, log, sqrt
@@ -779,11 +780,7 @@ class Judge(Spells):
 
 
 class _Evidence:
-    """Holds the decisions of an ensemble against its model.
-
-    Args:
-        judge: Judges the ensemble.
-    """
+    """Holds the decisions of an ensemble against its model."""
 
     def __init__(self, judge: Judge) -> None:
         self._judge = judge
@@ -806,12 +803,7 @@ class _Evidence:
         return model if model.is_flattened or states * states * len(model.action_space) <= _SMALL else None
 
     def take(self, decision: Decision, count: int) -> None:
-        """Take a decision.
-
-        Args:
-            decision: The decision, with the belief that it was made on.
-            count: How many it stands for; of several nobody knows how they followed each other.
-        """
+        """Take a decision, which stands for several where nobody knows how they followed each other."""
         model, before = self.model, self._before
         self._before = decision
         fresh = count != 1 or decision.cause in {"start", "resume", "reset", "episode", "release", "team", "belief"}
@@ -820,13 +812,11 @@ class _Evidence:
             self._kept.clear()
         if model is None:
             return
-        try:
+        with suppress(ModelError, IndexError, ValueError):  # a model of other sizes than the decisions
             if decision.state is not None:
                 self._move(model, decision)
             elif not fresh and before is not None and isinstance(decision.observation, int):
                 self._see(model, before, decision)
-        except (ModelError, IndexError, ValueError):  # a model of other sizes than the decisions
-            return
 
     # -- States ----------------------------------------------------------------------------------------------------
 
@@ -892,11 +882,8 @@ class _Evidence:
         return row
 
     def impossible(self, _: int) -> Judged:
-        wrong = [each for each in self._steps if each is not None]
-        if len(wrong) < max(_IMPOSSIBLE, _FIFTH * len(self._steps)):
-            return NOTHING
-        model = self.model
-        if model is None:
+        wrong, model = [each for each in self._steps if each is not None], self.model
+        if model is None or len(wrong) < max(_IMPOSSIBLE, _FIFTH * len(self._steps)):
             return NOTHING
         (state, action, after), most = Counter(wrong).most_common(1)[0]
         names = model.state_space.names

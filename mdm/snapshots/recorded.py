@@ -584,8 +584,7 @@ class RecordedRun:
 
 
 def _ended(each: EnsembleReducer, time: int) -> dict[str, int]:
-    ended = {status: track.place(time) + 1 for status, track in each.outcomes.items()}
-    return {status: count for status, count in ended.items() if count}
+    return {how: count for how, track in each.outcomes.items() if (count := track.place(time) + 1)}
 
 
 def sampled(times: Sequence[int], first: int, last: int, most: int = POINTS) -> tuple[list[int], int]:

@@ -66,7 +66,7 @@ _VALUES = (
 )
 """The options that evaluation and comparison share."""
 _INPUTS = (_MODEL, _POLICY, DISCOUNT, DISCOUNT_OF)
-_DRAWN = (Argument("--seed S", "of the simulated episodes (0)", seed, default=0), FALSE_NEGATIVE)
+_DRAWN = (Argument("--seed S", "of the simulated episodes (0)", seed), FALSE_NEGATIVE)
 
 VERBS = {
     "simulate": Verb(

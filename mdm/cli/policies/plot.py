@@ -55,7 +55,7 @@ def _graph(arguments: argparse.Namespace) -> int:
     """Draw the policy as a graph, as a page does, with the first decision lit where the first state is known."""
     from mdm.views.figures import policy_graph, vector_image  # noqa: PLC0415
 
-    if given := [name for name in ("states", "axes", "columns") if getattr(arguments, name) is not None]:
+    if given := [name for name in ("states", "axes", "columns", "seed") if getattr(arguments, name) is not None]:
         raise UsageError(f"--graph and --{given[0]} ask for different pictures")
     check_place(arguments.output, arguments.model, arguments.policy)
     if not arguments.output.lower().endswith(".svg"):
@@ -89,7 +89,7 @@ def _of_policy(arguments: argparse.Namespace) -> Any:
             raise UsageError("--states is for policies over beliefs; this one is over states")
         if by_state or (given and given != ["states"]) or (not given and len(model.state_space.factors) > 1):
             return grid_figure(model, policy, arguments.axes, arguments.columns)
-        return two_state_figure(model, policy, arguments.states, arguments.seed)
+        return two_state_figure(model, policy, arguments.states, arguments.seed or 0)
     if policy.input != "belief":
         raise Error(f"{arguments.policy}: the policy sees the state; there is no belief to draw")
-    return belief_figure(model, policy, arguments.steps, arguments.seed)
+    return belief_figure(model, policy, arguments.steps, arguments.seed or 0)

@@ -146,6 +146,7 @@ def test_a_graph_needs_no_matplotlib_and_says_how_much_is_folded(mdm, tmp_path, 
     [
         (["-o", "x.png"], 1, "x.png: a graph is written as SVG: give its file the suffix .svg"),
         (["-o", "x.svg", "--columns", "3"], 2, "--graph and --columns ask for different pictures"),
+        (["-o", "x.svg", "--seed", "0"], 2, "--graph and --seed ask for different pictures"),
         (["-o", TIGER], 1, "would be overwritten"),
         (["-o", "missing/x.svg"], 1, "missing"),
     ],

@@ -125,9 +125,12 @@ def run_figure(
         layout="constrained",
     )
     axes = iter(grid[:, 0])
+    every = list(dict.fromkeys(action for name in found for action in names.get(name, Names()).actions))
+    has_few = len(every) <= len(ACTIONS)  # so that an action has one colour in all ensembles, as on the page
     for name in chosen:
         found[name].end(end)
-        _draw_lives(next(axes), name, found[name], since, end)
+        order = every if has_few else [*names.get(name, Names()).actions]
+        _draw_lives(next(axes), name, found[name], since, end, order)
         if found[name].beliefs:
             _draw_belief(next(axes), found[name], names.get(name, Names()), end)
     if rewarded:
@@ -153,12 +156,12 @@ def _found(record: Record, end: float) -> tuple[dict[str, _Ensemble], list[tuple
     return found, faults
 
 
-def _draw_lives(axes: Any, name: str, ensemble: _Ensemble, since: float, end: float) -> None:
+def _draw_lives(axes: Any, name: str, ensemble: _Ensemble, since: float, end: float, order: list[str]) -> None:
     """Draw the lives of actions, a bar each, of which what failed is hatched; decisions, modes and faults above."""
     for (begin, mode), (until, _) in pairwise([*ensemble.modes, (end, "")]):
         axes.broken_barh([(begin, until - begin)], _BAND, color=_MODES.get(mode, "white"), lw=0)
     axes.vlines(ensemble.decisions, sum(_BAR), _BAND[0], color="black", lw=0.6)
-    _draw_bars(axes, ensemble, (end - since) / 200)
+    _draw_bars(axes, ensemble, (end - since) / 200, order)
     if ensemble.faults:
         seconds = [at for at, _ in ensemble.faults]
         axes.plot(seconds, [_MARK] * len(seconds), "v", color=_MODES["safe"], ms=5, clip_on=False)
@@ -176,8 +179,11 @@ def _draw_lives(axes: Any, name: str, ensemble: _Ensemble, since: float, end: fl
         axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=7)
 
 
-def _draw_bars(axes: Any, ensemble: _Ensemble, least: float) -> None:
-    """Draw the lives in lanes; short ones are as wide as can be seen, but cover none that follows."""
+def _draw_bars(axes: Any, ensemble: _Ensemble, least: float, order: list[str]) -> None:
+    """Draw the lives in lanes; short ones are as wide as can be seen, but cover none that follows.
+
+    Colours go by the order of actions, which others are added to.
+    """
     lanes = ensemble.lanes()
     height = _BAR[1] / max(1, len(lanes))
     bars: dict[str, list[tuple[float, float, float, str | None]]] = {action: [] for _, _, action, _ in ensemble.lives}
@@ -187,7 +193,9 @@ def _draw_bars(axes: Any, ensemble: _Ensemble, least: float) -> None:
             width = max(until - begin, min(least, following - begin))
             bars[action].append((begin, width, _BAR[0] + place * height, status))
     for number, (action, each) in enumerate(bars.items()):
-        colour, label = ACTIONS[number % len(ACTIONS)], action if number < _FEW else "_"
+        if action not in order:
+            order.append(action)
+        colour, label = ACTIONS[order.index(action) % len(ACTIONS)], action if number < _FEW else "_"
         for bottom in dict.fromkeys(bar[2] for bar in each):
             here = [(begin, width) for begin, width, own, _ in each if own == bottom]
             axes.broken_barh(here, (bottom, height), color=colour, lw=0, label=label)

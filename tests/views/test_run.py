@@ -11,10 +11,14 @@ from sentences import refused
 
 pytest.importorskip("matplotlib")
 
+from matplotlib.colors import to_hex
+
 from mdm.errors import Error
 from mdm.messages import ActionLife, Cause, Fault, Mode, State
 from mdm.recording.reader import Record
+from mdm.recording.table import Names
 from mdm.views.canvas import pyplot
+from mdm.views.palette import ACTIONS
 from mdm.views.run import run_figure
 
 
@@ -56,6 +60,15 @@ def test_beliefs_and_rewards_are_those_of_the_decisions(tmp_path):
     for each in decisions[:-1]:
         at = lower[np.isclose(lower[:, 0], each.time / 1e9 + 0.0)]
         assert np.isclose(at[:, 1], each.belief[0]).any()
+
+
+def test_an_action_has_the_colour_that_it_has_on_the_page(tmp_path, monkeypatch):
+    order = ["open-right", "open-left", "listen"]  # of the model, in another order than they come
+    monkeypatch.setattr("mdm.views.run.names_of", lambda _: {"tiger": Names(actions=tuple(order))})
+    legend = run_figure(Record(tiger(tmp_path / "run.mcap"))).axes[0].get_legend()
+    patches = zip(legend.texts, legend.legend_handles, strict=True)
+    colours = {text.get_text(): to_hex(patch.get_facecolor()) for text, patch in patches}
+    assert colours.items() >= dict(zip(order, ACTIONS[:3], strict=True)).items()
 
 
 def test_lives_and_modes_are_bars_of_their_length(tmp_path):

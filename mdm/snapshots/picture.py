@@ -176,20 +176,29 @@ class _Graph(NamedTuple):
 
 def _folded(graph: _Graph, opened: Collection[int]) -> tuple[dict[int, Edges], dict[int, int]]:
     """Return the nodes that are drawn with their edges, of many the lit ones and those near the first; and columns."""
-    few, waiting = graph.links.shape[0] <= MOST, deque((node, 0) for node in (*graph.firsts, *graph.lit))
+    few, waiting = graph.links.shape[0] <= MOST, deque((*graph.firsts, *graph.lit))
     kept = {node: graph.edges(node) for node in (*graph.lit, *graph.kept)}
-    columns: dict[int, int] = {}
+    met = set[int]()
     while waiting:
-        node, column = waiting.popleft()
-        if node not in columns and (node in kept or few or len(kept) < _SHOWN):
-            kept[node], columns[node] = graph.edges(node), column
-            near = [*kept[node]] if few else [*[*kept[node]][:_FAN], *(other for other in kept[node] if other in kept)]
-            waiting += [(other, column + 1) for other in near]
+        node = waiting.popleft()
+        if node not in met and (node in kept or few or len(kept) < _SHOWN):
+            met.add(node)
+            kept[node] = graph.edges(node)
+            near = [*kept[node]]
+            waiting += near if few else [*near[:_FAN], *(other for other in near if other in kept)]
     for node in opened:
-        for other in [*kept.get(node, ())][:_OPENED]:
-            kept[other] = graph.edges(other)
-            columns.setdefault(other, columns[node] + 1)
-    return kept, columns if graph.column is None else {node: graph.column(node) for node in kept}
+        kept |= {other: graph.edges(other) for other in [*kept.get(node, ())][:_OPENED]}
+    if graph.column is not None:
+        return kept, {node: graph.column(node) for node in kept}
+    columns: dict[int, int] = {}
+    for starts in (graph.firsts, *([node] for node in kept)):  # a lit node that is reached stands where it is reached
+        reached = deque((node, 0) for node in starts)
+        while reached:
+            node, column = reached.popleft()
+            if node in kept and node not in columns:
+                columns[node] = column
+                reached += [(other, column + 1) for other in kept[node]]
+    return kept, columns
 
 
 def _drawn(graph: _Graph, opened: Collection[int] = ()) -> Picture:

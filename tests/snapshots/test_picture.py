@@ -172,6 +172,14 @@ def test_actions_and_nodes_that_nothing_leads_to_are_named():
     assert picture_of(case(plan, (0,), None, ACTIONS)).remarks == ("never reached: node 1: open, node 2: drop",)
 
 
+def test_a_controller_s_nodes_stay_where_they_are_whichever_is_lit():
+    plan = FiniteStateController([0, 1, 2], [[1], [2], [2]])
+    drawn = [picture_of(case(plan, (node,), None, ACTIONS)) for node in range(3)]
+    first, *others = [{each.title: each.x for each in picture.shapes if each.kind == "box"} for picture in drawn]
+    assert others == [first, first]
+    assert len({*first.values()}) == 3
+
+
 def test_of_a_team_each_agent_has_its_own_graph():
     listen = FiniteStateController([0], [[0, 0]], num_actions=3)
     names = ["listen", "left", "right"]
@@ -190,6 +198,9 @@ def test_a_hierarchy_has_the_running_children_lit():
     picture = hierarchy(scenes, running, "top/fetch")
     assert texts(picture, "box", lit=True) == ["top", "Fetch", "fetch", "Grab"]
     assert set(texts(picture, "box", lit=False)) == {"Rest", "Go"}
+    places = {each.text[0]: each.x for each in picture.shapes if each.kind == "box"}
+    assert places["top"] < places["Fetch"] < places["fetch"] < places["Go"]
+    assert (places["Fetch"], places["Go"]) == (places["Rest"], places["Grab"])
     assert hierarchy(scenes, running, "alone") is None
     many = [scenes[0], *(EnsembleScene(f"top/{name}", 0, "Rest", "", ("Go",)) for name in range(1000))]
     picture = hierarchy(many, running, "top/777")

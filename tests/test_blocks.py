@@ -144,7 +144,7 @@ OF_RECORDS = {"episodes": EPISODES, "pictures": re.compile("mdm plot"), "replays
 """The kinds of blocks on docs/records.md that need no more than the record, which the first block makes."""
 
 
-@pytest.mark.parametrize("kind", [*OF_RECORDS, ""])
+@pytest.mark.parametrize("kind", [pytest.param("episodes", marks=pytest.mark.slow), "pictures", "replays", ""])
 def test_every_block_on_records_runs(kind, tmp_path, monkeypatch):
     def wanted(block):
         found = next((name for name, pattern in OF_RECORDS.items() if pattern.search(block.text)), "")

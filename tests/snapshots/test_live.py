@@ -298,6 +298,7 @@ def test_of_a_thousand_ensembles_changes_are_seen_at_once_and_all_others_in_thei
     assert sum(looks.values()) < 20 * 40
 
 
+@pytest.mark.slow
 def test_a_thousand_ensembles_that_all_decide_are_looked_at_some_at_a_time_and_a_mode_or_what_is_close_at_once():
     robots = [
         Ensemble(f"robot{number:03}", policy=DeterministicPolicy([0, 1]), actions={0: lambda: None, 1: lambda: None})

@@ -441,7 +441,7 @@ class LiveRun(Observer):
         return sorted(due)
 
     def _tell_pulses(self, since: int, now: int) -> None:
-        """Tell of predicates that have changed and come back since the last look: how often is not known."""
+        """Mark predicates that changed and came back between two looks, with the number of updates that came."""
         scene = self._scene
         for manager in self._managers:
             published, last = manager.updates.published, manager.updates.last
